@@ -38,9 +38,9 @@ CubeFace<D> random_face(Random& random, const EvidenceModel& model, std::size_t 
     face.upper[k] = random.chance(0.2) ? face.lower[k] : static_cast<float>(random.uniform(0.0, 1.0));
   }
   face.make_pixels();
-  for (const bool is_well_observed : {false, true})
-    face.depth_of_full_sample[is_well_observed] =
-        face.depth_for(static_cast<float>(model.sample_beams(is_well_observed)), static_cast<float>(kUnit));
+  for (const bool uses_small_sample : {false, true})
+    face.depth_of_full_sample[uses_small_sample] =
+        face.depth_for(static_cast<float>(model.sample_beams(uses_small_sample)), static_cast<float>(kUnit));
   face.first_bucket = num_buckets_before;
   const auto all = static_cast<std::uint32_t>(face.num_all_buckets());
   face.num_buckets =
@@ -86,10 +86,10 @@ TYPED_TEST(SharesOf, ChildrenTogetherAreThoseOfEach) {
         for (int c = 0; c < ChildPartition<N, D>::kNumChildren; ++c) {
           const CellIndex<D> leaf = geometry.child(node, child_offset<N, D>(c));
           const auto child = static_cast<std::size_t>(c);
-          for (const bool is_well_observed : {false, true}) {
+          for (const bool uses_small_sample : {false, true}) {
             const FaceSample<D> expected =
-                shares.sample_of(counted, shares.of(leaf, counted, is_well_observed));
-            const FaceSample<D> sample = children.of(child, is_well_observed);
+                shares.sample_of(counted, shares.of(leaf, counted, uses_small_sample));
+            const FaceSample<D> sample = children.of(child, uses_small_sample);
             ASSERT_EQ(sample.face, &counted);
             ASSERT_EQ(sample.fraction, expected.fraction);
             ASSERT_EQ(sample.end, expected.end);

@@ -15,8 +15,9 @@
 namespace ndtree {
 
 /// A cell that holds a piece of a surface is both hit and passed, scan by scan. With the fraction rho of hits
-/// so far, a streak of k scans whose beams all passed the cell has the probability (1 - rho)^k, one
-/// whose beams all ended in it rho^k. A streak that contradicts the cell's state and is less likely than
+/// by the cell's evidence (EvidenceMemory::effective_hits(), half a beam added to hits and to misses), not by
+/// its counts, a streak of k scans whose beams all passed the cell has the probability (1 - rho)^k, one whose
+/// beams all ended in it rho^k. A streak that contradicts the cell's state and is less likely than
 /// change_probability is a change: the cell forgets all but the streak. Beams of a few consecutive scans are
 /// correlated, so no streak below kLeastScans counts. O(1).
 class ChangeDetection {

@@ -29,7 +29,8 @@ struct ScanEvidence {
   std::int64_t free = 0;      ///< For free space, in the same units.
   std::uint32_t hits = 0;     ///< Beams that ended in the cell.
   std::uint32_t misses = 0;   ///< Beams that passed it, or, without return, the part up to their end.
-  // Hits and misses of beams for which a child's edge is at least noise_sigmas standard deviations:
+  // Hits, and misses that are clearly free or without return, of beams for which a child's edge is at least
+  // noise_sigmas standard deviations. A miss within the noise of its end point is not resolvable.
   std::uint32_t resolvable_hits = 0;
   std::uint32_t resolvable_misses = 0;
   /// Resolvable hits that are evidence for a part of the cell only: behind a free way of more than 3 sigma

@@ -73,7 +73,8 @@ class EvidenceModel {
   [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const {
     return cell.is_as_free_as(saturated_) && forgets_nothing();
   }
-  /// The saturated cell, but for its log-odds; no cell is saturated unless the model forgets nothing.
+  /// What is_saturated() compares with; its log-odds (log_odds_min) mean nothing. With evidence_half_life no
+  /// cell is saturated.
   [[nodiscard]] const EvidenceCell& saturated() const { return saturated_; }
   [[nodiscard]] bool forgets_nothing() const { return kept_ == 1.0; }
 
@@ -99,8 +100,8 @@ class EvidenceModel {
   [[nodiscard]] bool is_well_observed(const EvidenceCell& cell) const {
     return sampling_.is_well_observed(cell);
   }
-  [[nodiscard]] double sample_beams(bool is_well_observed) const {
-    return sampling_.sample_beams(is_well_observed);
+  [[nodiscard]] double sample_beams(bool uses_small_sample) const {
+    return sampling_.sample_beams(uses_small_sample);
   }
   NDTREE_ALWAYS_INLINE void limit(ScanEvidence& scan) const { sampling_.limit(scan); }
   [[nodiscard]] bool may_limit(std::uint32_t beams) const { return sampling_.may_limit(beams); }

@@ -13,7 +13,8 @@ struct EvidenceOptions {
   double scan_beams = 64.0;      ///< Beams of one scan that count at most in a cell that all of them passed.
   double known_evidence = 50.0;  ///< A cell with this much evidence is well observed [nats]:
   double sample_beams = 0.5;  ///< it samples this many beams of a scan per smallest cell side by side in it,
-                              ///< any other cell 5 times as many.
+                              ///< any other cell, and a saturated one that is contradicted,
+                              ///< 5 times as many.
   double evidence_prior = 0.5;   ///< Evidence of both kinds that every cell begins with [nats].
   double inherited_beams = 2.0;  ///< Evenly spread beams added to a scan's where a split divides evidence.
   double change_probability = 1e-5;  ///< A streak of scans less likely than this is a change; 0: never.

@@ -16,7 +16,8 @@ namespace ndtree {
 /// Beams of one scan are correlated, and what a cell remembers is limited: the fewer beams it samples of each
 /// scan, the more scans it remembers.
 /// - A well observed cell (of known_evidence nats) samples b = sample_beams beams for each smallest cell of
-///   its cross-section, (edge / min_cell_size)^(D - 1) of them; any other cell samples 5 b.
+///   its cross-section, (edge / min_cell_size)^(D - 1) of them; any other cell, and a saturated one that is
+///   contradicted (more beams end in it than errors explain), samples 5 b.
 /// - At most scan_beams misses of one scan count per cell, if all of the scan's beams passed it.
 class SamplingRate {
  public:
@@ -31,9 +32,9 @@ class SamplingRate {
     return cell.occupied_evidence() + cell.free_evidence() >= well_observed_;
   }
   /// Beams of a scan that a cell samples per smallest cell side by side in it.
-  [[nodiscard]] double sample_beams(bool is_well_observed) const {
+  [[nodiscard]] double sample_beams(bool uses_small_sample) const {
     constexpr double kUntilWellObserved = 5.0;
-    return is_well_observed ? sample_beams_ : kUntilWellObserved * sample_beams_;
+    return uses_small_sample ? sample_beams_ : kUntilWellObserved * sample_beams_;
   }
 
   /// Limits evidence for free space only to that of scan_beams beams.

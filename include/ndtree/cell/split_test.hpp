@@ -15,7 +15,7 @@ struct SplitOptions {
   double miss_given_occupied = 0.1;  ///< p(miss|occ): fraction of beams that pass an occupied cell.
   double hit_given_free = 0.05;      ///< p(hit|free): fraction of beams that end in a free cell.
   double significance = 0.995;       ///< Confidence with which both hypotheses must be rejected.
-  /// Of being partially occupied, above which an occupied cell splits, unless predicted to re-merge.
+  /// Probability of partial occupancy above which an occupied cell splits, unless predicted to re-merge.
   double split_probability = 0.7;
   /// Least probability of a smallest cell that would split if it could; 0: all its beams decide.
   double partial_probability = 0.0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// The evidence of one beam for each cell that it passes: Bayes update and counts (Sec. III).
+/// The evidence of one beam for each cell that it crosses: Bayes update and counts (Sec. III).
 #pragma once
 
 #include <algorithm>
@@ -13,7 +13,7 @@
 
 namespace ndtree {
 
-/// The evidence of one beam for the cells that it passes. Three kinds of cells:
+/// The evidence of one beam for the cells that it crosses. Three kinds of cells:
 /// - the one right behind the end point of a returned beam counts a hit: the cell that the point lies in, or,
 ///   if it lies on a border, the next one along the beam;
 /// - those before it count a miss, and so does every cell of a beam without return, up to where it is cut;
@@ -41,7 +41,7 @@ class BeamEvidence {
   /// The t of the last point for which the beam has evidence.
   [[nodiscard]] double t_end() const { return t_end_; }
 
-  /// Updates a cell that the beam passes from t_enter to t_exit.
+  /// Updates a cell that the beam crosses from t_enter to t_exit.
   template <class Cell>
   NDTREE_ALWAYS_INLINE void update(Cell& cell, double t_enter, double t_exit) {
     if (t_exit < t_clearly_free_) {

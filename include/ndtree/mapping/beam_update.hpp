@@ -46,7 +46,7 @@ class BeamUpdate : public BeamVisitor {
 
   /// Integrates beam after beam. @pre the tree contains what the survey reaches.
   /// @param undo gets one log; null if none is to be kept.
-  /// @param window outside which no cell of the coarsest level changes.
+  /// @param window nodes of the coarsest level that do not overlap it stay as they are, with all below them.
   void finish(Workers& /*workers*/, std::vector<UndoLog<Tree>>* undo = nullptr,
               const ChangeWindow<D>& window = {}) {
     window_ = window;

@@ -167,10 +167,10 @@ struct CoverageVerdict {
 ///
 /// A part of a cell, see CellParts, is *seen* once one scan has seen covered_share of it, and none of its
 /// children is missing. A cell is observed once all its parts were seen, by one scan or by several; a cell
-/// of two smallest cells side by side once half of its parts were seen; a cell of N smallest cells once any
-/// part was seen, if the beams are so far apart that fewer than two would pass a smallest
-/// cell. Until then the cell stores which parts were seen. Thresholds for parts and missing children are
-/// scaled by ScanCoverage::mean_share(); that for a covered cell is not.
+/// with an edge of two smallest cells once half of its parts were seen; one with an edge of N smallest cells
+/// once any part was seen, if the beams are so far apart that fewer than two would pass a smallest cell.
+/// Until then the cell stores which parts were seen. Thresholds for parts and missing children are scaled by
+/// ScanCoverage::mean_share(); that for a covered cell is not.
 ///
 /// A cell that is not observed, and whose edge is longer than coverage_cells smallest cells, splits where the
 /// unseen part is significant:

@@ -28,7 +28,7 @@ namespace ndtree {
 /// What one worker does of a scan: the beams of a task into its cells of the smallest size.
 ///
 /// Strategy: a task is a node whose smallest cells a table of pointers finds at once, so that a step along a
-/// beam costs one division and no descent; they stay in the cache while all its beams pass.
+/// beam costs one division and no descent; they stay in the cache while its beams are integrated.
 /// Invariants: a cell gets its beams in the order of the scan, so that the map is that of BeamUpdate, to the
 /// last bit, whatever the number of workers. Nodes are divided only on the way to a cell that is updated.
 template <class Tree, class Sensor>
@@ -97,7 +97,7 @@ class FixedWalk {
   [[nodiscard]] double sigma(std::size_t number, const Beam<D>& beam) const {
     return measurements_.sigma(first_ + static_cast<Eigen::Index>(number), beam);
   }
-  /// Calls `visit(lower, t_enter, t_exit)` for each smallest cell in a node that a beam passes and that may
+  /// Calls `visit(lower, t_enter, t_exit)` for each smallest cell in a node that a beam crosses and that may
   /// change; evidence_ is then that of the beam.
   template <class Visit>
   void for_each_cell(const CellIndex<D>& node, std::size_t number, const Visit& visit) {

@@ -12,8 +12,9 @@ enum class LeafAction : std::uint8_t {
   update,                ///< It takes the scan's evidence.
   update_without_split,  ///< It would split, but its children would re-merge:
                          ///< EvidenceModel::update_without_split().
-  judge_coverage,  ///< Beams have only passed, but have not seen all of it: CoverageModel::judge() decides.
-  split,           ///< Its children take the scan's evidence.
+  judge_coverage,        ///< Beams have only passed a leaf that is not known to be covered:
+                         ///< CoverageModel::judge() decides.
+  split,                 ///< Its beams go on to its children, which sample them anew.
 };
 
 }  // namespace ndtree

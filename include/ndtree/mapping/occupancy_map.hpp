@@ -51,7 +51,7 @@ struct InsertReport {
   std::uint64_t not_returned = 0;      ///< Free space only.
   std::uint64_t beyond_max_range = 0;  ///< Returned from beyond max_range: free space up to there.
   std::uint64_t invalid = 0;           ///< Not finite or of zero length: skipped.
-  std::uint64_t updates = 0;           ///< (beam, leaf) pairs whose occupancy was updated.
+  std::uint64_t updates = 0;           ///< (beam, leaf) pairs that were added, see UpdateCounters.
   std::uint64_t splits = 0;            ///< Leaves that were split.
   std::uint64_t merges = 0;            ///< Parents that took the place of their children.
   double seconds = 0.0;                ///< Wall time, without that for `moved` [s].
@@ -115,8 +115,8 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
   OccupancyMap& operator=(OccupancyMap&&) = default;
   ~OccupancyMap() = default;
 
-  /// Integrates a scan. Evidence: all beams at once. Fixed: each cell gets its beams in the order of the
-  /// scan. Paper (Sec. III): beam by beam, merging after each.
+  /// Integrates a scan. EvidenceRefinement: the scan as a whole. Fixed: each cell gets its beams in the order
+  /// of the scan. Paper (Sec. III): beam by beam, merging after each.
   /// @param max_range [m] beams that are longer say only that the space up to there is free.
   /// @param threads that may work on a large scan; 0: as many as the machine has cores. The map is the same,
   ///   bit for bit, for every number. The paper's has only one.
@@ -177,7 +177,7 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
   void shrink_to_fit() { tree_.shrink_to_fit(); }
 
   /// Merges siblings where that loses the least information, until the budget is met; later insertions go on
-  /// from there, and divide again what beams contradict. O(nodes log nodes).
+  /// from there, and split again what beams contradict. O(nodes log nodes).
   /// @throws std::invalid_argument if no limit is given, or one cannot be met, std::bad_alloc, Cancelled; the
   ///   map is then unchanged.
   CompressReport compress(const CompressBudget& budget) {

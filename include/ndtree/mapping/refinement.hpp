@@ -49,9 +49,9 @@ struct PaperRefinement {
   }
 };
 
-/// Cells start at max_cell_size; whole scans decide with all their beams: action() says what they do to a
-/// leaf, splits() whether it splits. Children start with a part of their parent's evidence. Siblings merge
-/// where next to no information is lost.
+/// Cells start at max_cell_size; a whole scan decides, with the beams that the leaf samples: action() says
+/// what it does to a leaf, splits() whether it splits. Children start with a part of their parent's evidence.
+/// Siblings merge where next to no information is lost.
 struct EvidenceRefinement {
   static constexpr const char* kName = "evidence";
   static constexpr bool kAdaptive = true;
@@ -92,7 +92,8 @@ struct EvidenceRefinement {
   /// - A leaf splits if splits() says so, unless its children are predicted to re-merge: then it is updated
   ///   as if they had.
   /// - If beams have only passed a leaf that was never observed, CoverageModel::judge() has the last word. It
-  ///   is asked again, about an observed leaf that is not covered, each time the leaf's misses have doubled.
+  ///   is asked again, about an observed leaf that is not covered, each time the leaf's count of misses
+  ///   reaches a power of two, up to what free_memory is worth.
   /// @param scan ScanEvidence, or PassedEvidence if all beams pass the leaf.
   /// @param children_across see kChildrenAcross. @param levels_below the leaf; 0: it cannot split.
   template <class Scan>

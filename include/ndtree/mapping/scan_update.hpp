@@ -41,7 +41,7 @@ namespace ndtree {
 /// 4. counting sort: kept beams -> their numbers by face and bucket. O(n + p * buckets), parallel.
 /// 5. pack: sorted numbers -> two table rows per beam, see ScanBeams. O(n), parallel.
 /// 6. walk: rows and tree -> changed cells, their summaries, counters. O(pairs of a beam and a node that it
-///    crosses, without saturated subtrees that all beams pass), parallel by tasks, see ScanTasks.
+///    crosses, without saturated subtrees that all beams clearly pass), parallel by tasks, see ScanTasks.
 ///
 /// survey() does 1 and 2 for each part of the scan; finish() joins the parts' cube maps, and does the others.
 ///
@@ -49,11 +49,12 @@ namespace ndtree {
 /// - Same scan, same map, bit for bit. A leaf's evidence is a sum of whole numbers over the beams that it
 ///   samples and that cross it over more than a point (see LeafEvidence), so neither the order of the beams
 ///   nor the number of workers nor the width of loops matters.
-/// - A leaf that splits passes its whole list on; its children sample it again, and start with parts of its
-///   evidence. Siblings are merged on the way back if one of them changed. A leaf that splits and re-merges
-///   within the scan counts neither as split nor as merged.
+/// - A leaf that splits passes on its list, not only its sample (without beams that no leaf below can
+///   sample); its children sample it again, and start with parts of its evidence. Siblings are merged on the
+///   way back if one of them changed. A leaf that splits and re-merges within the scan counts neither as
+///   split nor as merged.
 /// - A cell that the scan leaves as it was does not count as updated. A saturated cell is skipped if all its
-///   beams pass.
+///   beams clearly pass.
 /// - survey() does not change the tree, so that a scan with an error leaves the map as it was.
 template <class Tree, class Refinement, class Sensor>
 class ScanUpdate {
@@ -88,7 +89,7 @@ class ScanUpdate {
   /// Integrates the surveyed scan. The result is the same for every number of workers.
   /// @pre the tree contains the survey's reach.
   /// @param undo gets logs of changed nodes, see ScanWalks; null: nothing is logged.
-  /// @param window outside which no cell of the coarsest level changes.
+  /// @param window nodes of the coarsest level that do not overlap it stay as they are, with all below them.
   void finish(Workers& workers, std::vector<UndoLog<Tree>>* undo = nullptr,
               const ChangeWindow<D>& window = {}) {
     prepare(workers);
@@ -233,9 +234,9 @@ class ScanUpdate {
       if (kept[f] > 0 && !face.is_single()) {
         number[f] = static_cast<std::uint32_t>(faces.size());
         faces.push_back(face);
-        for (const bool is_well_observed : {false, true})
-          faces.back().depth_of_full_sample[is_well_observed] =
-              face.depth_for(static_cast<float>(refinement_.model.sample_beams(is_well_observed)),
+        for (const bool uses_small_sample : {false, true})
+          faces.back().depth_of_full_sample[uses_small_sample] =
+              face.depth_for(static_cast<float>(refinement_.model.sample_beams(uses_small_sample)),
                              static_cast<float>(tree_.geometry().unit()));
       }
       faces[number[f]].end_of_beams += kept[f];

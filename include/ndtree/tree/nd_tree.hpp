@@ -128,7 +128,8 @@ class NdTree {
   /// @pre the node is a leaf above the finest level.
   void split(const Ref& leaf, const Cell& cell = Cell{}) { split_node(*leaf.node, cell); }
 
-  /// Splits a leaf whose region the caller knows.
+  /// Splits a leaf whose region the caller knows. Whether that is a split or a division (glossary) the caller
+  /// knows, too.
   void split_node(NodeType& leaf, const Cell& cell = Cell{}) { split_node(leaf, cell, pool_.main_arena()); }
   /// Splits a leaf in one of several threads, with an arena of its own.
   void split_node(NodeType& leaf, const Cell& cell, Arena& arena) {

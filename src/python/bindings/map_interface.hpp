@@ -71,7 +71,7 @@ class MapInterface {
   /// Whether clone() shares what does not change, and takes next to no time.
   [[nodiscard]] virtual bool clones_cheaply() const { return true; }
 
-  /// @param window none, or the box outside which nothing changes. @param layers measurements of layers.
+  /// @param window none, or a box: see OccupancyMap::insert(). @param layers measurements of layers.
   /// @throws std::invalid_argument for a window or layers in a map that is not ours.
   virtual InsertReport insert(const BeamPointers& beams, double max_range, int threads,
                               const std::optional<AnyBox>& window,

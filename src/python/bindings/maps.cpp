@@ -298,7 +298,7 @@ void bind_maps(py::module_& module) {
       .def_readonly("beyond_max_range", &InsertReport::beyond_max_range,
                     "Beams that returned from beyond max_range: free space up to there.")
       .def_readonly("invalid", &InsertReport::invalid, "Beams not finite or of zero length: skipped.")
-      .def_readonly("updates", &InsertReport::updates, "(beam, leaf) pairs whose occupancy was updated.")
+      .def_readonly("updates", &InsertReport::updates, "(beam, leaf) pairs that were added.")
       .def_readonly("splits", &InsertReport::splits, "Leaves that were split.")
       .def_readonly("merges", &InsertReport::merges, "Parents that took the place of their children.")
       .def_readonly("seconds", &InsertReport::seconds, "Wall time of the insertion itself [s].")

@@ -23,8 +23,9 @@ namespace ndtree::test {
 /// seen, split or update. A split puts the children on the list of cells to be visited. In the end
 /// siblings are merged, the finest first, where one of them changed.
 /// Invariants: cells partition the box of level-0 cells; all numbers are rounded as in the library, so
-/// that maps are compared bit by bit. Updates of a cell by its evidence and the rule for merging are the
-/// library's EvidenceModel and EvidenceMergeRule, which have tests of their own.
+/// that maps are compared bit by bit. The parts of cell/ are the library's, and have tests of their own: the
+/// sensor model, the weight of a hit, partial occupancy, updates of a cell, re-merge, what children start
+/// with, and merging.
 /// Cost: O(cells * beams) for each scan.
 template <int N, int D, class Sensor = BeamSensorModel>
 class FlatScanMap {

@@ -5,11 +5,11 @@
 /// A source (ListSource, PacketSource) is a node's children with the beams that cross each:
 ///   crosses(child), in_child(child, ref).
 /// Its beams in one child (ListInCell, PacketInCell) answer
-///   all_pass()            whether all of them clearly pass the child and every cell in it;
-///   evidence(..., end)    the evidence of the beams with numbers below `end` for the child as a leaf;
-///   passed()              evidence() if all_pass(), where that is known without a look at each beam;
-///   with_list(use)        calls `use(list)`, for steps that are rare;
-///   integrate_below(node) partitions them among the children of an inner node.
+///   all_pass()                whether all of them clearly pass the child and every cell in it;
+///   evidence(..., beams_end)  of the beams with numbers below `beams_end`, for the child as a leaf;
+///   passed()                  evidence() if all_pass(), where that is known without a look at each beam;
+///   with_list(use)            calls `use(list)`, for steps that are rare;
+///   integrate_below(node)     partitions them among the children of an inner node.
 /// Both give the same results, to the last bit.
 #pragma once
 
@@ -49,12 +49,12 @@ struct ListInCell {
   }
   [[nodiscard]] bool all_pass() const { return walk.evidence_.all_pass(crossings(), list); }
   [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence evidence(const EvidenceCell& leaf, int level,
-                                                           std::uint32_t end) const {
+                                                           std::uint32_t beams_end) const {
     ScanEvidence scan;
     if (walk.may_stop_early(level, list))
-      walk.add_until_split(leaf, cell.index, crossings(), list.part(0, list.find(end)), scan);
+      walk.add_until_split(leaf, cell.index, crossings(), list.part(0, list.find(beams_end)), scan);
     else
-      scan = walk.evidence_.of(cell.index, crossings(), list, end);
+      scan = walk.evidence_.of(cell.index, crossings(), list, beams_end);
     walk.refinement_.model.limit(scan);
     return scan;
   }
@@ -125,15 +125,15 @@ struct PacketInCell {
   [[nodiscard]] PassedEvidence passed() const {
     return source.walk.evidence_.passed(source.children.level(), rays(), number());
   }
-  [[nodiscard]] ScanEvidence evidence(const EvidenceCell&, int level, std::uint32_t end) const {
+  [[nodiscard]] ScanEvidence evidence(const EvidenceCell&, int level, std::uint32_t beams_end) const {
     ScanEvidence scan;
     if ((set() & (set() - 1)) == 0) {  // One ray.
       const auto lane = static_cast<std::size_t>(__builtin_ctz(set()));
-      if (rays().beams.number[lane] < end)
+      if (rays().beams.number[lane] < beams_end)
         typename Walk::OfBeam(source.walk.evidence_, level, rays().beams.number[lane])
             .add(ref().index, {rays().enter[number()][lane], rays().exit[number()][lane]}, scan);
     } else {
-      scan = source.walk.evidence_.of(source.children.parent().index, rays(), number(), end);
+      scan = source.walk.evidence_.of(source.children.parent().index, rays(), number(), beams_end);
     }
     if (source.walk.packet_may_exceed_limit_) source.walk.refinement_.model.limit(scan);
     return scan;

@@ -44,8 +44,8 @@ struct CubeFace {
   int key_shift = kKeyBits;           ///< Low bits of a sampling key that bucket_of() leaves out.
   // Set after subsampling:
   std::uint32_t end_of_beams = 0;  ///< One more than the number of the face's last kept beam.
-  /// Least depth from which on a cell samples all beams of the face [m]: [0] for cells that are not well
-  /// observed, [1] for well observed ones.
+  /// Least depth from which on a cell samples all beams of the face [m]: [0] for cells with the large
+  /// sample, [1] for those with the small one, see SamplingRate.
   std::array<float, 2> depth_of_full_sample{};
   std::size_t first_bucket = 0;   ///< Index of the first bucket among those of all faces, see BeamBuckets.
   std::uint32_t num_buckets = 0;  ///< Buckets from key 0 on, enough for all kept beams.

@@ -34,10 +34,11 @@ namespace ndtree {
 ///   cells with an edge of at most two standard deviations, and smallest cells. A coarse cell behind a
 ///   surface is not the surface.
 ///
-/// A hit or miss is resolvable if a child's edge is at least noise_sigmas standard deviations. A resolvable
-/// hit is partial, evidence for a part of the leaf only, if the beam's length in the leaf before its end
-/// point, or the leaf's edge, exceeds three standard deviations. A beam without return, or cut at the maximum
-/// range, is a miss of every leaf that it crosses up to its end: a surface there would have returned it.
+/// A hit, or a miss that is clearly free or without return, is resolvable if a child's edge is at least
+/// noise_sigmas standard deviations; a miss within the noise of its end point never is. A resolvable hit is
+/// partial, evidence for a part of the leaf only, if the beam's length in the leaf before its end point, or
+/// the leaf's edge, exceeds three standard deviations. A beam without return, or cut at the maximum range, is
+/// a miss of every leaf that it crosses up to its end: a surface there would have returned it.
 ///
 /// Invariants: sums are integers, so the order of beams and the width do not matter; the loops over eight
 /// beams give the bits of OfBeam. Cost: O(beams), a vector of eight that clearly pass in about 40
@@ -88,7 +89,7 @@ class LeafEvidence {
     }
   }
 
-  /// Whether every beam of a list passes its node, whatever the size of the cells in it. O(beams).
+  /// Whether every beam of a list clearly passes its node, whatever the size of the cells in it. O(beams).
   /// @param crossings where beams cross the node.
   [[nodiscard]] bool all_pass(const CellCrossings<N, D>& crossings, const BeamList& list) const {
 #ifdef NDTREE_HAS_EIGHTS
@@ -102,19 +103,19 @@ class LeafEvidence {
     return true;
   }
 
-  /// The evidence of a list's beams with numbers below `end` for a leaf of level 0 or below.
+  /// The evidence of a list's beams with numbers below `beams_end` for a leaf of level 0 or below.
   /// @param crossings where beams cross the leaf.
   [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence of(const CellIndex<D>& leaf,
                                                      const CellCrossings<N, D>& crossings,
                                                      const BeamList& list,
-                                                     std::uint32_t end = BeamList::kAll) const {
+                                                     std::uint32_t beams_end = BeamList::kAll) const {
 #ifdef NDTREE_HAS_EIGHTS
     const Size& size = size_of(leaf.level);
     // An empty list's size minus 1 is the largest number.
     if (size.is_simple && list.size - 1 < kMostAtOnce)
-      return of_eights<true>(leaf, crossings, list, end, size);
+      return of_eights<true>(leaf, crossings, list, beams_end, size);
 #endif
-    return of_any(leaf, crossings, list.part(0, list.find(end)));
+    return of_any(leaf, crossings, list.part(0, list.find(beams_end)));
   }
 
   /// The evidence of one beam for leaves of one level, 0 or below, by the same rules as of vectors. It goes
@@ -136,13 +137,14 @@ class LeafEvidence {
       // A surface is as thick as the noise: evidence for smaller cells does not depend on their size.
       const BeamEnd<D>& beam = all_.beams_.end(number_);
       const bool is_small = LeafEvidence::is_small(size_, beam.sigma);
-      const float end = is_small ? std::max(crossing.exit, enter + beam.surface) : crossing.exit;
-      if (end < beam.clearly_free_until || !beam.is_returned()) return sum.add(passed(crossing));
+      const float exit_or_surface = is_small ? std::max(crossing.exit, enter + beam.surface) : crossing.exit;
+      if (exit_or_surface < beam.clearly_free_until || !beam.is_returned()) return sum.add(passed(crossing));
       const bool holds_end = all_.geometry_.contains(leaf, all_.beams_.end_cell(number_));
       const bool is_behind_surface = !holds_end && enter >= beam.range;
       if (is_behind_surface && !is_small) return;
       float entry_behind = 0.0f;
-      BeamWeight::add(sum, all_.near_end(size_, beam.range, beam.sigma, enter, end, holds_end, entry_behind));
+      BeamWeight::add(
+          sum, all_.near_end(size_, beam.range, beam.sigma, enter, exit_or_surface, holds_end, entry_behind));
       if (holds_end) {
         ++sum.hits;
         sum.resolvable_hits += is_resolvable();
@@ -179,14 +181,14 @@ class LeafEvidence {
     return {packet.free[child], detail::kBitCount[packet.set[child]],
             detail::kBitCount[packet.set[child] & packet.resolvable]};
   }
-  /// The evidence of a packet's rays with numbers below `end` for a node's child.
+  /// The evidence of a packet's rays with numbers below `beams_end` for a node's child.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_NEVER_INLINE ScanEvidence of(const CellIndex<D>& node, Packet& packet,
                                                                      std::size_t child,
-                                                                     std::uint32_t end) const {
+                                                                     std::uint32_t beams_end) const {
     const Size& size = size_of(node.level - 1);
     const EightFloats enter = EightFloats::load(packet.enter[child].data());
     const EightFloats exit = EightFloats::load(packet.exit[child].data());
-    const std::uint32_t set = packet.set[child] & packet.before(end);
+    const std::uint32_t set = packet.set[child] & packet.before(beams_end);
     const EightMask live = EightMask::of_set(set);
     EightSums sums{0, 0, 0, 0};
     ScanEvidence sum;
@@ -251,16 +253,17 @@ class LeafEvidence {
     return size.child >= noise_sigmas_ * sigma;
   }
   /// The evidence, see BeamWeight, for a cell whose exit is not clearly before a beam's end point.
-  /// @param end where it leaves the cell, or what counts as that [m]. @param holds_end whether the cell holds
-  ///   its end point. @param entry_behind gets how far the entry is behind its end point, negative before it
-  ///   [standard deviations].
+  /// @param exit_or_surface where it leaves the cell, or what counts as that [m].
+  /// @param holds_end whether the cell holds its end point.
+  /// @param entry_behind gets how far the entry is behind its end point, negative before it [standard
+  ///   deviations].
   template <class Floats, class Condition>
   [[nodiscard]] NDTREE_ALWAYS_INLINE auto near_end(const Size& size, const Floats& range, const Floats& sigma,
-                                                   const Floats& enter, const Floats& end,
+                                                   const Floats& enter, const Floats& exit_or_surface,
                                                    const Condition& holds_end, Floats& entry_behind) const {
     const Floats per_sigma = 1.0f / sigma;
     entry_behind = (enter - range) * per_sigma;
-    const Floats end_behind = (end - range) * per_sigma;
+    const Floats end_behind = (exit_or_surface - range) * per_sigma;
     const Floats exit_behind = select(holds_end, max_of(end_behind, Floats(kLeastBehindHit)), end_behind);
     return BeamWeight::units_of(sensor_.quick_log_odds(entry_behind, exit_behind),
                                 inside(size, sigma, range));
@@ -312,13 +315,13 @@ class LeafEvidence {
     EightInts passed, near;    // Minus the number of beams that passed, and of others with evidence.
   };
 
-  /// The evidence of 1 to kMostAtOnce beams, those with numbers below `end`: the bits of OfBeam.
+  /// The evidence of 1 to kMostAtOnce beams, those with numbers below `beams_end`: the bits of OfBeam.
   template <bool kAlike>
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE ScanEvidence of_eights(const CellIndex<D>& leaf,
                                                               const CellCrossings<N, D>& crossings,
-                                                              const BeamList& list, std::uint32_t end,
+                                                              const BeamList& list, std::uint32_t beams_end,
                                                               const Size& size) const {
-    const auto last = static_cast<std::int32_t>(std::min(end, ScanBeams<D>::kMostInLoops));
+    const auto last = static_cast<std::int32_t>(std::min(beams_end, ScanBeams<D>::kMostInLoops));
     EightSums sums{0, 0, 0, 0};
     ScanEvidence sum;
     std::size_t i = 0;
@@ -334,7 +337,7 @@ class LeafEvidence {
       if (size.resolves_some && !size.resolves_all)
         sum.resolvable_misses += (misses & is_resolvable(size, beams_.ends(beam).sigma)).count();
       i += 8;
-    } while (i < list.size && list.beam[i] < end);
+    } while (i < list.size && list.beam[i] < beams_end);
     finish(sums, size, sum);
     return sum;
   }
@@ -390,8 +393,8 @@ class LeafEvidence {
                                                                ScanEvidence& sum) const {
     const EightMask others = live.without(misses);
     const EightMask is_small = LeafEvidence::is_small(size, beams.sigma);
-    const EightFloats end = max_of(exit, enter + (beams.surface & is_small));
-    const EightMask is_clearly_free = end < beams.clearly_free_until;
+    const EightFloats exit_or_surface = max_of(exit, enter + (beams.surface & is_small));
+    const EightMask is_clearly_free = exit_or_surface < beams.clearly_free_until;
     const EightMask passes = is_clearly_free | (beams.surface == 0.0f);  // Or without return.
     const EightMask holds_end = lie_in(leaf, size, beams.cell).without(is_clearly_free);
     misses = misses | (others & passes);
@@ -400,7 +403,8 @@ class LeafEvidence {
     if (has_evidence.set() == 0) return misses;
     EightFloats entry_behind;
     const EightInts evidence =
-        near_end(size, beams.range, beams.sigma, enter, end, holds_end, entry_behind) & has_evidence;
+        near_end(size, beams.range, beams.sigma, enter, exit_or_surface, holds_end, entry_behind) &
+        has_evidence;
     const EightInts occupied = max_of(evidence, 0);
     sums.occupied += occupied;
     sums.free += occupied - evidence;

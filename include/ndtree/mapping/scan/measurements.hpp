@@ -60,7 +60,7 @@ class Measurements {
   [[nodiscard]] double sigma(Eigen::Index i, double range) const {
     return scan_.range_sigma == nullptr ? sensor_->sigma(range) : scan_.range_sigma[i];
   }
-  /// As sigma() of a range, of the i-th beam, which is as long as it is after the cut.
+  /// Of the i-th beam at its length after the cut at max_range.
   [[nodiscard]] double sigma(Eigen::Index i, const Beam<D>& beam) const {
     return sigma(i, beam.t_free * beam.range);
   }

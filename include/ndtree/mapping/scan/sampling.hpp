@@ -103,8 +103,9 @@ class BeamSampling {
                       static_cast<float>(model.sample_beams(true))} {}
 
   /// The fraction of a face's beams that a leaf samples.
-  [[nodiscard]] float of(const CellIndex<D>& leaf, const CubeFace<D>& face, bool is_well_observed) const {
-    return at_depth(depth_of(leaf, face), face, is_well_observed);
+  /// @param uses_small_sample true if it is well observed, unless it is saturated and contradicted.
+  [[nodiscard]] float of(const CellIndex<D>& leaf, const CubeFace<D>& face, bool uses_small_sample) const {
+    return at_depth(depth_of(leaf, face), face, uses_small_sample);
   }
   [[nodiscard]] FaceSample<D> sample_of(const CubeFace<D>& face, float fraction) const {
     return {&face, beams_.end_of_fraction(face, fraction), fraction};
@@ -112,11 +113,11 @@ class BeamSampling {
   /// Determines the beams of a list that a leaf samples. Calls `visit(face, fraction, part)` for each face
   /// with sampled beams.
   template <class Visit>
-  void take(const CellIndex<D>& leaf, const BeamList& list, bool is_well_observed, LeafSample<D>& sample,
+  void take(const CellIndex<D>& leaf, const BeamList& list, bool uses_small_sample, LeafSample<D>& sample,
             const Visit& visit) const {
     sample.clear();
     for_each_face(beams_, list, [&](const CubeFace<D>& face, std::size_t first, std::size_t last) {
-      const FaceSample<D> of_face = sample_of(face, of(leaf, face, is_well_observed));
+      const FaceSample<D> of_face = sample_of(face, of(leaf, face, uses_small_sample));
       const std::size_t end = list.find(of_face.end, first, last);
       sample.add(of_face);
       if (first < end) visit(face, of_face.fraction, list.part(first, end));
@@ -124,7 +125,7 @@ class BeamSampling {
   }
 
   /// Sampled beams that end in a leaf, for each beam that would cross it if beams were spread evenly; sampled
-  /// as for a leaf that is not well observed.
+  /// as for a leaf that does not use the small sample.
   [[nodiscard]] double ends_per_expected_beam(const CellIndex<D>& leaf, const BeamList& list,
                                               LeafSample<D>& sample) const {
     double sum = 0.0;
@@ -160,7 +161,7 @@ class BeamSampling {
     const CubeFace<D>* const face = only_face_of(beams, above);
     return {face, face != nullptr ? all_sample_all(node, *face) : all_sample_all(node, beams)};
   }
-  /// Whether all leaves in a node, well observed or not, sample all beams of a face.
+  /// Whether all leaves in a node, those with the small sample or not, sample all beams of a face.
   [[nodiscard]] bool all_sample_all(const CellIndex<D>& node, const CubeFace<D>& face) const {
     const double ahead = border(node, face.axis, face.negative) - face.origin[face.axis];
     return static_cast<float>(face.negative ? -ahead : ahead) >= face.depth_of_full_sample_in_any_cell();
@@ -226,13 +227,13 @@ class BeamSampling {
         lower = upper;
       }
     }
-    [[nodiscard]] FaceSample<D> of(std::size_t child, bool is_well_observed) const {
-      return of_slab(slab_of(child), is_well_observed);
+    [[nodiscard]] FaceSample<D> of(std::size_t child, bool uses_small_sample) const {
+      return of_slab(slab_of(child), uses_small_sample);
     }
 
    private:
-    [[nodiscard]] FaceSample<D> of_slab(std::size_t slab, bool is_well_observed) const {
-      return sampling_.sample_of(face_, sampling_.at_depth(depths_[slab], face_, is_well_observed));
+    [[nodiscard]] FaceSample<D> of_slab(std::size_t slab, bool uses_small_sample) const {
+      return sampling_.sample_of(face_, sampling_.at_depth(depths_[slab], face_, uses_small_sample));
     }
     /// Index of a child on the face's axis.
     [[nodiscard]] std::size_t slab_of(std::size_t child) const {
@@ -255,15 +256,15 @@ class BeamSampling {
   }
   /// The fraction that a leaf samples at a depth.
   [[nodiscard]] NDTREE_ALWAYS_INLINE float at_depth(float depth, const CubeFace<D>& face,
-                                                    bool is_well_observed) const {
-    if (depth >= face.depth_of_full_sample[is_well_observed]) return 1.0f;
-    return std::min(1.0f, sample_beams_[is_well_observed] / face.expected_beams(depth, smallest_size_));
+                                                    bool uses_small_sample) const {
+    if (depth >= face.depth_of_full_sample[uses_small_sample]) return 1.0f;
+    return std::min(1.0f, sample_beams_[uses_small_sample] / face.expected_beams(depth, smallest_size_));
   }
 
   const LatticeGeometry<N, D>& geometry_;
   const ScanBeams<D>& beams_;
   const float smallest_size_;
-  const std::array<float, 2> sample_beams_;  // Of leaves that are not well observed, and that are.
+  const std::array<float, 2> sample_beams_;  // Of the large sample, and of the small one.
 };
 
 }  // namespace ndtree

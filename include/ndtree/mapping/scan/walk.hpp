@@ -42,8 +42,9 @@ namespace ndtree {
 ///
 /// Strategy. A node's list of beams is partitioned among its children, down to the leaves. At most eight
 /// beams become a ray packet, which keeps distances and sets of rays instead of lists. A leaf adds up the
-/// evidence of the beams that it samples and is updated, or splits. Then it passes its whole list on, and
-/// each child samples that again. On the way back siblings merge, or their parent's summary is updated.
+/// evidence of the beams that it samples and is updated, or splits. Then it passes on its list, not only its
+/// sample (without beams that no leaf below can sample), and each child samples that again. On the way back
+/// siblings merge, or their parent's summary is updated.
 ///
 /// Where to read: update_children() integrates beams into a node's children, whatever their source. For a
 /// leaf it goes on with
@@ -58,6 +59,7 @@ namespace ndtree {
 /// - EvidenceModel::update_partly_seen(), where too little of a cell was seen; set_covered(), which stores
 ///   whether all was;
 /// - EvidenceRefinement::keep_partial(), if partial_probability is set;
+/// - split(), which puts a leaf back whose children re-merged;
 /// - ChildrenInitialiser, in split_and_descend(), and EvidenceMergeRule, in merge_children();
 /// - UndoLog, if a scan fails.
 ///
@@ -74,8 +76,10 @@ namespace ndtree {
 /// - A leaf may split before all its beams have been added up, since more beams never revoke
 ///   EvidenceRefinement::certainly_splits(). (test_leaf_action)
 ///   The early stop comes before EvidenceModel::limit(), which leaves scans with hits as they are.
-/// - Beams that all pass have the same effect as PassedEvidence and as ScanEvidence. (test_leaf_action)
-/// - A saturated subtree that all beams pass stays as it is, bit for bit. (test_scan_update, test_summary)
+/// - Beams that all clearly pass have the same effect as PassedEvidence and as ScanEvidence.
+///   (test_leaf_action: the decision; test_scan_update: the cell)
+/// - A saturated subtree that all beams clearly pass stays as it is, bit for bit.
+///   (test_scan_update, test_summary)
 /// - partition() with `replaces` uses up the memory of a list: one that is needed afterwards, as by a leaf
 ///   that splits, is partitioned with `replaces` = false. All samples use `sample_`, which the next leaf
 ///   overwrites. (test_scan_lists, test_scan_update)
@@ -104,7 +108,7 @@ class alignas(kCacheLines) ScanWalk {
   using Ref = typename Tree::Ref;
 
   /// @param arena of the tree, for this thread alone. @param undo log of what it changes, or null.
-  /// @param window outside which no cell of the coarsest level changes.
+  /// @param window nodes of the coarsest level that do not overlap it stay as they are, with all below them.
   ScanWalk(Tree& tree, typename Tree::Arena& arena, const Refinement& refinement, const Sensor& sensor,
            const ScanBeams<D>& beams, UndoLog<Tree>* undo, const ChangeWindow<D>& window = {})
       : tree_(tree),
@@ -143,6 +147,9 @@ class alignas(kCacheLines) ScanWalk {
         node, beams.list, sampling_.of_node(node, beams.list, {}),
         [&](const CellIndex<D>& child, const BeamList& list) { lists.add(child.lower, beams.part, list); });
   }
+  // Of the functions below, integrate() takes a node of any level, leaf or not, and its task or list;
+  // descend() an inner node, which it may skip; integrate_below() its children, by a list or a packet.
+
   /// Integrates a cell's beams into its subtree. @returns whether a cell changed.
   bool integrate(const Ref& ref, const TaskCell<D>& beams) {
     const ListScope scope(stack_);
@@ -220,7 +227,7 @@ class alignas(kCacheLines) ScanWalk {
   using Rays = RayPacket<D, kNumChildren>;
   using OfBeam = typename LeafEvidence<N, D, Sensor>::OfBeam;
 
-  /// Whether a list is short enough for a packet, and the node's children are cells.
+  /// Whether a list is short enough for a packet, and the node is of the coarsest level or below.
   [[nodiscard]] bool fits_packet(const Ref& ref, const BeamList& list) const {
     return list.size <= Rays::kMost && ref.index.level <= coarsest_level_ && partition_.goes_by_eights() &&
            evidence_.takes_packets(ref.index.level);
@@ -240,8 +247,8 @@ class alignas(kCacheLines) ScanWalk {
   bool integrate(const Ref& ref, const BeamList& list) {
     return integrate(ListInCell{*this, ref, list, nullptr, 0}, {});
   }
-  /// Integrates beams into the subtree of an inner node. A saturated subtree that all of them pass stays as
-  /// it is.
+  /// Integrates beams into the subtree of an inner node. A saturated subtree that all of them clearly
+  /// pass stays as it is.
   template <class Beams>
   NDTREE_ALWAYS_INLINE bool descend(const Beams& beams, const Sampling& above) {
     if (Summary(beams.node().summary_word()).is_saturated() && beams.all_pass()) return false;
@@ -308,8 +315,8 @@ class alignas(kCacheLines) ScanWalk {
   }
 
   /// Integrates beams into a leaf:
-  /// 1. Saturated? A saturated leaf that all beams pass stays as it is. If more beams end in it than the
-  ///    sensor's errors explain, it samples as many beams as a leaf that is not well observed.
+  /// 1. Saturated? A saturated leaf that all beams clearly pass stays as it is. If more beams end in it
+  ///    than the sensor's errors explain, it samples as many beams as a leaf that is not well observed.
   ///    (`uses_small_sample` is false then.)
   /// 2. Sample all beams, or a fraction of them: those below a bucket of each cube-map face.
   /// 3. Add up the evidence of the sampled beams, see LeafEvidence, and limit it, see EvidenceModel::limit():
@@ -452,8 +459,10 @@ class alignas(kCacheLines) ScanWalk {
     cell.set_covered(seen.is_covered);
     return counted(cell != before, scan.beams);
   }
-  /// Splits a leaf and integrates its beams into the children. If these re-merge, and the beams have only
-  /// passed, the leaf is updated as if it had not split: so evidence of passes adds up, scan by scan.
+  /// Splits a leaf and integrates its beams into the children. If these re-merge, the leaf was observed, and
+  /// all evidence is for free space, the merged cell is replaced: the leaf as it was, with
+  /// update_without_split(), which of passes alone keeps all evidence and ends the streak. So evidence of
+  /// passes adds up, scan by scan.
   bool split(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample, const ScanEvidence& scan,
              const Sampling& sampling) {
     const EvidenceCell parent = leaf.cell();
