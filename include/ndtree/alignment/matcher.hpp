@@ -290,10 +290,8 @@ class Matcher {
   static constexpr int kTop = 6;  // Highest level: blocks of 64 steps.
   static constexpr double kMostSteps = 1e6;
 
-  /// Of a MotionMatrix. Its size is not the compiler's to know: where it is, Eigen unrolls every step, which
-  /// took half of the time and memory of compiling a matcher.
-  using Decomposition = Eigen::PartialPivLU<
-      Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kFreedoms<3>, kFreedoms<3>>>;
+  /// Of a MotionMatrix.
+  using Decomposition = Eigen::PartialPivLU<SmallMatrix<kFreedoms<3>>>;
 
   /// Poses of one rotation whose translations are up to 2^level steps from `pose`, which has their bound.
   struct Block {

@@ -17,6 +17,11 @@ using Vector = Eigen::Matrix<double, D, 1>;
 template <int D>
 using Points = Eigen::Matrix<double, D, Eigen::Dynamic>;
 
+/// A matrix of at most Size rows and columns, to be decomposed. Its size is not the compiler's to know: where
+/// it is, Eigen unrolls every step, which takes half of the time and memory of compiling a matcher.
+template <int Size>
+using SmallMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, Size, Size>;
+
 /// Integer coordinates on the lattice whose unit is the smallest cell of a tree.
 template <int D>
 using Lattice = std::array<std::int64_t, std::size_t{D}>;

@@ -49,9 +49,8 @@ void validate(const PoseCovariance<D>& covariance) {
       if (!(std::abs(covariance(i, j) - covariance(j, i)) <= rounding))
         throw std::invalid_argument("pose_covariance" + entry(i, j) + " and " + entry(j, i) +
                                     ": must be symmetric");
-  // Its size is not the compiler's to know, see Matcher.
-  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, 6, 6>;
-  const Eigen::SelfAdjointEigenSolver<Matrix> solver(Matrix(covariance), Eigen::EigenvaluesOnly);
+  const Eigen::SelfAdjointEigenSolver<SmallMatrix<6>> solver(SmallMatrix<6>(covariance),
+                                                             Eigen::EigenvaluesOnly);
   const double least = solver.eigenvalues().minCoeff();
   if (!(least >= -rounding))
     throw std::invalid_argument("pose_covariance has the eigenvalue " + describe_number(least) +
