@@ -112,12 +112,14 @@ class Layer {
     return empty;
   }
   /// Copies values in cubes of max_cell_size in which this layer has none, bit for bit, as
-  /// OccupancyMap::adopt(). @param is_wanted see detail::for_each_cube(). @throws MemoryLimitReached,
-  ///   std::bad_alloc, Cancelled; some may be copied then.
+  /// OccupancyMap::adopt(). @param is_wanted see detail::for_each_cube(). @param max_memory bytes that the
+  /// layer may hold. @throws MemoryLimitReached, std::bad_alloc, Cancelled; some may be copied then.
   template <class IsWanted>
-  void adopt(const Layer& other, const IsWanted& is_wanted) {
+  void adopt(const Layer& other, const IsWanted& is_wanted, std::size_t max_memory) {
+    limit_memory(max_memory);
     const auto is_blank = [](const Cell& cell) { return cell.value.is_empty(); };
     detail::Adopting(tree_, 0, is_blank).run(other.tree_, is_wanted);
+    limit_memory(kUnlimitedMemory);
   }
 
   /// Forgets the values of what is unknown in a map where it may have changed. O(nodes of the layer there).

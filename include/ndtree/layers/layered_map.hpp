@@ -199,7 +199,7 @@ class LayeredMap {
   };
   [[nodiscard]] static constexpr bool undoes_insertions() { return false; }
 
-  /// insert() of which only cells in some cubes of max_cell_size change. @param reach see grow_to().
+  /// As insert(), but only cells in some cubes of max_cell_size change. @param reach see grow_to().
   /// @throws as insert(); the map is then not what it was.
   auto insert_in(const CubeSet<kDim>& cubes, const ScanView<kDim>& scan, const PackedMeasured& measured,
                  double max_range, int threads, Reach& reach) {
@@ -313,10 +313,9 @@ class LayeredMap {
   }
   template <class IsWanted, std::size_t... I>
   void adopt_layers(const LayeredMap& other, const IsWanted& is_wanted, std::index_sequence<I...>) {
+    const std::size_t limit = map_.options().memory_limit();
     const auto adopt = [&](auto& layer, const auto& of_other) {
-      layer.limit_memory(memory_beside(memory_bytes() - layer.memory_bytes(), map_.options().memory_limit()));
-      layer.adopt(of_other, is_wanted);
-      layer.limit_memory(kUnlimitedMemory);
+      layer.adopt(of_other, is_wanted, memory_beside(memory_bytes() - layer.memory_bytes(), limit));
     };
     (adopt(std::get<I>(layers_), std::get<I>(other.layers_)), ...);
     require_in_limit();

@@ -159,7 +159,7 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
   /// Whether insert_in() leaves a map as it was when it throws, as far as insert() does.
   [[nodiscard]] static constexpr bool undoes_insertions() { return true; }
 
-  /// insert() of which only cells in some cubes of max_cell_size change. @param reach see grow_to().
+  /// As insert(), but only cells in some cubes of max_cell_size change. @param reach see grow_to().
   InsertReport insert_in(const CubeSet<D>& cubes, const ScanView<D>& scan, const PackedMeasured& /*none*/,
                          double max_range, int threads, Reach& reach) {
     return integrate(scan, max_range, threads, std::nullopt, &cubes, &reach);

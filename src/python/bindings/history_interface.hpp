@@ -56,7 +56,7 @@ class HistoryInterface {
   [[nodiscard]] virtual std::size_t num_frozen() const = 0;
 };
 
-/// Of adaptive maps; compiled beside the maps of this shape.
+/// Of adaptive maps; each shape is compiled in a file of its own.
 template <int N, int D>
 std::unique_ptr<HistoryInterface> make_history(const MapOptions& options,
                                                const std::vector<LayerKind>& layers);

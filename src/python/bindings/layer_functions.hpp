@@ -120,13 +120,20 @@ void MapLayers<N, D>::add_scan(const LayeredCells<N, D>& map, std::size_t map_by
   for (const LayerMeasurements& one : all)
     std::visit(
         [&](auto& layer) {
-          using Value = ValueOf<decltype(layer)>;
-          const std::size_t others = map_bytes + memory_bytes() - layer.memory_bytes();
-          layer =
-              with_scan<LayeredCells<N, D>, Value>(layer, map, scan, measurements<Value>(scan, one).data(),
-                                                   max_range, window, memory_beside(others, max_memory));
+          const auto of_beams = measurements<ValueOf<decltype(layer)>>(scan, one);
+          add_to(layer, map, map_bytes, max_memory, scan, of_beams.data(), max_range, window);
         },
         find(one.name).layer);
+}
+template <int N, int D>
+template <class Value>
+void MapLayers<N, D>::add_to(Layer<N, D, Value>& layer, const LayeredCells<N, D>& map, std::size_t map_bytes,
+                             std::size_t max_memory, const ScanView<D>& scan,
+                             const typename Value::Measurement* of_beams, double max_range,
+                             const std::optional<Box<D>>& window, const CubeSet<D>* cubes) {
+  const std::size_t others = map_bytes + memory_bytes() - layer.memory_bytes();
+  layer = with_scan<LayeredCells<N, D>, Value>(std::move(layer), map, scan, of_beams, max_range, window,
+                                               memory_beside(others, max_memory), cubes);
 }
 template <int N, int D>
 PackedLayers MapLayers<N, D>::packed(const ScanView<D>& scan,
@@ -156,10 +163,7 @@ void MapLayers<N, D>::add_packed(const LayeredCells<N, D>& map, std::size_t map_
         [&](auto& layer) {
           using Value = ValueOf<decltype(layer)>;
           const auto of_beams = std::get<PackedMeasurements<Value>>(one.measurements).at(scan);
-          const std::size_t others = map_bytes + memory_bytes() - layer.memory_bytes();
-          layer =
-              with_scan<LayeredCells<N, D>, Value>(std::move(layer), map, scan, of_beams.data(), max_range,
-                                                   std::nullopt, memory_beside(others, max_memory), &cubes);
+          add_to(layer, map, map_bytes, max_memory, scan, of_beams.data(), max_range, std::nullopt, &cubes);
         },
         layers_[one.layer].layer);
 }
@@ -183,9 +187,8 @@ void MapLayers<N, D>::adopt(const MapLayers& others, const IsWanted& is_wanted, 
   for (std::size_t i = 0; i < layers_.size(); ++i)
     std::visit(
         [&](auto& layer) {
-          layer.limit_memory(memory_beside(memory_bytes() - layer.memory_bytes(), max_memory));
-          layer.adopt(std::get<std::decay_t<decltype(layer)>>(others.layers_[i].layer), is_wanted);
-          layer.limit_memory(kUnlimitedMemory);
+          layer.adopt(std::get<std::decay_t<decltype(layer)>>(others.layers_[i].layer), is_wanted,
+                      memory_beside(memory_bytes() - layer.memory_bytes(), max_memory));
         },
         layers_[i].layer);
 }

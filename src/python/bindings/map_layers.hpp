@@ -193,6 +193,11 @@ class MapLayers {
   void ply_numbers(const CellIndex<D>& leaf, double* numbers) const;
 
  private:
+  /// Adds a scan's measurements to one of the layers. @param cubes see with_scan().
+  template <class Value>
+  void add_to(Layer<N, D, Value>& layer, const LayeredCells<N, D>& map, std::size_t map_bytes,
+              std::size_t max_memory, const ScanView<D>& scan, const typename Value::Measurement* of_beams,
+              double max_range, const std::optional<Box<D>>& window, const CubeSet<D>* cubes = nullptr);
   template <class IsWanted>
   void adopt(const MapLayers& others, const IsWanted& is_wanted, std::size_t max_memory);
   template <class LayerType>
