@@ -335,16 +335,28 @@ int cancel_everywhere(History& history, const Call& call) {
   }
 }
 
+/// A history that took one scan in several places, with keys from 0 on.
+struct OneScanOften {
+  Scan<2> scan;
+  Measured measured;
+  ScanHistory<Layered<Map2>> history{options_of_history(2)};
+
+  OneScanOften(Random& random, Key times)
+      : scan(random_scan<2>(random)), measured(random_measured(random, scan.size())) {
+    for (Key key = 0; key < times; ++key)
+      (void)insert(history, key, scan, random_pose<2>(random, 3.0), measured);
+  }
+};
+
 TEST(LayeredHistory, ACancelledCallChangesNothing) {
   Random random(10);
-  ScanHistory<Layered<Map2>> history(options_of_history(2));
-  const Scan<2> scan = random_scan<2>(random);
-  const Measured measured = random_measured(random, scan.size());
-  for (Key key = 0; key < 12; ++key) (void)insert(history, key, scan, random_pose<2>(random, 3.0), measured);
+  OneScanOften often(random, 12);
+  ScanHistory<Layered<Map2>>& history = often.history;
   std::vector<std::pair<Key, Pose<2>>> poses;
   for (Key key = 0; key < 12; key += 2) poses.emplace_back(key, random_pose<2>(random, 3.0));
   int cancelled = 0;
-  cancelled += cancel_everywhere(history, [&] { return insert(history, 50, scan, {}, measured); });
+  cancelled +=
+      cancel_everywhere(history, [&] { return insert(history, 50, often.scan, {}, often.measured); });
   EXPECT_GE(cancelled, 2);
   cancelled += cancel_everywhere(history, [&] { return history.move(poses); });
   cancelled += cancel_everywhere(history, [&] { return history.remove({3, 4}); });
@@ -354,10 +366,8 @@ TEST(LayeredHistory, ACancelledCallChangesNothing) {
 
 TEST(LayeredHistory, MapAndLayersTogetherKeepToTheirMemory) {
   Random random(11);
-  ScanHistory<Layered<Map2>> free(options_of_history(2));
-  const Scan<2> scan = random_scan<2>(random);
-  const Measured measured = random_measured(random, scan.size());
-  for (Key key = 0; key < 6; ++key) (void)insert(free, key, scan, random_pose<2>(random, 3.0), measured);
+  const OneScanOften often(random, 6);
+  const auto& [scan, measured, free] = often;
   MapOptions options = options_of_history(2);
   options.max_memory = static_cast<double>(free.map().memory_bytes());
   ScanHistory<Layered<Map2>> history(options);

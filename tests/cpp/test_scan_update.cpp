@@ -191,8 +191,8 @@ TYPED_TEST(ScanUpdateOf, BeamsThatAreCutHaveTheNoiseOfTheirLengthAfterTheCut) {
   options.sample_beams = 1e6;
   AdaptiveMap<N, D> map(options);
   FlatScanMap<N, D> flat(options, -2, 2);
-  for (int i = 0; i < 12;
-       ++i) {  // Coarse hits, and then beams that pass them, are cut, and can place what they see.
+  // Coarse hits, and then beams that pass them, are cut, and can place what they see.
+  for (int i = 0; i < 12; ++i) {
     const double size = i % 2 == 0 ? 0.4 * coarsest : 2.0 * coarsest - kUnit;
     Scan<D> scan = random_scan<D>(random, 60, size, 0.0, 0.9 * size);
     if (i % 2 == 0) scan.range_sigma = Eigen::ArrayXd::Constant(60, 0.5 * coarsest);
@@ -212,8 +212,9 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   SCOPED_TRACE(random.trace());
   struct Row {
     double range_sigma, range_sigma_quadratic, noise_sigmas, merge_loss, evidence_memory, free_memory,
-        scan_beams, known_evidence, sample_beams, covered_share, coverage_cells, beam_divergence = 0.0,
-                                                                                 partial_probability = 0.0;
+        scan_beams, known_evidence, sample_beams, covered_share, coverage_cells;
+    double beam_divergence = 0.0;
+    double partial_probability = 0.0;
   };
   const Row rows[] = {
       {0.06, 0.0, 1.0, 4.0, 200.0, 200.0, 1e6, 1.0, 1e6, 0.75, 1.0, 0.3},

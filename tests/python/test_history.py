@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from histories import mapped_anew
 
 import ndtree
 
@@ -20,20 +21,6 @@ def in_sensor_frame(scan: ndtree.Scan, x: float, y: float, yaw: float) -> np.nda
 def cells(m: ndtree.AdaptiveMap) -> tuple[np.ndarray, ...]:
     leaves = m.leaves()
     return leaves.lower, leaves.size, leaves.log_odds, leaves.hits, leaves.misses, leaves.observed
-
-
-def mapped_anew(history: ndtree.ScanHistory, numbers: dict[int, int], **options: float) -> ndtree.AdaptiveMap:
-    m = ndtree.AdaptiveMap(dim=history.dim, **options)
-    for key in history.keys():
-        scan = history.scan(key)
-        m.insert(
-            scan.endpoints,
-            scan.origin,
-            returned=scan.returned,
-            range_sigma=scan.range_sigma,
-            number=numbers[key],
-        )
-    return m
 
 
 def assert_same(a: ndtree.AdaptiveMap, b: ndtree.AdaptiveMap) -> None:

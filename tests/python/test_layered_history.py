@@ -7,6 +7,7 @@ import threading
 
 import numpy as np
 import pytest
+from histories import mapped_anew
 
 import ndtree
 
@@ -25,21 +26,6 @@ def without_counters(m: ndtree.AdaptiveMap) -> bytes:
         at += 2 + length + 8
     data[at : at + 24] = bytes(24)
     return bytes(data)
-
-
-def mapped_anew(history: ndtree.ScanHistory, numbers: dict[int, int], **options: float) -> ndtree.AdaptiveMap:
-    m = ndtree.AdaptiveMap(dim=history.dim, layers=history.layers, **options)
-    for key in history.keys():
-        scan = history.scan(key)
-        m.insert(
-            scan.endpoints,
-            scan.origin,
-            returned=scan.returned,
-            range_sigma=scan.range_sigma,
-            number=numbers[key],
-            layers=history.measurements(key),
-        )
-    return m
 
 
 def some_scan(random: np.random.Generator, dim: int, n: int = 150) -> np.ndarray:
