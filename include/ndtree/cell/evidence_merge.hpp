@@ -86,7 +86,7 @@ class EvidenceMergeRule {
     return joined.cell;
   }
 
-  /// Merges siblings whatever they say. Those that were never observed bring no evidence, but become known.
+  /// Merges siblings of any evidence. Children that were never observed bring none, but become known.
   /// @param most loss that matters: of more, not all may be counted, and there is no cell [bits].
   /// @pre all are leaves.
   template <class NodeType>

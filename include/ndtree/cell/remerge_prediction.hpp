@@ -50,9 +50,9 @@ struct RemergePrediction {
     return free <= kFewMisses * miss && mean * occupied > kManyTimes * passes;
   }
 
-  /// What the cell would be, nearly, after splitting, updating the children and merging them again, but for
-  /// passes alone, of which it keeps all evidence (see ScanWalk::split()). The evidence of ways that the
-  /// scan's beams did not reach fades as in the children: E-, and in free space E+, keep the path fraction
+  /// What the cell would be, nearly, after splitting, updating the children and merging them again; but it
+  /// keeps all evidence of passes alone (see ScanWalk::split()). The evidence of ways that the scan's beams
+  /// did not reach fades as in the children: E-, and in free space E+, keep the path fraction
   /// with the mean 1, a beam that ends in the cell reaching a quarter of it. The streak ends. Without this,
   /// hits in free space outweigh passes of long ago too slowly, and an occupied cell that is mostly passed on
   /// one side is taken for one that has changed.

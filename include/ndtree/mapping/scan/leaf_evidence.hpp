@@ -383,8 +383,8 @@ class LeafEvidence {
     sums.free += units_of_length(EightFloats(exit - enter), size) & misses;
     sums.passed += EightInts::minus_one_where(misses);
   }
-  /// Adds the evidence of eight beams, not all of which clearly pass a leaf, but for beams that are only a
-  /// miss. @param misses the beams that clearly pass. @returns all that are only a miss, for add_misses().
+  /// Of eight beams, adds the evidence of all but misses; some of the beams end near the leaf or in it.
+  /// @param misses the beams that clearly pass. @returns all misses, for add_misses().
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightMask add_near_end(const Corner& leaf, const Size& size,
                                                                const EightEnds<D>& beams,
                                                                const EightFloats& enter,

@@ -2013,7 +2013,7 @@ class AdaptiveMap(OccupancyMap):
         A cell is observed once this fraction of each of its parts (quadrants, octants) was seen; 0: as soon as a
         beam passed it ("evidence").
     coverage_cells : float
-        A cell of which a part was not seen splits to show it if its edge is longer than this many min_cell_size
+        A cell that was not seen in part splits to show it if its edge is longer than this many min_cell_size
         ("evidence").
     partial_probability : float
         A smallest cell that is more probably than split_probability partially occupied, as by a table top or a chair's leg,

@@ -59,8 +59,8 @@ class InsertReport:
     invalid : int
         Beams not finite or of zero length: skipped.
     updates : int
-        (beam, leaf) pairs that were added: of a fixed map and the paper's all, of others those that a changed
-        cell sampled, at most scan_beams where all passed.
+        (beam, leaf) pairs that were added. Fixed maps and the paper's count all; others count the beams that
+        a cell sampled, if the scan changed it, and at most scan_beams where all passed.
     splits : int
         Leaves that were split.
     merges : int
