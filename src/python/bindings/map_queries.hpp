@@ -15,6 +15,7 @@
 #include <variant>
 #include <vector>
 
+#include "any_field.hpp"
 #include "map_exports.hpp"
 #include "ndtree/core/body.hpp"
 #include "ndtree/query/cells.hpp"
@@ -29,11 +30,6 @@
 namespace ndtree::python {
 
 /// Of any dimension that maps have.
-struct AnyField {
-  std::variant<DistanceField<2>, DistanceField<3>, DistanceField<4>> field;
-
-  [[nodiscard]] int dim() const { return static_cast<int>(field.index()) + 2; }
-};
 using AnyFrontiers =
     std::variant<std::vector<Frontier<2>>, std::vector<Frontier<3>>, std::vector<Frontier<4>>>;
 

@@ -23,8 +23,6 @@ using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "n
 
 namespace {
 
-constexpr std::size_t kFieldWork = 8;  // Of looking up one point, for Pace.
-
 struct NearestArrays {
   py::array distance, point;
 };
@@ -117,15 +115,20 @@ py::array_t<float> values_of(const PythonField& shared) {
   return values;
 }
 
-/// Calls `fill(field, point, i)` for each of (n, dim) points, without the interpreter's lock.
-template <class Fill>
-void for_each_point(const PythonField& shared, const DoubleArray& points, const Fill& fill) {
-  asked(shared, [&, data = points.data(), n = static_cast<std::size_t>(points.shape(0))](const auto& field) {
-    using Point = std::decay_t<decltype(field.lower())>;
-    constexpr auto kDim = static_cast<std::size_t>(Point::RowsAtCompileTime);
-    for_each_paced(n, kFieldWork,
-                   [&](std::size_t i) { fill(field, Point(Eigen::Map<const Point>(data + i * kDim)), i); });
-  });
+py::array_t<double> distance_at(const PythonField& shared, const py::object& object) {
+  const DoubleArray points = as_points(object, "points", shared.constant().dim());
+  py::array_t<double> out(points.shape(0));
+  shared.read([data = points.data(), n = static_cast<std::size_t>(points.shape(0)),
+               results = out.mutable_data()](const AnyField& any) { any.distance(data, n, results); });
+  return out;
+}
+
+py::array_t<double> gradient_at(const PythonField& shared, const py::object& object) {
+  const DoubleArray points = as_points(object, "points", shared.constant().dim());
+  py::array_t<double> out({points.shape(0), points.shape(1)});
+  shared.read([data = points.data(), n = static_cast<std::size_t>(points.shape(0)),
+               results = out.mutable_data()](const AnyField& any) { any.gradient(data, n, results); });
+  return out;
 }
 
 py::array_t<double> lower_of(const PythonField& shared) {
@@ -321,31 +324,8 @@ void bind_results(py::module_& module) {
       .def_property_readonly("lower", &lower_of, doc::DistanceField_lower)
       .def_property_readonly("cell_size", &cell_size_of, "[m]")
       .def_property_readonly("max_distance", &max_distance_of, doc::DistanceField_max_distance)
-      .def(
-          "distance",
-          [](const PythonField& field, const py::object& object) {
-            const DoubleArray points = as_points(object, "points", field.constant().dim());
-            py::array_t<double> out(points.shape(0));
-            double* const results = out.mutable_data();
-            for_each_point(field, points,
-                           [&](const auto& f, const auto& p, std::size_t i) { results[i] = f.distance(p); });
-            return out;
-          },
-          "points"_a, doc::DistanceField_distance)
-      .def(
-          "gradient",
-          [](const PythonField& field, const py::object& object) {
-            const DoubleArray points = as_points(object, "points", field.constant().dim());
-            py::array_t<double> out({points.shape(0), points.shape(1)});
-            double* const results = out.mutable_data();
-            for_each_point(field, points, [&](const auto& f, const auto& p, std::size_t i) {
-              const auto gradient = f.gradient(p);
-              std::copy_n(gradient.data(), gradient.size(),
-                          results + static_cast<py::ssize_t>(i) * gradient.size());
-            });
-            return out;
-          },
-          "points"_a, doc::DistanceField_gradient)
+      .def("distance", &distance_at, "points"_a, doc::DistanceField_distance)
+      .def("gradient", &gradient_at, "points"_a, doc::DistanceField_gradient)
       .def(py::pickle(&state_of_field, &field_of_state));
 }
 
