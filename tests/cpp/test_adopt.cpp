@@ -31,11 +31,11 @@ Scan<D> random_scan(Random& random) {
   const Eigen::Index beams = random.chance(0.3) ? 2000 : 30;
   scan.origins.resize(D, 1);
   scan.endpoints.resize(D, beams);
-  scan.returned.resize(static_cast<std::size_t>(beams));
+  scan.returned.resize(beams);
   for (int a = 0; a < D; ++a) scan.origins(a, 0) = random.uniform(-9.0, 9.0);
   for (Eigen::Index i = 0; i < beams; ++i) {
     for (int a = 0; a < D; ++a) scan.endpoints(a, i) = scan.origins(a, 0) + random.uniform(-5.0, 5.0);
-    scan.returned[static_cast<std::size_t>(i)] = random.chance(0.8);
+    scan.returned[i] = random.chance(0.8);
   }
   return scan;
 }

@@ -243,7 +243,7 @@ TEST(Moved, ThreadsChangeNothing) {
   options.range_sigma = 0.02;
   const auto log = simulate_apartment(simulation);
   const std::vector<float> one = shares_of(log, options, 1).all;
-  for (const std::size_t threads : {2, 5}) {
+  for (const std::size_t threads : {2u, 5u}) {
     const std::vector<float> many = shares_of(log, options, threads).all;
     ASSERT_EQ(one.size(), many.size());
     EXPECT_EQ(std::memcmp(one.data(), many.data(), one.size() * sizeof(float)), 0);

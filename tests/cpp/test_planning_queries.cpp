@@ -2,7 +2,6 @@
 // What planners and explorers ask, against plain looks at every leaf.
 #include <gtest/gtest.h>
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -23,6 +22,7 @@
 #include "ndtree/query/ray.hpp"
 #include "random.hpp"
 #include "random_maps.hpp"
+#include "random_rotation.hpp"
 
 namespace ndtree::test::test_planning_queries {
 namespace {
@@ -378,15 +378,7 @@ template <int D>
 Pose<D> random_pose(Random& random) {
   Pose<D> pose;
   pose.translation = random_point<D>(random, 2.5);
-  Eigen::Matrix<double, D, D> m;
-  for (int i = 0; i < D; ++i)
-    for (int j = 0; j < D; ++j) m(i, j) = random.uniform(-1.0, 1.0);
-  for (int i = 0; i < D; ++i) {  // Gram and Schmidt's way.
-    for (int j = 0; j < i; ++j) m.col(i) -= m.col(i).dot(m.col(j)) * m.col(j);
-    m.col(i).normalize();
-  }
-  if (m.determinant() < 0.0) m.col(0) *= -1.0;
-  pose.rotation = m;
+  pose.rotation = random_rotation<D>(random);
   return pose;
 }
 

@@ -471,14 +471,12 @@ TYPED_TEST(ScanUpdateOf, AnyNumberOfThreadsGivesTheSameMap) {
   AdaptiveMap<N, D> others[3] = {alone, alone, alone};
   int scans = 0;
   std::uint64_t splits = 0;
-  std::uint64_t merges = 0;
   for (; scans < 4; ++scans) {
     Scan<D> scan = random_scan<D>(random, 2500, D >= 4 ? 0.8 : 2.0, 0.0, 0.3 * scans);
     if (scans % 2 == 0) scan.origins = scan.origins.leftCols(1).eval();  // All from one place.
     const InsertReport report = alone.insert(scan, 3.0, 1);
     ASSERT_NO_THROW(alone.check_invariants());
     splits += report.splits;
-    merges += report.merges;
     const std::string bytes = to_bytes(alone);
     for (int i = 0; i < 3; ++i) {
       if (i == 1) Simd::limit(1);  // As machines without vectors do it.

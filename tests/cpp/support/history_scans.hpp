@@ -3,7 +3,7 @@
 /// Scans and poses for maps that follow them.
 #pragma once
 
-#include <Eigen/QR>
+#include <Eigen/Core>
 #include <cmath>
 #include <limits>
 
@@ -13,6 +13,7 @@
 #include "ndtree/mapping/map_options.hpp"
 #include "options.hpp"
 #include "random.hpp"
+#include "random_rotation.hpp"
 
 namespace ndtree::test {
 
@@ -27,10 +28,7 @@ inline MapOptions options_of_history(int branching) {
 template <int D>
 Pose<D> random_pose(Random& random, double reach) {
   Pose<D> pose;
-  Eigen::Matrix<double, D, D> any;
-  for (Eigen::Index i = 0; i < any.size(); ++i) any(i) = random.uniform(-1.0, 1.0);
-  pose.rotation = any.householderQr().householderQ();
-  if (pose.rotation.determinant() < 0.0) pose.rotation.col(0) *= -1.0;
+  pose.rotation = random_rotation<D>(random);
   for (double& x : pose.translation) x = random.uniform(-reach, reach);
   return pose;
 }
