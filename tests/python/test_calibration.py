@@ -107,6 +107,7 @@ def test_fit_has_no_negative_parts() -> None:
 # --- Error rates and facts --------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "cause, name", [("no_return_rate", "miss_given_occupied"), ("outlier_rate", "hit_given_free")]
 )

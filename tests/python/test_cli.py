@@ -156,6 +156,7 @@ def test_demo_draws_and_names_its_pictures(log: Path, tmp_path: Path) -> None:
         assert "ray casts within 0.1 m" in done.output
 
 
+@pytest.mark.long
 def test_demo_takes_beams_without_return_as_map_and_compare_do(tmp_path: Path) -> None:
     """Whole rooms would be free outside of the walls if the simulated laser's no-returns were believed."""
     office = tmp_path / "office.npz"

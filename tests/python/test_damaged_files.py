@@ -47,11 +47,12 @@ def check(samples: list[str], count: int, scratch: Path) -> None:
 
 
 # In parts that may run at the same time.
-@pytest.mark.parametrize("part", range(4))
+@pytest.mark.parametrize("part", [0, *(pytest.param(part, marks=pytest.mark.long) for part in (1, 2, 3))])
 def test_damaged_files_are_read_or_refused(part: int, tmp_path: Path) -> None:
     check(list(SAMPLES)[part::4], SMALL, tmp_path)
 
 
+@pytest.mark.long
 def test_damaged_recordings_are_read_or_refused(recordings: Path, tmp_path: Path) -> None:
     os.environ["NDTREE_DATA"] = str(recordings)
     check(list(recorded_samples(recordings)), RECORDED, tmp_path)

@@ -425,6 +425,7 @@ def test_the_demo_ends_with_a_table_and_a_picture(tmp_path):
     assert (tmp_path / "street.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "engine", [pytest.param("ray", marks=needs_ray), pytest.param("dask", marks=needs_dask)]
 )

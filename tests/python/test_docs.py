@@ -26,6 +26,7 @@ import ndtree
 
 DOCS = ROOT / "docs"
 PAGES = sorted(path.name for path in DOCS.glob("*.md"))
+LONG = {"parameters.md"}
 EXECUTED = sorted(
     page
     for page in PAGES
@@ -88,7 +89,9 @@ def run_shell(code: str) -> str:
     return printed
 
 
-@pytest.mark.parametrize("page", EXECUTED)
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=pytest.mark.long) if page in LONG else page for page in EXECUTED]
+)
 def test_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for library in ("typer", "matplotlib", "yaml", "PIL", "trimesh", "pypcd4", "meshio"):
         pytest.importorskip(library, reason=f"{library} is not installed: the page's commands need it")
@@ -185,6 +188,7 @@ def test_links_lead_to_files(page: str) -> None:
         assert (DOCS / link).exists(), f"{page}: {link}"
 
 
+@pytest.mark.long
 def test_the_site_builds_without_a_warning_and_needs_no_network(tmp_path: Path) -> None:
     for module in ("mkdocs", "material", "mkdocstrings", "typer"):
         if importlib.util.find_spec(module) is None:

@@ -106,6 +106,7 @@ def leaf_numbers(m: ndtree.OccupancyMap) -> tuple[NDArray[np.int64], NDArray[np.
     return grid, lower
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_bounds_cover_what_beams_held_out_do_in_simulated_worlds(kind: str) -> None:
     """Of n beams of other scans that reach a cell, as many end in it as the bounded rate explains."""
@@ -144,6 +145,7 @@ def test_bounds_cover_what_beams_held_out_do_in_simulated_worlds(kind: str) -> N
     assert cells > 3000 and inside > 0.5 * cells, "bounds say something"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("world", "seed", "scans"), [("office", 21, 100), ("office", 22, 100), ("apartment", 21, 40)]
 )

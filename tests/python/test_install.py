@@ -69,6 +69,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return install(program("cmake"), tmp_path_factory.mktemp("system"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("installer", "user"), [("newest", "oldest"), ("oldest", "newest")])
 def test_one_cmake_finds_what_another_installed(tmp_path: Path, installer: str, user: str) -> None:
     prefix = install(find_cmake(installer), tmp_path)
@@ -111,6 +112,7 @@ def test_folders_and_libraries_are_named_for_workspaces_of_ros(tmp_path: Path, i
     run(cmake, "--build", tmp_path / "build")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("compiler", "standard"), [("g++", "23"), ("clang++", "20")])
 def test_strict_compilers_have_nothing_to_say(installed: Path, compiler: str, standard: str) -> None:
     pkg_config = program("pkg-config")

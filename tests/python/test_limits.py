@@ -164,6 +164,7 @@ def test_ctrl_c_ends_an_insertion_and_leaves_the_map_as_it_was(refinement: str) 
     assert m.insert(*scan(10, 1.0)).beams == 10
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_ctrl_c_ends_long_questions(tmp_path: Path) -> None:
     m = big_map()

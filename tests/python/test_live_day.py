@@ -111,6 +111,7 @@ def test_a_short_queue_counts_what_it_drops() -> None:
     assert figures.received == figures.mapped + figures.dropped + sum(figures.left_out.values())
 
 
+@pytest.mark.long
 def test_memory_is_bounded_over_hours(tmp_path: Path) -> None:
     """Six minutes of the office here; `tools/bench/live_day.py` plays as many hours as one likes."""
     done = subprocess.run(
@@ -124,6 +125,7 @@ def test_memory_is_bounded_over_hours(tmp_path: Path) -> None:
     assert said["map [MiB]"] < 5
 
 
+@pytest.mark.long
 def test_memory_is_bounded_over_a_real_bag_in_a_loop(recordings: Path) -> None:
     bag = recordings / "bags/ros1_scan_tf_turtlebot_kinect/test_turtlebot.bag"
     if not bag.exists():

@@ -94,6 +94,7 @@ def test_the_table_has_the_picture_in_it(kind: str) -> None:
     assert len(shown) < 60_000
 
 
+@pytest.mark.long
 def test_a_map_of_a_million_cells_is_shown_soon() -> None:
     for shape in ((1100, 1100), (110, 110, 110)):
         states = RNG.choice(np.array([0, 0, 0, 1, -1], dtype=np.int8), shape)

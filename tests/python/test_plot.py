@@ -347,6 +347,7 @@ def test_wrong_maps_are_refused(flat: Any, solid: Any, tmp_path: Path) -> None:
         plot.occupied(solid, cut_above="roof")
 
 
+@pytest.mark.long
 def test_the_gallery_is_drawn_by_its_script(tmp_path: Path) -> None:
     gallery = Path(__file__).resolve().parents[2] / "tools" / "gallery"
     if not gallery.exists():
@@ -411,6 +412,7 @@ def test_a_close_up_is_where_surfaces_are() -> None:
     assert x_max - x_min < 12.0
 
 
+@pytest.mark.long
 def test_a_million_leaves_are_drawn_in_seconds(tmp_path: Path) -> None:
     m = ndtree.FixedMap(dim=2, cell_size=0.02)
     angle = np.linspace(0, 2 * np.pi, 8000, endpoint=False)
@@ -509,7 +511,7 @@ def test_single_beams_that_went_far_do_not_shrink_the_rest() -> None:
     assert plot.overview(m, track=track).axes[0].get_xlim()[1] > 300
 
 
-@pytest.mark.parametrize("length", [1.0, 100.0, 20_000.0])
+@pytest.mark.parametrize("length", [1.0, 100.0, pytest.param(20_000.0, marks=pytest.mark.long)])
 def test_nothing_but_a_wall_is_a_picture_of_bounded_size(length: float, tmp_path: Path) -> None:
     m = ndtree.FixedMap(dim=2, cell_size=0.1)
     ends = np.stack([np.full(4, 0.02), np.array([-0.5, -0.25, 0.25, 0.5]) * length], axis=1)
@@ -522,6 +524,7 @@ def test_nothing_but_a_wall_is_a_picture_of_bounded_size(length: float, tmp_path
     assert (tmp_path / "a.png").stat().st_size > 3000
 
 
+@pytest.mark.long
 def test_no_picture_has_more_pixels_than_the_bound(flat: Any, tmp_path: Path) -> None:
     from matplotlib.image import imread
 

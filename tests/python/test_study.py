@@ -44,6 +44,7 @@ def written(folder: Path, text: str) -> Path:
     return file
 
 
+@pytest.mark.long
 def test_the_page_s_study_is_what_compare_says(tmp_path: Path) -> None:
     text = blocks((ROOT / "docs" / "commands.md").read_text(), "toml")
     assert len(text) == 1
@@ -87,6 +88,7 @@ def test_nothing_is_done_twice(tmp_path: Path) -> None:
         }  # fmt: skip
 
 
+@pytest.mark.long
 def test_a_killed_run_goes_on(tmp_path: Path) -> None:
     sizes = "min_cell_size = [0.2, 0.3, 0.1, 0.15, 0.12]"
     text = f'[logs.a]\nsimulate = "office"\nscans = 150\n[maps.fixed]\n{sizes}\n'

@@ -277,6 +277,7 @@ def test_rooms_are_cut_below_their_ceiling() -> None:
     assert Look.below_ceiling(open_).slice_at is None
 
 
+@pytest.mark.long
 def test_a_growing_map_grows_on_the_page(flat: Any) -> None:
     with view.Viewer(port=0) as viewer, Browser(viewer.url) as browser:
         browser.until(lambda b: "ndtree" in b.text())
@@ -464,6 +465,7 @@ def test_kinds_are_all_drawn() -> None:
     assert shown_kinds(Look(occupied=False)) == []
 
 
+@pytest.mark.long
 def test_a_million_cells_are_ready_in_seconds() -> None:
     m = ndtree.FixedMap(dim=3, cell_size=0.05)
     generator = np.random.default_rng(8)
