@@ -139,7 +139,7 @@ TEST(EvidenceCell, WordsRoundTripAndAreTheCell) {
   EXPECT_EQ(cases, 1000);
   // What a cell cannot hold is cleared.
   const auto cell = EvidenceCell::from_words({0xffffffffu, 0x3f800000u, 0xffff0001u});
-  EXPECT_EQ(cell.words(), (Words{0x41ffffffu, 0x3f800000u, 0xffff0001u}));
+  EXPECT_EQ(cell.words(), (Words{0x4fffffffu, 0x3f800000u, 0xffff0001u}));
   EXPECT_EQ(cell.hits(), kMax);
   EXPECT_EQ(cell.misses(), kMax);
   EXPECT_EQ(cell.log_odds(), 1.0f);

@@ -187,8 +187,10 @@ TEST(EvidenceMerge, TheLossDecidesAmongSiblingsOfOneState) {
     // A beam that crosses the parent crosses `share` of its children: the mean, times that, rounded up.
     const auto whole = static_cast<std::int64_t>(count);
     const auto scaled = [&](std::int64_t sum) { return (sum * share + whole - 1) / whole; };
-    ASSERT_EQ(*parent, cell_of(scaled(occupied), scaled(free), static_cast<std::uint32_t>(scaled(hits)),
-                               static_cast<std::uint32_t>(scaled(misses))));
+    EvidenceCell expected = cell_of(scaled(occupied), scaled(free), static_cast<std::uint32_t>(scaled(hits)),
+                                    static_cast<std::uint32_t>(scaled(misses)));
+    expected.set_known_levels(1);
+    ASSERT_EQ(*parent, expected);
     ASSERT_TRUE(parent->observed());
     ASSERT_EQ(parent->state(), is_free ? CellState::free : CellState::occupied);
   }
@@ -224,6 +226,53 @@ TEST(EvidenceMerge, ASplitUndoneIsNearlyIdentity) {
       ASSERT_EQ(again->state(), parent.state());
     }
   EXPECT_EQ(cases, 7 * 300);
+}
+
+TEST(EvidenceMerge, WhatWasObservedBeforeAMergeIsKnownAfterASplit) {
+  Random random(157);
+  SCOPED_TRACE(random.trace());
+  int known = 0;
+  int covered = 0;
+  for (int i = 0; i < 2000; ++i) {
+    const int depth = random.integer(1, 4);
+    std::vector<EvidenceCell> finest;
+    for (int j = 0; j < 1 << (2 * depth); ++j) {
+      finest.push_back(cell_of(0, random.integer(2000, 4000), 0, 9));
+      finest.back().set_covered(random.chance(0.995));
+    }
+    const bool all_covered =
+        std::all_of(finest.begin(), finest.end(), [](const EvidenceCell& cell) { return cell.is_covered(); });
+    std::vector<EvidenceCell> level = finest;  // Four merge at a time, up to one cell.
+    while (level.size() > 1) {
+      std::vector<EvidenceCell> above;
+      for (std::size_t first = 0; first < level.size(); first += 4) {
+        const auto cell = merged(kSureToJoin,
+                                 {level.begin() + static_cast<std::ptrdiff_t>(first),
+                                  level.begin() + static_cast<std::ptrdiff_t>(first) + 4},
+                                 2);
+        ASSERT_TRUE(cell.has_value());
+        above.push_back(*cell);
+      }
+      level = above;
+    }
+    EvidenceCell cell = level.front();
+    ASSERT_EQ(cell.is_covered(), all_covered);
+    ASSERT_EQ(cell.known_levels(), static_cast<unsigned>(depth));
+    ASSERT_EQ(EvidenceCell::from_words(cell.words()), cell);
+    for (; cell.known_levels() > 0; ++known) {  // None of many beams passes the child.
+      const EvidenceCell child = model().initial_child(cell, 2, 0, 500, 0, true, false);
+      ASSERT_EQ(child.state(), CellState::free);
+      ASSERT_EQ(child.known_levels(), cell.known_levels() - 1);
+      cell = child;
+    }
+    if (!all_covered) {
+      const EvidenceCell below = model().initial_child(cell, 2, 0, 500, 0, true, false);
+      ASSERT_FALSE(below.observed()) << "nobody saw that";
+    }
+    covered += all_covered;
+  }
+  EXPECT_GT(known, 4000);
+  EXPECT_GT(covered, 300);
 }
 
 TEST(EvidenceMergeOptions, BadValuesAreRefusedByName) {

@@ -30,7 +30,8 @@ inline constexpr int kChildrenAcross = Tree::kNumChildren / Tree::kBranching;
 /// than the parent. A child of such a parent to which less than one beam is due is unknown.
 ///
 /// Free space is claimed only where it was seen: if the parent was not covered, a child that would be free
-/// and that none of this scan's beams has passed is unknown.
+/// and that none of this scan's beams has passed is unknown. But if the parent has known levels, the child
+/// was seen: it stays known, with the evidence of at least one beam.
 class ChildInitialisation {
  public:
   explicit ChildInitialisation(const EvidenceOptions& options) : even_beams_(options.inherited_beams) {}
@@ -53,17 +54,22 @@ class ChildInitialisation {
     if (!parent.observed() && !was_seen) return child;
     const double mean = 1.0 / children_across;
     const double fraction = path_fraction(mean, static_cast<double>(passed), static_cast<double>(beams));
-    const std::int64_t free = EvidenceMemory::fraction_of(parent.free_evidence(), fraction);
+    std::int64_t free = EvidenceMemory::fraction_of(parent.free_evidence(), fraction);
     const bool may_be_unknown = parent.state() != CellState::occupied;
-    if (may_be_unknown && free < memory.miss_evidence()) return child;
+    const bool was_known = parent.observed() && parent.known_levels() > 0;
+    if (may_be_unknown && free < memory.miss_evidence()) {
+      if (!was_known) return child;
+      free = memory.miss_evidence();
+    }
     const double hit_fraction = may_be_unknown ? std::min(mean, fraction) : mean;
     memory.assign(child, EvidenceMemory::fraction_of(parent.occupied_evidence(), hit_fraction), free);
     child.set_counts(static_cast<std::uint32_t>(EvidenceMemory::fraction_of(parent.hits(), hit_fraction)),
                      static_cast<std::uint32_t>(EvidenceMemory::fraction_of(parent.misses(), fraction)));
     const bool is_covered = parent.observed() && parent.is_covered();
-    const bool all_seen = is_covered || (was_seen && part_is_child);
+    const bool all_seen = is_covered || was_known || (was_seen && part_is_child);
     if (!all_seen && passed == 0 && child.state() == CellState::free) return EvidenceCell();
     child.set_covered(is_covered || is_finest);
+    if (was_known) child.set_known_levels(parent.known_levels() - 1);
     return child;
   }
 
@@ -93,6 +99,7 @@ class ChildInitialisation {
     memory.set_counts(part, static_cast<std::uint32_t>(divided(cell.hits())),
                       static_cast<std::uint32_t>(divided(cell.misses())));
     part.set_covered(cell.observed() && cell.is_covered());
+    if (cell.observed() && cell.known_levels() > 0) part.set_known_levels(cell.known_levels() - 1);
     return part;
   }
 

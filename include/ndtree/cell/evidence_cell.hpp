@@ -77,6 +77,7 @@ class EvidenceCell {
   static constexpr int kNumWords = 3;
   static constexpr std::uint32_t kMaxCount = 0x1ff;
   static constexpr std::uint32_t kMaxStreak = 0x1f;
+  static constexpr std::uint32_t kMaxKnownLevels = 7;
   /// Evidence is counted in these steps [nats]: whole numbers, so that sums do not depend on their order.
   static constexpr double kUnit = 1.0 / 256.0;
   static constexpr std::int64_t kMaxEvidence = 0xffff;
@@ -94,7 +95,7 @@ class EvidenceCell {
   NDTREE_ALWAYS_INLINE void set_counts(std::uint32_t hits, std::uint32_t misses) {
     if (hits == 0) misses = std::min(misses, kMaxCount);  // There is no ratio to keep.
     halve_to_fit(hits, misses, kMaxCount);
-    counts_ = (counts_ & (kStreakBits | kNotCovered)) | kObserved | misses << 9 | hits;
+    counts_ = (counts_ & (kStreakBits | kCoverageBits)) | kObserved | misses << 9 | hits;
   }
   /// Consecutive scans whose beams all ended in the cell, or all passed it; up to kMaxStreak.
   [[nodiscard]] std::uint32_t streak() const { return (counts_ >> 18) & kMaxStreak; }
@@ -126,6 +127,13 @@ class EvidenceCell {
   [[nodiscard]] bool is_fully_observed() const { return (counts_ & (kObserved | kNotCovered)) == kObserved; }
   /// @pre observed(), or is about to be.
   void set_covered(bool is_covered) { counts_ = (counts_ & ~kNotCovered) | (is_covered ? 0u : kNotCovered); }
+  /// On how many levels below the cell all descendants were seen: a scan saw all of the cell, or they were
+  /// observed before they merged; up to kMaxKnownLevels.
+  [[nodiscard]] std::uint32_t known_levels() const { return (counts_ & kKnownLevels) / kOneKnownLevel; }
+  /// @param levels more than kMaxKnownLevels count as that.
+  void set_known_levels(std::uint32_t levels) {
+    counts_ = (counts_ & ~kKnownLevels) | std::min(levels, kMaxKnownLevels) * kOneKnownLevel;
+  }
   /// @pre both are in [0, kMaxEvidence], and log_odds is what the model makes of them.
   void set_evidence(std::int64_t occupied, std::int64_t free, float log_odds) {
     evidence_ = word_of(occupied, free);
@@ -140,7 +148,7 @@ class EvidenceCell {
   /// Sets evidence for free space only: no streak could contradict it. @pre misses <= kMaxCount; else as
   /// set_evidence().
   void set_free(std::int64_t free, std::uint32_t misses, float log_odds) {
-    counts_ = (counts_ & kNotCovered) | kObserved | misses << 9;
+    counts_ = (counts_ & kCoverageBits) | kObserved | misses << 9;
     evidence_ = static_cast<std::uint32_t>(free);
     log_odds_ = log_odds;
   }
@@ -154,7 +162,7 @@ class EvidenceCell {
   [[nodiscard]] static EvidenceCell from_words(const std::array<std::uint32_t, kNumWords>& words) {
     EvidenceCell cell;
     cell.counts_ =
-        words[0] & (kObserved | kPartlySeen | kNotCovered | kStreakBits | kMaxCount << 9 | kMaxCount);
+        words[0] & (kObserved | kPartlySeen | kCoverageBits | kStreakBits | kMaxCount << 9 | kMaxCount);
     if (cell.observed()) cell.counts_ &= ~kPartlySeen;
     std::memcpy(&cell.log_odds_, &words[1], sizeof cell.log_odds_);
     cell.evidence_ = words[2];
@@ -172,12 +180,12 @@ class EvidenceCell {
     return counts_ == other.counts_ && evidence_ == other.evidence_;
   }
 
-  /// Whether both cells are equal but for log-odds and is_covered().
+  /// Whether both cells are equal but for log-odds and coverage.
   [[nodiscard]] bool is_as_free_as(const EvidenceCell& other) const {
-    return ((counts_ ^ other.counts_) & ~kNotCovered) == 0 && evidence_ == other.evidence_;
+    return ((counts_ ^ other.counts_) & kComparedBits) == 0 && evidence_ == other.evidence_;
   }
   /// The first word without what is_as_free_as() does not compare.
-  static constexpr std::uint32_t kComparedBits = ~0x01000000u;
+  static constexpr std::uint32_t kComparedBits = ~0x0f000000u;
 
   friend bool operator==(const EvidenceCell& a, const EvidenceCell& b) {
     return a.has_same_evidence(b) && a.log_odds_ == b.log_odds_;
@@ -191,13 +199,16 @@ class EvidenceCell {
 
   static constexpr std::uint32_t kObserved = 0x40000000u;
   static constexpr std::uint32_t kPartlySeen = 0x20000000u;
-  static constexpr std::uint32_t kNotCovered = ~kComparedBits;
+  static constexpr std::uint32_t kNotCovered = 0x01000000u;
+  static constexpr std::uint32_t kOneKnownLevel = 0x02000000u;
+  static constexpr std::uint32_t kKnownLevels = kMaxKnownLevels * kOneKnownLevel;
+  static constexpr std::uint32_t kCoverageBits = ~kComparedBits;
   static constexpr std::uint32_t kStreakOfHits = 0x00800000u;
   static constexpr std::uint32_t kOneScan = 1u << 18;  // Of a streak.
   static constexpr std::uint32_t kLongestStreak = kMaxStreak * kOneScan;
   static constexpr std::uint32_t kStreakBits = kStreakOfHits | kLongestStreak;
-  // From bit 0: 9 bits hits, 9 bits misses, 5 bits streak, 1 bit kind of streak, 1 bit not covered; bit 29
-  // partly seen, 30 observed, of which at most one is set.
+  // From bit 0: 9 bits hits, 9 bits misses, 5 bits streak, 1 bit kind of streak, 1 bit not covered, 3 bits
+  // known levels; bit 29 partly seen, 30 observed, of which at most one is set.
   std::uint32_t counts_ = 0;
   float log_odds_ = 0.0f;
   // Upper half for occupied space, or the parts that were seen, as long as it is partly seen; lower for free.

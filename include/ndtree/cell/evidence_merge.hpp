@@ -98,6 +98,7 @@ class EvidenceMergeRule {
     std::int64_t hits = 0;
     std::int64_t misses = 0;
     bool are_covered = true;
+    std::uint32_t known_levels = EvidenceCell::kMaxKnownLevels;
     for (int j = 0; j < count; ++j) {
       const EvidenceCell& cell = siblings[j].cell();
       joined.observed += cell.observed();
@@ -107,6 +108,7 @@ class EvidenceMergeRule {
       hits += cell.hits();
       misses += cell.misses();
       are_covered = are_covered && cell.is_covered();
+      known_levels = std::min(known_levels, cell.known_levels());
     }
     if (joined.observed == 0) return joined;
     joined.mixes_unknown = joined.observed < count;
@@ -118,6 +120,7 @@ class EvidenceMergeRule {
     joined.cell.set_counts(static_cast<std::uint32_t>(scaled(hits, children_across, count)),
                            static_cast<std::uint32_t>(scaled(misses, children_across, count)));
     joined.cell.set_covered(are_covered && !joined.mixes_unknown);
+    if (!joined.mixes_unknown) joined.cell.set_known_levels(known_levels + 1);
     joined.loss += std::max(0.0, divergence(siblings, count, joined.cell) / detail::kLog2);
     return joined;
   }

@@ -161,6 +161,7 @@ class EvidenceModel {
     memory_.assign(both, one.occupied_evidence() + other.occupied_evidence(), free);
     memory_.set_counts(both, one.hits() + other.hits(), one.misses() + other.misses());
     both.set_covered((one.observed() && one.is_covered()) || (other.observed() && other.is_covered()));
+    both.set_known_levels(std::max(one.known_levels(), other.known_levels()));
     return both;
   }
   /// A cell whose state was given: as if n beams had certainly ended in it, or passed it, and no others, as

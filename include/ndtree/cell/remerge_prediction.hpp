@@ -66,6 +66,7 @@ struct RemergePrediction {
     const double kept_hits = cell.state() == CellState::free ? kept_free : kept;
     EvidenceCell now;
     now.set_covered(cell.is_covered());
+    now.set_known_levels(cell.known_levels());
     memory.assign(now,
                   EvidenceMemory::fraction_of_rounded_up(cell.occupied_evidence(), kept_hits) + scan.occupied,
                   EvidenceMemory::fraction_of_rounded_up(cell.free_evidence(), kept_free) + scan.free);

@@ -457,6 +457,10 @@ class alignas(kCacheLines) ScanWalk {
     }
     (void)refinement_.model.update(cell, scan);
     cell.set_covered(seen.is_covered);
+    if (seen.is_covered) {  // But for a smallest cell in depth.
+      const auto levels_below = static_cast<std::uint32_t>(leaf.index.level - finest_level_);
+      if (cell.known_levels() + 1 < levels_below) cell.set_known_levels(levels_below - 1);
+    }
     return counted(cell != before, scan.beams);
   }
   /// Splits a leaf and integrates its beams into the children. If these re-merge, the leaf was observed, and
