@@ -56,7 +56,7 @@ class ChildInitialisation {
     const double fraction = path_fraction(mean, static_cast<double>(passed), static_cast<double>(beams));
     std::int64_t free = EvidenceMemory::fraction_of(parent.free_evidence(), fraction);
     const bool may_be_unknown = parent.state() != CellState::occupied;
-    const bool was_known = parent.observed() && parent.known_levels() > 0;
+    const bool was_known = parent.known_levels() > 0;
     if (may_be_unknown && free < memory.miss_evidence()) {
       if (!was_known) return child;
       free = memory.miss_evidence();
@@ -99,7 +99,7 @@ class ChildInitialisation {
     memory.set_counts(part, static_cast<std::uint32_t>(divided(cell.hits())),
                       static_cast<std::uint32_t>(divided(cell.misses())));
     part.set_covered(cell.observed() && cell.is_covered());
-    if (cell.observed() && cell.known_levels() > 0) part.set_known_levels(cell.known_levels() - 1);
+    if (cell.known_levels() > 0) part.set_known_levels(cell.known_levels() - 1);
     return part;
   }
 

@@ -128,7 +128,7 @@ class EvidenceCell {
   /// @pre observed(), or is about to be.
   void set_covered(bool is_covered) { counts_ = (counts_ & ~kNotCovered) | (is_covered ? 0u : kNotCovered); }
   /// On how many levels below the cell all descendants were seen: a scan saw all of the cell, or they were
-  /// observed before they merged; up to kMaxKnownLevels.
+  /// observed before they merged; up to kMaxKnownLevels. 0 of a cell that is not observed.
   [[nodiscard]] std::uint32_t known_levels() const { return (counts_ & kKnownLevels) / kOneKnownLevel; }
   /// @param levels more than kMaxKnownLevels count as that.
   void set_known_levels(std::uint32_t levels) {
@@ -208,7 +208,7 @@ class EvidenceCell {
   static constexpr std::uint32_t kLongestStreak = kMaxStreak * kOneScan;
   static constexpr std::uint32_t kStreakBits = kStreakOfHits | kLongestStreak;
   // From bit 0: 9 bits hits, 9 bits misses, 5 bits streak, 1 bit kind of streak, 1 bit not covered, 3 bits
-  // known levels; bit 29 partly seen, 30 observed, of which at most one is set.
+  // known levels; bit 29 partly seen, bit 30 observed, never both.
   std::uint32_t counts_ = 0;
   float log_odds_ = 0.0f;
   // Upper half for occupied space, or the parts that were seen, as long as it is partly seen; lower for free.

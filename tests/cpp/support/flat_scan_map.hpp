@@ -109,11 +109,11 @@ class FlatScanMap {
         const EvidenceCell before = cell;
         is_predicted_to_remerge ? model_.update_without_split(cell, scan_evidence)
                                 : model_.update(cell, scan_evidence);
-        if (coverage.is_asked && (!was_observed || coverage.is_covered))
+        if (coverage.is_asked && (!was_observed || coverage.is_covered)) {
           cell.set_covered(coverage.is_covered);
-        if (coverage.is_asked && coverage.is_covered)
-          cell.set_known_levels(std::max(
-              cell.known_levels(), static_cast<std::uint32_t>(std::max(0, next.level + num_levels_ - 1))));
+          const int levels = coverage.is_covered ? std::max(0, next.level + num_levels_ - 1) : 0;
+          cell.set_known_levels(std::max(cell.known_levels(), static_cast<std::uint32_t>(levels)));
+        }
         predicted_remerges += is_predicted_to_remerge;
         if (next.level == -num_levels_ && keeps_occupied() && cell.hits() >= 2 && is_partial(cell))
           kept_occupied += model_.raise(
