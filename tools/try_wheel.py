@@ -81,8 +81,10 @@ def called(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 def check_command_without_cli() -> None:
     done = called("--help")
-    assert done.returncode == 2, done
-    assert re.fullmatch(r"ndtree: .*pip install 'ndtree-mapping\[cli\]'\n", done.stderr), done
+    assert done.returncode == 0 and "ndtree map LOG" in done.stdout, done
+    done = called("map", "room.log")
+    assert done.returncode == 2 and not done.stdout, done
+    assert re.fullmatch(r"ndtree: .*\n +pip install 'ndtree-mapping\[cli\]'\n", done.stderr), done
 
 
 def check_command() -> None:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The type stub says what the compiled module has: names, members, keywords."""
 
+from __future__ import annotations
+
 import ast
 import inspect
 import os

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What commands print of maps and logs."""
 
+from __future__ import annotations
+
 import math
 import textwrap
 from collections.abc import Sequence
