@@ -187,7 +187,7 @@ def test_the_report_agrees_with_the_log_and_with_itself(tmp_path, dim, branching
         assert set(claims) == CLAIMS
         wrong = claims["free_and_unseen"], claims["unknown_and_seen"]
         assert claims["points"] == report["parameters"]["claims_samples"] == 40_000
-        assert claims["seen"] > 1000 and claims["free"] > 300
+        assert claims["seen"] > 1000 and claims["free"] > 100
         assert math.isclose(claims["free_unseen"], wrong[0] / claims["free"])
         assert math.isclose(claims["seen_unknown"], wrong[1] / claims["seen"])
         assert math.isclose(claims["wrong_volume"], sum(wrong) / claims["seen"])

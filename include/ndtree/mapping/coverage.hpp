@@ -16,9 +16,10 @@
 namespace ndtree {
 
 struct CoverageOptions {
-  /// Fraction of each part (CellParts: half, quadrant, octant) to be seen for a cell to be observed; 0: any
-  /// beam is enough. (Whether an observed cell is *covered* is another question: CoverageVerdict.)
-  double covered_share = 0.25;
+  /// Fraction of each part (CellParts: half, quadrant, octant) to be seen for a cell to be observed, half of
+  /// that for parts that are smallest cells; 0: any beam is enough. (Whether an observed cell is *covered* is
+  /// another question: CoverageVerdict.)
+  double covered_share = 0.5;
   /// Cells whose edge is longer than this many min_cell_size split to show what was seen.
   double coverage_cells = 2.0;
 
@@ -166,15 +167,16 @@ struct CoverageVerdict {
 /// evidence must not become the state of the unseen rest.
 ///
 /// A part of a cell, see CellParts, is *seen* once one scan has seen covered_share of it, and none of its
-/// children is missing. A cell is observed once all its parts were seen, by one scan or by several; a cell
-/// with an edge of two smallest cells once half of its parts were seen; one with an edge of N smallest cells
+/// children is missing. A cell is observed once all its parts were seen, by one scan or by several. A
+/// smallest cell is observed as soon as any beam passes it, so one with an edge of two smallest cells asks
+/// for less: half of covered_share, of half of its parts. One with an edge of N smallest cells is observed
 /// once any part was seen, if the beams are so far apart that fewer than two would pass a smallest cell.
 /// Until then the cell stores which parts were seen. Thresholds for parts and missing children are scaled by
 /// ScanCoverage::mean_share(); that for a covered cell is not.
 ///
 /// A cell that is not observed, and whose edge is longer than coverage_cells smallest cells, splits where the
 /// unseen part is significant:
-/// - by one scan, if a child is missing: less than covered_share of it was seen, and n beams would pass it if
+/// - by one scan, if a child is missing: less than that share of it was seen, and n beams would pass it if
 ///   it was seen like the rest of the cell: their number scatters by sqrt(n); with sqrt(2) times that, only a
 ///   child that at least two would pass can be missing;
 /// - by all scans so far, if kBeamsOfPart beams would have passed each part if all were seen alike.
@@ -184,16 +186,16 @@ struct CoverageVerdict {
 class CoverageModel {
  public:
   explicit CoverageModel(const CoverageOptions& options)
-      : least_seen_(options.covered_share), least_to_split_(options.coverage_cells * (1.0 + 1e-9)) {}
+      : covered_share_(options.covered_share), least_to_split_(options.coverage_cells * (1.0 + 1e-9)) {}
 
   /// False if a cell is observed as soon as a beam has passed it.
-  [[nodiscard]] bool is_on() const { return least_seen_ > 0.0; }
+  [[nodiscard]] bool is_on() const { return covered_share_ > 0.0; }
 
   /// True if every child was seen so well that further beams cannot change what judge() returns.
   /// @param size as in judge().
   template <int N, int D>
   [[nodiscard]] bool is_certain(const ScanCoverage<N, D>& scan, double size) const {
-    return all_seen(scan, std::max(least_seen_, covered<N>(size)));
+    return all_seen(scan, std::max(least_seen(size), covered<N>(size)));
   }
   /// Whether a cell with these seen parts is observed. @param size as in judge().
   template <int N, int D>
@@ -201,7 +203,7 @@ class CoverageModel {
     using Parts = CellParts<N, D>;
     int children = 0;
     for (int p = 0; p < Parts::kCount; ++p) children += (parts >> p & 1u) != 0 ? Parts::num_children(p) : 0;
-    return children >= Parts::kNumChildren * (size < kLeastForAllParts ? 0.5 : 1.0);
+    return children >= Parts::kNumChildren * (is_of_two(size) ? 0.5 : 1.0);
   }
   /// @param seen_before parts of the cell, one bit each. @param size the cell's edge, in smallest cells.
   /// @param beams mean passes that its evidence for free space is worth, of this scan and before.
@@ -211,11 +213,11 @@ class CoverageModel {
                                       double beams, bool adds_nothing = false) const {
     using Parts = CellParts<N, D>;
     constexpr std::int64_t kOne = ScanCoverage<N, D>::kOne;
+    const double least_seen = this->least_seen(size);
     const double beams_for_child = scan.beams_for_child();
     const double mean_share = scan.mean_share();
     const std::int64_t missing_below = units_from<N, D>(
-        mean_share *
-        std::max(0.0, std::min(least_seen_, 1.0 - std::sqrt(2.0 * kRounding / beams_for_child))));
+        mean_share * std::max(0.0, std::min(least_seen, 1.0 - std::sqrt(2.0 * kRounding / beams_for_child))));
     std::int64_t least = kOne;                       // Seen of the least seen child in parts not seen before.
     std::array<std::int64_t, Parts::kCount> seen{};  // In units of children.
     std::uint32_t with_missing = 0;                  // Parts of which a child is missing.
@@ -235,7 +237,7 @@ class CoverageModel {
 #endif
     for (int p = 0; p < Parts::kCount; ++p) {
       const bool is_seen = seen[static_cast<std::size_t>(p)] >=
-                           units_from<N, D>(mean_share * least_seen_ * kRounding * Parts::num_children(p));
+                           units_from<N, D>(mean_share * least_seen * kRounding * Parts::num_children(p));
       verdict.parts |= static_cast<std::uint32_t>(is_seen) << p & ~with_missing;
     }
     // Beams so far apart that fewer than two would pass a smallest cell.
@@ -265,17 +267,22 @@ class CoverageModel {
     for (int j = 0; j < ScanCoverage<N, D>::kNumChildren; ++j) are_seen &= scan.units_of_child(j) >= least;
     return are_seen;
   }
+  /// True if the cell has an edge of two smallest cells.
+  [[nodiscard]] static bool is_of_two(double size) { return size < 2.5; }
+  /// The least seen fraction of a part, and of a child that is not missing.
+  [[nodiscard]] double least_seen(double size) const {
+    return is_of_two(size) ? 0.5 * covered_share_ : covered_share_;
+  }
   /// Seen fraction of each child of a covered cell: all but one smallest cell in depth.
   template <int N>
   [[nodiscard]] static double covered(double size) {
     return 1.0 - std::min(0.5, N / size);
   }
 
-  static constexpr double kRounding = 1.0 - 1e-4;   // Of ways through cells.
-  static constexpr double kLeastForAllParts = 2.5;  // Smallest cells side by side.
+  static constexpr double kRounding = 1.0 - 1e-4;  // Of ways through cells.
   static constexpr double kBeamsOfPart = 8.0;
 
-  double least_seen_;
+  double covered_share_;
   double least_to_split_;
 };
 

@@ -499,11 +499,11 @@ class FlatScanMap {
       }
     }
     const double mean_share = whole > 0.0 ? mean / whole : 1.0;
-    const double of_child = mean_share * options_.covered_share;
+    const double smallest_cells = size / smallest();
+    const double of_child = mean_share * options_.covered_share * (smallest_cells < 2.5 ? 0.5 : 1.0);
     const double beams_for_child = whole > 0.0 ? way / whole : 0.0;
     const double least =
         std::min(of_child, mean_share * (1.0 - std::sqrt(2.0 * (1.0 - 1e-4) / beams_for_child)));
-    const double smallest_cells = size / smallest();
     const bool may_split = smallest_cells > options_.coverage_cells * (1.0 + 1e-9);
     if (cell.is_partly_seen()) result.parts = cell.seen_parts();
     const auto seen_before = [before = result.parts](int part) { return (before & 1u << part) != 0; };
