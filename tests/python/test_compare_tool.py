@@ -77,27 +77,27 @@ def expect_complaint(result, status, *parts):
 SCANS, BEAMS = 23, 40
 
 
-def room(dim):
+def room(dim, num_beams=BEAMS):
     """Origins (S, dim), end points (S, B, dim) and returned (S, B) of the log."""
     random = np.random.default_rng(4)
     print("seed 4")
     origins = np.zeros((SCANS, dim))
     origins[:, :2] = random.uniform(-1.0, 1.0, (SCANS, 2))
-    directions = random.normal(size=(SCANS, BEAMS, dim))
+    directions = random.normal(size=(SCANS, num_beams, dim))
     if dim == 3:
         directions[..., 2] *= 0.2
     directions /= np.abs(directions[..., :2]).max(axis=-1, keepdims=True)
     directions[..., :2][directions[..., :2] == 0.0] = 1e-9
     gap = (3.013 * np.sign(directions[..., :2]) - origins[:, None, :2]) / directions[..., :2]
     points = origins[:, None] + gap.min(axis=-1, keepdims=True) * directions
-    returned = np.ones((SCANS, BEAMS), bool)
+    returned = np.ones((SCANS, num_beams), bool)
     returned[:, 7] = False
     points[:, 3] = np.nan
     return origins, points, returned
 
 
-def text_log(dim=2):
-    origins, points, returned = room(dim)
+def text_log(dim=2, num_beams=BEAMS):
+    origins, points, returned = room(dim, num_beams)
     lines = ["# a room"]
     for origin, beams, flags in zip(origins, points, returned):
         for point, flag in zip(beams, flags):
@@ -155,8 +155,9 @@ def without_time(report):
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("branching", [2, 3, 4])
 def test_the_report_agrees_with_the_log_and_with_itself(tmp_path, dim, branching):
+    beams = 120  # Enough that in 3-D cells of four smallest ones are seen.
     log = tmp_path / "room.txt"
-    log.write_text(text_log(dim))
+    log.write_text(text_log(dim, beams))
     report, table = report_of(log, "--branching", branching, "--max-range", 30)
 
     assert report["log"] == str(log)
@@ -164,7 +165,7 @@ def test_the_report_agrees_with_the_log_and_with_itself(tmp_path, dim, branching
     assert (report["scans"], report["scans_mapped"]) == (SCANS, SCANS - 2)  # scans 9 and 19 are held out
     mapped = SCANS - 2
     assert report["beams"] == {
-        "returned": mapped * (BEAMS - 2), "not_returned": mapped, "beyond_max_range": 0, "invalid": mapped,
+        "returned": mapped * (beams - 2), "not_returned": mapped, "beyond_max_range": 0, "invalid": mapped,
     }  # fmt: skip
     assert set(report["parameters"]) == PARAMETERS
     assert report["parameters"]["max_range"] == 30
@@ -178,7 +179,7 @@ def test_the_report_agrees_with_the_log_and_with_itself(tmp_path, dim, branching
         truth = entry["truth"]
         assert set(truth) == TRUTH
         assert truth["samples"] == truth["free"] + truth["occupied"] + truth["unknown"] > 1000
-        assert truth["endpoints"] == truth["casts"] == 2 * (BEAMS - 2)
+        assert truth["endpoints"] == truth["casts"] == 2 * (beams - 2)
         assert truth["endpoints_near"] <= truth["endpoints"]
         assert truth["casts_within"] <= truth["casts"]
         assert truth["surfaces_within"] <= truth["casts"]
@@ -187,7 +188,7 @@ def test_the_report_agrees_with_the_log_and_with_itself(tmp_path, dim, branching
         assert set(claims) == CLAIMS
         wrong = claims["free_and_unseen"], claims["unknown_and_seen"]
         assert claims["points"] == report["parameters"]["claims_samples"] == 40_000
-        assert claims["seen"] > 1000 and claims["free"] > 100
+        assert claims["seen"] > 1000 and claims["free"] > 300
         assert math.isclose(claims["free_unseen"], wrong[0] / claims["free"])
         assert math.isclose(claims["seen_unknown"], wrong[1] / claims["seen"])
         assert math.isclose(claims["wrong_volume"], sum(wrong) / claims["seen"])
@@ -202,7 +203,7 @@ def test_the_report_agrees_with_the_log_and_with_itself(tmp_path, dim, branching
         seconds = entry["seconds"]
         assert seconds["runs"] == 1
         assert 0 < seconds["min"] <= seconds["median"] <= seconds["max"]
-        assert math.isclose(entry["beams_per_second"] * seconds["median"], mapped * (BEAMS - 1))
+        assert math.isclose(entry["beams_per_second"] * seconds["median"], mapped * (beams - 1))
         assert math.isclose(entry["bytes_per_node"] * entry["nodes"], entry["memory_bytes"])
         assert f"{entry['cells']:,}" in table and f"{entry['updates']:,}" in table
 
