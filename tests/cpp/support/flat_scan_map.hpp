@@ -500,7 +500,8 @@ class FlatScanMap {
     }
     const double mean_share = whole > 0.0 ? mean / whole : 1.0;
     const double smallest_cells = size / smallest();
-    const double of_child = mean_share * options_.covered_share * (smallest_cells < 2.5 ? 0.5 : 1.0);
+    const double asked = smallest_cells < 2.5 ? 0.5 : 1.0;  // Of cells of two smallest ones, half.
+    const double of_child = mean_share * options_.covered_share * asked;
     const double beams_for_child = whole > 0.0 ? way / whole : 0.0;
     const double least =
         std::min(of_child, mean_share * (1.0 - std::sqrt(2.0 * (1.0 - 1e-4) / beams_for_child)));
@@ -531,7 +532,7 @@ class FlatScanMap {
     }
     const auto count = static_cast<double>(children.size());
     const bool are_few = beams_for_child < 2.0 && smallest_cells < N + 0.5 && seen_children > 0;
-    const bool has_enough = are_few || seen_children >= count * (smallest_cells < 2.5 ? 0.5 : 1.0);
+    const bool has_enough = are_few || seen_children >= count * asked;
     const double miss = std::round(-256.0 * static_cast<double>(log_odds_of(options_.probability_min)));
     const double beams = static_cast<double>(cell.free_evidence() + scan.free) / miss;
     const double parts_side_by_side = std::exp2(std::min(D, 4) - 1);
