@@ -110,7 +110,7 @@ CALLS: tuple[tuple[str, int, str], ...] = (
     (
         "map office.npz -o o.ndt --json rooms.npz",
         2,
-        "--json rooms.npz: is there already, expected a name in .json",
+        "--json rooms.npz: is an .npz recording, expected a new name, or --force",
     ),
     ("info nothing", 1, "nothing: No such file"),
     ("info a.txt", 1, "a.txt: line 1: found 'hello', expected"),

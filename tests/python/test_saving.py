@@ -151,12 +151,12 @@ def test_a_new_file_has_the_mode_that_the_process_gives(ending: str, tmp_path: P
 @ALL
 def test_a_file_with_several_names_is_refused(ending: str, tmp_path: Path) -> None:
     path = tmp_path / f"one{ending}"
-    path.write_text("keep")
+    path.touch()
     os.link(path, tmp_path / "other")
     with pytest.raises(OSError, match="2 names") as caught:
         save(ending, 0, path)
     assert caught.value.filename == str(path)
-    assert contents(tmp_path) == {path.name: b"keep", "other": b"keep"}
+    assert contents(tmp_path) == {path.name: b"", "other": b""}
 
 
 @ALL
@@ -164,7 +164,7 @@ def test_a_pipe_gets_the_file_and_stays(ending: str, tmp_path: Path) -> None:
     folder = tmp_path / "a"
     folder.mkdir()
     if ending in (".yaml", ".png"):
-        (folder / "pipe.pgm").write_text("image")  # Of a pair, each is written by its own kind.
+        (folder / "pipe.pgm").write_text("P5 image")  # Of a pair, each is written by its own kind.
     path = folder / f"pipe{ending}"
     os.mkfifo(path)
     with pytest.raises(OSError, match="nobody reads"):  # And does not wait for a reader.
@@ -232,7 +232,7 @@ def test_what_may_not_be_written_is_refused(tmp_path: Path) -> None:
     folder.mkdir()
     try:
         path = folder / "a.ndt"
-        path.write_text("keep")
+        path.touch()
         path.chmod(0o444)
         folder.chmod(0o777)
 
@@ -246,7 +246,7 @@ def test_what_may_not_be_written_is_refused(tmp_path: Path) -> None:
         path.chmod(0o666)
         folder.chmod(0o555)
         assert status_of(in_child(as_nobody)) == 1
-        assert contents(folder) == {"a.ndt": b"keep"}
+        assert contents(folder) == {"a.ndt": b""}
     finally:
         folder.chmod(0o777)
         shutil.rmtree(folder)
@@ -407,16 +407,16 @@ def test_of_a_pair_both_are_replaced_or_none(tmp_path: Path) -> None:
     for there in (True, False):
         one.unlink(missing_ok=True)
         if there:
-            one.write_text("old")
+            one.write_text("P5 old")
         with pytest.raises(OSError) as caught, replaced_together(one, other) as parts:
             for part in parts:
                 part.write_text("new")
             other.mkdir()  # No file can take this place any more.
         assert caught.value.filename == str(other)
         other.rmdir()
-        assert contents(tmp_path) == ({one.name: b"old"} if there else {})
-    for path in (one, other):
-        path.write_text("old")
+        assert contents(tmp_path) == ({one.name: b"P5 old"} if there else {})
+    one.write_text("P5 old")
+    other.write_text("image: old")
     with replaced_together(one, other) as parts:
         for part in parts:
             part.write_text("new")
@@ -497,7 +497,7 @@ def test_the_command_line_checks_before_the_work(tmp_path: Path) -> None:
     log = tmp_path / "a.txt"
     log.write_text("0 0 1 1\n0 0 1 2\n")
     target = tmp_path / "a.ndt"
-    target.write_text("keep")
+    target.touch()
     os.link(target, tmp_path / "other.ndt")
     done = CliRunner().invoke(app, ["map", str(log), "-o", str(target)])
     said = " ".join(done.output.split())

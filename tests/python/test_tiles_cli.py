@@ -109,9 +109,9 @@ def test_flags_for_tiles_are_refused_without_them(log: Path, tmp_path: Path) -> 
 
 def test_folders_that_hold_something_else_are_no_maps(tmp_path: Path) -> None:
     (tmp_path / "manifest.json").write_text("{}")
-    output = run("convert", tmp_path, tmp_path / "a.ndt", status=1)
+    output = run("convert", tmp_path, tmp_path.parent / "a.ndt", status=1)
     assert str(tmp_path) in "".join(output.split())
     assert not is_map(tmp_path)
     (tmp_path / "manifest.json").write_text('{"format": "ndtree tiles", "version": 7}')
-    output = run("convert", tmp_path, tmp_path / "a.ndt", status=1)
+    output = run("convert", tmp_path, tmp_path.parent / "a.ndt", status=1)
     assert "manifest.json: format version 7: this ndtree reads version 1" in " ".join(output.split())

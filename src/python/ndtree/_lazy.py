@@ -14,6 +14,7 @@ from typing import Any
 METHODS = {
     "certify": "ndtree.evaluation.certificate",
     "write": "ndtree.maps.writers",
+    "require_kind": "ndtree.base.files",
     "html": "ndtree.maps.notebook",
     "png": "ndtree.maps.notebook",
 }

@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any
 
+from ndtree import _lazy
 from ndtree._native import _core, results
 from ndtree._native._arguments import TAKEN, flattened, refuse_masked, shaped
 from ndtree._native._calls import MISMATCH, UNEXPECTED, error_of, require_known
@@ -111,6 +112,7 @@ def _wrapped(
     class_name, _, short = name.rpartition(".")
     axes = TAKEN.get(name, TAKEN.get(short)) if is_method else None
     takes_path = "path" in names
+    writes = takes_path and short.startswith(("save", "write"))
 
     @functools.wraps(function)
     def call(*arguments: Any, **keywords: Any) -> Any:
@@ -119,6 +121,8 @@ def _wrapped(
             keywords = {key: _path_as_text(value) for key, value in keywords.items()}
         given = {**dict(zip(names, arguments[is_method:])), **keywords}
         refuse_masked(short, given)
+        if writes and isinstance(given.get("path"), str):
+            _lazy.method("require_kind")(given["path"])
         if options is not None:
             require_known(class_name, keywords, names)
             if asks_for_dim and "dim" not in keywords and len(arguments) == 1:

@@ -1831,7 +1831,7 @@ class OccupancyMap:
         Raises
         ------
         OSError
-            The file cannot be written.
+            The file cannot be written; FileExistsError where one of another kind is there, which stays.
         ValueError
             No format has this ending, or it cannot hold the map.
         ImportError

@@ -32,7 +32,7 @@ def save(self: _core.OccupancyMap, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     OSError
-        The file cannot be written.
+        The file cannot be written; FileExistsError where one of another kind is there, which stays.
     ValueError
         No format has this ending, or it cannot hold the map.
     ImportError

@@ -9,7 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from ndtree.alignment.planar import Floats
-from ndtree.base.files import replaced
+from ndtree.base.files import begins_with, replaced
+
+
+def is_trajectory(path: str) -> bool:
+    """Whether a file begins with a pose of TUM's, comments apart."""
+    return begins_with(path, rb"(?:[ \t]*(?:#[^\n]*)?\n)*(?:[-+.\deE]+[ \t]+){7}[-+.\deE]+\s")
 
 
 def write_trajectory(
@@ -17,7 +22,7 @@ def write_trajectory(
 ) -> None:
     """As TUM's, whole or not at all: a line of stamp [s], place [m], quaternion (x, y, z, w) a scan."""
     rows = np.column_stack((stamps, places, quaternions))
-    with replaced(path) as part:
+    with replaced(path, is_trajectory) as part:
         np.savetxt(part, rows, fmt=["%.6f"] + ["%.9g"] * 7)
 
 

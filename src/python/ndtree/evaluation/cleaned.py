@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.base.files import replaced
+from ndtree.base.files import replaced, require_no_input
 from ndtree.base.progress import Progress
 from ndtree.base.scan import Scan
 from ndtree.evaluation.moved import THRESHOLD, MovedPoints
 from ndtree.logs import Log
-from ndtree.logs.core.archive import save_archive
+from ndtree.logs.core.archive import is_archive, save_archive
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.folders.cloud_rows import write_cloud, write_rows
 from ndtree.logs.folders.point_clouds import PointCloudLog
@@ -80,7 +80,7 @@ class _Archive(Writer):
                 if is_of_points and not (points in (per_scan, per_scan + 1) and is_of_scans):
                     arrays[name] = values[keep]
             arrays["offsets"] = np.cumsum([0, *counts]).astype(arrays["offsets"].dtype)
-        with replaced(self.target) as part:
+        with replaced(self.target, is_archive) as part:
             np.savez_compressed(part, **arrays)
 
 
@@ -138,8 +138,7 @@ class _Folder(Writer):
         super().__init__(log, target, mark)
         source = Path(log.path or "")
         self._source = source if source.is_dir() else source.parent
-        if target.exists() and target.resolve() == self._source.resolve():
-            raise ValueError(f"{target}: is the log's own folder, expected another one")
+        require_no_input(target, [self._source])
         if target.exists() and not target.is_dir():
             raise ValueError(f"{target}: is a file, expected a folder")
 
@@ -165,6 +164,8 @@ def writer_of(log: Log, target: Path, mark: bool) -> Writer:
     ValueError
         If a log of this kind cannot be written so.
     """
+    if log.path:
+        require_no_input(target, [log.path])
     ending = target.suffix.lower()
     if ending == ".npz":
         return _Archive(log, target, mark)

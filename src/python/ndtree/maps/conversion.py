@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ndtree._native._core import OccupancyMap
+from ndtree.base.files import require_no_input
 from ndtree.maps.open import open_map
 from ndtree.maps.writers import format_of
 
@@ -74,5 +75,6 @@ def convert(
     if isinstance(source, OccupancyMap):
         m = source
     else:
+        require_no_input(target, [source])
         m = open_map(source).resampled(cell_size)
     chosen.write(m, target, **options)

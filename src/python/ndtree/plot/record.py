@@ -14,6 +14,7 @@ import numpy as np
 from ndtree import plot
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
+from ndtree.base.files import require_kind
 from ndtree.cells.lattice import Cells, Floats
 from ndtree.cells.regions import found_region, picture_region
 
@@ -74,6 +75,7 @@ class Recorder:
         self._every, self._color = every, color
         self._figure = Figure(figsize=(SIZE[0] / _DPI, SIZE[1] / _DPI), dpi=_DPI)
         FigureCanvasAgg(self._figure)
+        require_kind(self._path)
         self._file = _core.ReplacedFile(self._path)
         self._part = Path(self._file.temporary)
         self._film: Any = _Gif(self._part) if ending == ".gif" else _Mp4(self._part, self._figure)

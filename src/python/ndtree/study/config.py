@@ -105,6 +105,11 @@ class Study:
     repeat: int
     pictures: tuple[str, ...]
 
+    @property
+    def inputs(self) -> list[Path]:
+        """The files and folders that it reads."""
+        return [self.file, *(one.path for one in self.logs if one.path is not None)]
+
 
 def load(path: str | os.PathLike[str]) -> Study:
     """Read a study's file.

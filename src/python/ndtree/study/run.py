@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ndtree._native import _core
-from ndtree.base.files import replaced
+from ndtree.base.files import replaced, require_no_input
 from ndtree.base.progress import Progress, no_progress
 from ndtree.study.config import Study
 from ndtree.study.jobs import Job, jobs_of
@@ -58,6 +58,7 @@ def run(study: Study, *, processes: int | None = None, progress: Progress | None
     if study.pictures:
         from ndtree.plot import truth_against_cells  # It names the extra where matplotlib is missing.
     progress = progress or no_progress
+    require_no_input(study.output, study.inputs)
     folder = study.output / "results"
     folder.mkdir(parents=True, exist_ok=True)
     jobs = jobs_of(study)

@@ -22,7 +22,7 @@ from ndtree.cli.commands.flags import reading_options
 from ndtree.cli.commands.logs import limit_of, warn_of_skipped
 from ndtree.cli.commands.mapping import mapped, written
 from ndtree.cli.commands.options import GivenLog, Json
-from ndtree.cli.commands.output import check_picture, check_target, is_stdout, write_json
+from ndtree.cli.commands.output import check_picture, is_stdout, write_json
 from ndtree.cli.commands.pictures import plotting
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log
@@ -77,8 +77,6 @@ def align_(
         max_range = MAX_RANGE_IN_SPACE if by_kiss_icp else MAX_RANGE
     limit_of(max_range)
     opened = reading.open(log, None)
-    for path in (output, map_file, json_file):
-        check_target(path)
     if picture is not None:
         check_picture(plotting(), picture)
     found: Union[Alignment, SpatialAlignment]

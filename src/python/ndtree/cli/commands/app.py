@@ -110,12 +110,13 @@ def _with_stdout(words: list[str]) -> list[str]:
     return result
 
 
-_QUIET = inspect.Parameter(
-    "quiet",
-    inspect.Parameter.KEYWORD_ONLY,
-    default=False,
-    annotation=Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but what is wrong.")],
-)
+_COMMON = [
+    inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, option])
+    for name, option in (
+        ("force", typer.Option("--force", help="Replace files of any kind, but none that is read.")),
+        ("quiet", typer.Option("--quiet", "-q", help="Say nothing but what is wrong.")),
+    )
+]
 
 
 #: Commands that read a file of keywords, which errors name as the file has them.
@@ -125,22 +126,23 @@ _OF_KEYWORDS = ("study",)
 def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
     """Ends a command with clear lines and the right exit status where the input or the call is bad.
 
-    It gives the command the flag ``--quiet``, too.
+    It gives the command the flags ``--force`` and ``--quiet``, too.
     """
 
     has_flags = command.__name__ not in _OF_KEYWORDS
 
     @functools.wraps(command)
-    def guarded(quiet: bool = False, **arguments: Any) -> None:
+    def guarded(force: bool = False, quiet: bool = False, **arguments: Any) -> None:
         import numpy as np  # Not for the help alone.
 
-        from ndtree.cli.commands.output import check_json
+        from ndtree.base.files import replacing_all
+        from ndtree.cli.commands.output import check_outputs
 
         try:
-            check_json(arguments.get("json_file"))
             # Absurd numbers are counted or refused, and the commands tell of long beams in a line of theirs.
-            with np.errstate(all="ignore"), warnings.catch_warnings(), silenced(quiet):
+            with np.errstate(all="ignore"), warnings.catch_warnings(), silenced(quiet), replacing_all(force):
                 warnings.filterwarnings("ignore", r"beam \d+ is ")
+                check_outputs(command.__name__.rstrip("_"), arguments)
                 command(**arguments)
         except (BrokenPipeError, typer.Exit):
             raise
@@ -151,8 +153,8 @@ def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
 
     signature = inspect.signature(command)
     parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in signature.parameters.values()]
-    guarded.__signature__ = signature.replace(parameters=[*parameters, _QUIET])  # type: ignore[attr-defined]
-    guarded.__annotations__ = {one.name: one.annotation for one in [*parameters, _QUIET]}
+    guarded.__signature__ = signature.replace(parameters=[*parameters, *_COMMON])  # type: ignore[attr-defined]
+    guarded.__annotations__ = {one.name: one.annotation for one in [*parameters, *_COMMON]}
     return guarded
 
 

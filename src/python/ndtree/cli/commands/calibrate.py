@@ -12,7 +12,7 @@ from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import Reading, reading_options
 from ndtree.cli.commands.logs import limit_of, print_settings, settled, warn_of_skipped
 from ndtree.cli.commands.options import Dim, GivenLog, Json, MaxRange, NoReturnKind, NoReturnOption
-from ndtree.cli.commands.output import check_target, is_stdout, write, write_json
+from ndtree.cli.commands.output import is_stdout, write, write_json
 from ndtree.cli.commands.progress import progress
 from ndtree.tuning import calibration
 
@@ -47,7 +47,6 @@ def calibrate(
         return
     far = limit_of(max_range)
     opened = reading.open(log, dim, max_range)
-    check_target(json_file)
     settings = settled(opened, {}, far, no_return.value)
     with progress() as advance:
         figures = calibration.calibrate(
@@ -72,7 +71,6 @@ def _find_mount(path: Path, dim: Optional[int], reading: Reading, json_file: Opt
     from ndtree.logs.ros.rosbag import RosbagLog
     from ndtree.tuning.calibration.mount import find_mount
 
-    check_target(json_file)
     if reading.selection:
         raise WrongCall("--find-mount: looks at the whole log, expected no part of it")
     try:

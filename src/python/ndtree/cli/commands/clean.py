@@ -13,7 +13,7 @@ from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import map_options, reading_options
 from ndtree.cli.commands.logs import limit_of, made, new_map, settled, skipped, warn_of_skipped
 from ndtree.cli.commands.options import Dim, GivenLog, Json, MaxRange, NoReturnKind, NoReturnOption
-from ndtree.cli.commands.output import check_picture, check_target, is_stdout, write_json
+from ndtree.cli.commands.output import check_picture, is_stdout, write_json
 from ndtree.cli.commands.pictures import plotting
 from ndtree.cli.commands.progress import progress
 from ndtree.evaluation.cleaned import Cleaned, writer_of
@@ -67,7 +67,6 @@ def clean(
     plot = plotting() if picture else None
     made(lambda: new_map(opened.dim, False, options))
     writer = writer_of(opened, output, mark)
-    check_target(json_file)
     if picture is not None:
         check_picture(plot, picture)
     settings = settled(opened, options, limit, no_return.value, with_sigma=True)

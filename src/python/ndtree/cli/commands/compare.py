@@ -24,7 +24,7 @@ from ndtree.cli.commands.options import (
     Seed,
     World,
 )
-from ndtree.cli.commands.output import check_picture, check_target, is_stdout, write, write_json
+from ndtree.cli.commands.output import check_picture, is_stdout, write, write_json
 from ndtree.cli.commands.pictures import draw_side_by_side, plotting
 from ndtree.evaluation.map_comparison import compare_maps
 from ndtree.maps.kinds import KINDS
@@ -104,8 +104,6 @@ def compare_(
     opened = open_log(log, world, dim, reading, scans, seed, max_range)
     names = [name.strip() for name in maps.split(",")] if maps is not None else None
     plot = plotting() if picture or reliability else None
-    for path in (json_file, csv_file):
-        check_target(path)
     for path in (picture, reliability):
         check_picture(plot, path)
     if held_out == 0 and (calibration or reliability or certify):
@@ -145,7 +143,6 @@ def _compare_two(
     if b is None:
         raise WrongCall(f"compare: {a} is a map, expected a second one")
     _refuse_others(context, ("log", "other", "json_file", "picture"), f"is for a LOG, and {a} is a map")
-    check_target(json_file)
     check_picture(plotting() if picture else None, picture)
     comparison = compare_maps(a, b)
     if picture:

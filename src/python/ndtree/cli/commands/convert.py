@@ -8,7 +8,6 @@ import typer
 
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.logs import made
-from ndtree.cli.commands.output import check_target
 from ndtree.maps.conversion import convert
 from ndtree.maps.writers import FORMATS as MAP_FORMATS
 from ndtree.maps.writers import STATES as CELL_STATES
@@ -66,6 +65,5 @@ def convert_(
     }
     options = {name: value for name, value in given.items() if value is not None}
     made(lambda: format_of(output, format, options))
-    check_target(output)
     convert(source, output, format=format, **options)
     print(f"{source}: wrote {output}")

@@ -27,7 +27,7 @@ from ndtree.cli.commands.options import (
     Seed,
     World,
 )
-from ndtree.cli.commands.output import check_target, is_stdout, write_json
+from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.pictures import draw_close_up, plotting
 
 
@@ -60,7 +60,6 @@ def demo(
     if _core.has_octomap:
         maps.append("octomap")
     plot = plotting()
-    check_target(json_file)
     say = sys.stderr if is_stdout(json_file) else sys.stdout
     pictures = [output / f"adaptive-{name.replace('@', '-')}.png" for name in maps[1:3]]
 

@@ -15,7 +15,7 @@ from ndtree.cli.commands.figures import indented
 from ndtree.cli.commands.flags import map_options
 from ndtree.cli.commands.logs import limit_of, made, new_map, settled
 from ndtree.cli.commands.options import Dim, Json, MaxRange, NoReturnKind, NoReturnOption
-from ndtree.cli.commands.output import check_target, is_stdout, write_json
+from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import read
 from ndtree.tiles import TileGrid
@@ -66,7 +66,6 @@ def fleet(
 
     What the options leave open is chosen for the first log. A run that was killed goes on where it was.
     """
-    check_target(json_file)
     limit = limit_of(max_range)
     sources = named([str(log) for log in logs])
     if dim is not None:  # Workers read them as well.

@@ -22,7 +22,7 @@ from ndtree.cli.commands.flags import in_flags, reading_options
 from ndtree.cli.commands.logs import load_map, skipped, warn_of_skipped
 from ndtree.cli.commands.messages import laid_out
 from ndtree.cli.commands.options import Dim, Json
-from ndtree.cli.commands.output import check_target, is_stdout, write_json
+from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import NotALog
 from ndtree.maps.open import is_map
@@ -49,7 +49,6 @@ def info(
 
     At once: of a bag by its index and first messages, of other logs by their first million beams.
     """
-    check_target(json_file)
     if is_map(path):
         reading.require_none("a map")
         if look:

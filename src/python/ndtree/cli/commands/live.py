@@ -11,6 +11,7 @@ from typing import Annotated, Any, Callable, Optional
 
 import typer
 
+from ndtree.alignment.writing import is_trajectory
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.files import replaced
 from ndtree.base.scan import Scan
@@ -28,11 +29,10 @@ from ndtree.cli.commands.options import (
     Port,
     World,
 )
-from ndtree.cli.commands.output import check_target, is_stdout, write_json
+from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.shows import (
     FoxgloveOption,
     RerunOption,
-    check_rerun,
     foxglove_sink,
     rerun_sink,
     wait_at,
@@ -183,9 +183,6 @@ def live(
             raise WrongCall(f"--{flag.replace('_', '-')}: not with --localize, which makes no map")
     if rate < 0:
         raise WrongCall(f"--rate {rate:g}: must be >= 0; 0 is as fast as it goes")
-    for path in (output, json_file):
-        check_target(path)
-    check_rerun(rerun)
     target = None
     if resume is not None:
         if options or fixed:
@@ -388,7 +385,7 @@ def _report_places(
         raise ValueError(f"{name}: no scan could be looked for: {figures.summary()}")
     known = [one for one in found if not one.is_lost]
     if output is not None:
-        with replaced(output) as written, open(written, "w", encoding="ascii") as file:
+        with replaced(output, is_trajectory) as written, open(written, "w", encoding="ascii") as file:
             for one in known:
                 numbers = (one.body[0, 2], one.body[1, 2], 0.0, *quaternion_of(one.body))
                 file.write(f"{one.stamp:.9f} {' '.join(f'{x:.9g}' for x in numbers)}\n")

@@ -26,9 +26,9 @@ from ndtree.cli.commands.options import (
     Port,
     StyleOption,
 )
-from ndtree.cli.commands.output import check_picture, check_target, is_stdout, write_json
+from ndtree.cli.commands.output import check_output, check_picture, fits_map, is_stdout, write_json
 from ndtree.cli.commands.pictures import observers_of, plotting, stay
-from ndtree.cli.commands.shows import FoxgloveOption, RerunOption, check_rerun, showing, wait_at
+from ndtree.cli.commands.shows import FoxgloveOption, RerunOption, showing, wait_at
 from ndtree.logs import JoinedLog, Log
 from ndtree.maps.open import is_map
 from ndtree.tuning.settings import Settings
@@ -131,9 +131,14 @@ def map_(
         if output is not None and is_tiled(output):
             raise WrongCall(f"{output}: is a map in tiles, expected one LOG, or --merge")
         _refuse_others(output, {"--max-resident": max_resident, "--tile-size": tile_size}, False)
-        _map_each(logs, _maps_in(output, logs), wanted, json_file)
+        outputs = _maps_in(output, logs)
+        for path in outputs:
+            check_output("-o", path, logs, fits_map)
+        _map_each(logs, outputs, wanted, json_file)
         return
-    output = _named_as(logs[0]) if output is None else output
+    if output is None:
+        output = _named_as(logs[0])
+        check_output("-o", output, logs, fits_map)
     begin = time.perf_counter()
     opened = wanted.open(logs)
     read_seconds = time.perf_counter() - begin
@@ -153,9 +158,6 @@ def map_(
         },
         tiled,
     )
-    for path in (None if tiled else output, json_file, record):
-        check_target(path)
-    check_rerun(rerun)
     check_picture(plot, picture)
     if tiled:
         settings = wanted.settings(opened)
@@ -240,8 +242,6 @@ def _map_each(
     logs: Sequence[Path], outputs: Sequence[Path], wanted: _Wanted, json_file: Optional[Path]
 ) -> None:
     """A map of each log; one that cannot be mapped does not stop the others."""
-    for path in (*outputs, json_file):
-        check_target(path)
     figures: list[dict[str, Any]] = []
     failed = 0
     for log, output in zip(logs, outputs):

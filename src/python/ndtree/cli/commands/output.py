@@ -3,14 +3,24 @@
 
 import errno
 import json
+import os
+import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Callable, Optional
 
 from ndtree._native._core import ReplacedFile
+from ndtree.alignment.writing import is_trajectory
 from ndtree.base.exit_status import WrongCall
-from ndtree.base.files import replaced
+from ndtree.base.files import begins_with, replaced, require_kind, require_no_input
 from ndtree.cli.streams import heard
+from ndtree.evaluation.cleaned import ENDINGS
+from ndtree.logs import kind_of
+from ndtree.logs.core.archive import is_archive
+from ndtree.logs.ros.files.bag import METADATA_BEGINS
+from ndtree.maps.open import TILES_SUFFIX, YAML_SUFFIXES, is_map
+from ndtree.maps.writers import format_of
 
 
 def write_json(figures: dict[str, Any], target: Optional[Path]) -> None:
@@ -31,18 +41,132 @@ def is_stdout(target: Optional[Path]) -> bool:
     return str(target) == "-"
 
 
-def check_json(target: Optional[Path]) -> None:
-    """Refuses a file that is there and is no JSON: ``--json LOG`` would replace the log."""
-    if target is None or is_stdout(target) or target.suffix.lower() == ".json":
-        return
-    if target.is_file() and target.stat().st_size:
-        raise WrongCall(f"--json {target}: is there already, expected a name in .json, or nothing, to print")
+#: Arguments of commands that name what is read, and those that name what is written, as they are typed.
+INPUTS = (
+    "log", "logs", "other", "map_name", "source", "path", "config", "localize", "trajectory"
+)  # fmt: skip
+OUTPUTS = {
+    "output": "-o",
+    "map_file": "--map",
+    "picture": "--picture",
+    "png": "--png",
+    "reliability": "--reliability",
+    "record": "--record",
+    "rerun": "--rerun",
+    "csv_file": "--csv",
+    "json_file": "--json",
+}
+_FOLDERS = ("demo", "study", "fleet")  # Commands whose output is one.
 
 
-def check_target(target: Optional[Path]) -> None:
+def check_outputs(command: str, arguments: dict[str, Any]) -> None:
+    """Refuses a call that would lose data, or whose files cannot be written, before anything is read.
+
+    `arguments` are those of the command; the two rules are those of `ndtree.base.files`.
+    """
+    inputs = _inputs(arguments)
+    for name, flag in OUTPUTS.items():
+        value = arguments.get(name)
+        if value is None or is_stdout(value) or "://" in str(value):
+            continue
+        is_folder = name == "output" and _is_folder(command, Path(value), arguments)
+        flag = "OUT" if command == "convert" and name == "output" else flag
+        if is_folder:
+            check_no_input(flag, Path(value), inputs)
+        else:
+            check_output(flag, Path(value), inputs, _fitting(command, name, Path(value), arguments))
+
+
+def check_output(
+    flag: str, target: Path, inputs: Sequence[Path], fits: Optional[Callable[[str], bool]] = None
+) -> None:
+    """Refuses a file that is read, that would replace one of another kind, or that cannot be written."""
+    for path in _together(flag, target):
+        check_no_input(flag, path, inputs)
+        try:
+            require_kind(path, fits if path == target else None)
+        except FileExistsError:
+            raise WrongCall(
+                f"{flag} {path}: is {_kind_of(path)}, expected a new name, or --force to replace it"
+            ) from None
+    _check_target(target)
+
+
+def check_no_input(flag: str, target: Path, inputs: Sequence[Path]) -> None:
+    try:
+        require_no_input(target, inputs)
+    except ValueError as error:
+        raise WrongCall(f"{flag} {error}") from None
+
+
+def _inputs(arguments: dict[str, Any]) -> list[Path]:
+    """What a call reads: the files and folders that it names, and those that these name."""
+    given: list[Path] = []
+    for name in INPUTS:
+        value = arguments.get(name)
+        given += [Path(one) for one in (value if isinstance(value, list) else [value]) if one is not None]
+    for path in list(given):
+        if path.suffix.lower() not in YAML_SUFFIXES or not path.is_file():
+            continue
+        if begins_with(path, METADATA_BEGINS):  # Of a bag, which is its folder.
+            given.append(path.parent)
+        with open(path, "rb") as file:
+            image = re.search(rb"^image:[ \t]*['\"]?([^'\"\r\n]+)", file.read(1 << 16), re.MULTILINE)
+        if image is not None:
+            given.append(path.parent / os.fsdecode(image[1].strip()))
+    return given
+
+
+def _is_folder(command: str, target: Path, arguments: dict[str, Any]) -> bool:
+    if command == "map":
+        several = len(arguments["logs"]) > 1 and not arguments["merge"]
+        return several or target.suffix.lower() == TILES_SUFFIX
+    return command in _FOLDERS or (command == "clean" and target.suffix.lower() not in ENDINGS)
+
+
+def _fitting(
+    command: str, name: str, target: Path, arguments: dict[str, Any]
+) -> Optional[Callable[[str], bool]]:
+    """What a file that is there must be beside what its ending says, to be replaced."""
+    if name == "json_file":
+        return lambda path: begins_with(path, rb"\s*[{\[]")
+    if name == "csv_file":
+        return lambda path: begins_with(path, rb"log,scans,")
+    if name not in ("output", "map_file"):
+        return None
+    if name == "output" and (command == "align" or arguments.get("localize") is not None):
+        return is_trajectory
+    if command in ("simulate", "clean"):
+        return is_archive if target.suffix.lower() == ".npz" else None
+    return fits_map
+
+
+def fits_map(path: str) -> bool:
+    """Whether a file is no recording, and may be replaced by a map."""
+    try:
+        return format_of(Path(path), None, {}).fits(path)
+    except ValueError:  # Said by who writes it.
+        return True
+
+
+def _together(flag: str, target: Path) -> list[Path]:
+    """A file and those that are written with it: of an image for map_server, the YAML file and the image."""
+    if flag in ("-o", "OUT", "--map") and target.suffix in (".yaml", ".pgm", ".png"):
+        image = target if target.suffix != ".yaml" else target.with_suffix(".pgm")
+        return [target, *({target.with_suffix(".yaml"), image} - {target})]
+    return [target]
+
+
+def _kind_of(path: Path) -> str:
+    """What a file is, with its article."""
+    if is_map(path) and path.suffix.lower() not in YAML_SUFFIXES:
+        return "a map"
+    known = kind_of(path)
+    return known[0] if known is not None else "there already, and something else"
+
+
+def _check_target(target: Path) -> None:
     """Refuses a file that could not be written before the work is done, not after it."""
-    if target is None or is_stdout(target):
-        return
     if target.is_dir():
         raise IsADirectoryError(
             errno.EISDIR, "is a folder, expected the name of a file to write", str(target)
@@ -55,6 +179,5 @@ def check_target(target: Optional[Path]) -> None:
 
 
 def check_picture(plot: Any, target: Optional[Path], flag: str = "--picture") -> None:
-    check_target(target)
     if target is not None and target.suffix.lower() not in plot.FORMATS:
         raise WrongCall(f"{flag} {target}: the name must end in {', '.join(plot.FORMATS)}")

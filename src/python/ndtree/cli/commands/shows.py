@@ -6,7 +6,6 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
@@ -14,7 +13,6 @@ import typer
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
 from ndtree.cli.commands.logs import made
-from ndtree.cli.commands.output import check_target
 from ndtree.live import Way
 
 if TYPE_CHECKING:
@@ -32,12 +30,6 @@ RerunOption = Annotated[
 ]
 #: A sink is left alone for this many times as long as it took.
 RESTS = 5.0
-
-
-def check_rerun(target: Optional[str]) -> None:
-    """Refuse a file that cannot be written."""
-    if target is not None and "://" not in target:
-        check_target(Path(target))
 
 
 def foxglove_sink(port: int, frame: Callable[[], str], way: Way, stack: ExitStack) -> "FoxgloveSink":

@@ -11,7 +11,6 @@ from ndtree.base.exit_status import WrongCall
 from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.options import Scans, Seed, World
-from ndtree.cli.commands.output import check_target
 from ndtree.cli.commands.progress import progress
 
 
@@ -50,7 +49,6 @@ def simulate(
         raise WrongCall(f"{target}: is there already, expected -o LOG; to replace it:\n  -o {target}")
     if target.suffix != ".npz":
         raise WrongCall(f"-o {target}: the name must end in .npz")
-    check_target(target)
     moving = {"people": people, "doors": doors, "cars": cars}
     given = {kind: count for kind, count in moving.items() if count is not None}
     try:

@@ -10,7 +10,7 @@ import typer
 from ndtree.base.exit_status import BAD_INPUT
 from ndtree.cli.commands.app import command, examples, print_error, reports_errors
 from ndtree.cli.commands.options import Json
-from ndtree.cli.commands.output import check_target, is_stdout, write_json
+from ndtree.cli.commands.output import check_no_input, is_stdout, write_json
 from ndtree.cli.commands.progress import progress
 from ndtree.study import load, run
 
@@ -38,7 +38,9 @@ def study(
     planned = load(config)
     if output is not None:
         planned = replace(planned, output=output)
-    check_target(json_file)
+    check_no_input("-o", planned.output, planned.inputs)
+    if json_file is not None and not is_stdout(json_file):
+        check_no_input("--json", json_file, planned.inputs)
     with progress() as advance:
         table = run(planned, processes=processes, progress=advance)
     if not is_stdout(json_file):

@@ -62,6 +62,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("serve", "[HOST:]PORT", "off", "look at it from another computer: ndtree view http://HOST:PORT"),
         Row("foxglove", "PORT", "off", "look at it in Foxglove while it grows"),
         Row("rerun", "FILE|URL", "off", "look at it in rerun, then or later"),
+        Row("force", "", "off", "a file of another kind is in the way: a bag where a map is written"),
         Row("quiet", "", "off", "scripts: errors alone are said"),
     ),
     "How fine is the map?": (

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import zipfile
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -12,6 +13,15 @@ from numpy.typing import NDArray
 
 from ndtree.base.files import replaced
 from ndtree.base.scan import Scan
+
+
+def is_archive(path: str) -> bool:
+    """Whether a file is an archive of scans, and not of other arrays."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return {"points.npy", "origins.npy"} <= set(archive.namelist())
+    except (OSError, zipfile.BadZipFile, NotImplementedError):
+        return False
 
 
 def save_archive(
@@ -63,6 +73,6 @@ def save_archive(
             raise ValueError(f"{name}: pose_covariance is (3, 3) of some scans, and (6, 6) of others")
         none = np.zeros_like(known[0])
         arrays["pose_covariances"] = np.stack([none if one is None else one for one in covariances])
-    with replaced(path) as part:
+    with replaced(path, is_archive) as part:
         np.savez_compressed(part, **arrays)
     return len(points)

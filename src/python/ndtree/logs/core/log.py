@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from numpy.typing import ArrayLike
 
+from ndtree.base.files import require_no_input
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
 from ndtree.logs.core.archive import save_archive
@@ -254,6 +255,8 @@ class Log(ABC):
             If the log is damaged or empty, or its beams have origins or noise of their own, for which the
             file has no place.
         """
+        if self.path is not None:
+            require_no_input(path, [self.path])
         return save_archive(self._watched(progress), path, self.name)
 
     def _watched(self, progress: Callable[[str, int, int], None] | None) -> Iterator[Scan]:

@@ -32,12 +32,15 @@ class MapFormat:
         Which of `OPTIONS` it reads.
     write : callable
         ``write(map, path, **options)``; the file appears whole or not at all.
+    fits : callable
+        Whether a file that begins as this format's is no recording, and may be replaced.
     """
 
     name: str
     suffixes: tuple[str, ...]
     options: tuple[str, ...]
     write: Callable[..., None]
+    fits: Callable[[str], bool] = lambda path: True
 
 
 def _save(m: OccupancyMap, path: Path) -> None:
@@ -51,13 +54,15 @@ FORMATS = (
     MapFormat("ndtree", (".ndt",), (), _save),
     MapFormat("octomap", (".bt", ".ot"), ("cell_size",), octomap.write),
     MapFormat("map_server", (".yaml", ".pgm", ".png"), ("cell_size", "height"), map_server.write),
-    MapFormat("rosbag", (".bag", ".mcap", ".db3"), ("cell_size", "height"), rosbag.write),
+    MapFormat(
+        "rosbag", (".bag", ".mcap", ".db3"), ("cell_size", "height"), rosbag.write, rosbag.holds_maps_alone
+    ),
     MapFormat("ply", (".ply",), ("cell_size", "states", "faces"), ply.write),
     MapFormat("pcd", (".pcd",), ("cell_size", "states"), pcd.write),
     MapFormat("gltf", (".glb", ".gltf"), ("cell_size", "states"), mesh.write),
     MapFormat("vtk", (".vtu",), ("cell_size", "states"), vtu.write),
-    MapFormat("leaves", (".npz",), ("cell_size", "states"), arrays.write_leaves),
-    MapFormat("grid", (".npy", ".npz"), ("cell_size",), arrays.write_grid),
+    MapFormat("leaves", (".npz",), ("cell_size", "states"), arrays.write_leaves, arrays.holds_no_scans),
+    MapFormat("grid", (".npy", ".npz"), ("cell_size",), arrays.write_grid, arrays.holds_no_scans),
 )
 
 

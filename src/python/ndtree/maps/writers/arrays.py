@@ -10,7 +10,13 @@ import numpy as np
 
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import replaced
+from ndtree.logs.core.archive import is_archive
 from ndtree.maps.writers.cells import centres, selected
+
+
+def holds_no_scans(path: str) -> bool:
+    """Whether a file is no recording, and may be replaced by a map's arrays."""
+    return not is_archive(path)
 
 
 def write_leaves(
@@ -43,7 +49,7 @@ def write_leaves(
     leaves["size"] = cells.size * cells.unit
     for name in ("probability", "state", "hits", "misses"):
         leaves[name] = getattr(cells, name)
-    with replaced(path) as part:
+    with replaced(path, holds_no_scans) as part:
         np.savez_compressed(
             part,
             leaves=leaves,
@@ -68,7 +74,7 @@ def write_grid(m: OccupancyMap, path: Path, *, cell_size: float | None = None) -
     lower = np.floor(leaves.lower[known].min(axis=0) / size + 1e-9) * size
     upper = (leaves.lower + leaves.size[:, None])[known].max(axis=0)
     states = m.to_grid([lower, upper], size)
-    with replaced(path) as part:
+    with replaced(path, holds_no_scans) as part:
         if path.suffix == ".npy":
             np.save(part, states)
         else:

@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 from ndtree._native._core import OccupancyMap
-from ndtree.base.files import replaced_together
+from ndtree.base.files import replaced_together, require_kind
 
 
 def write(
@@ -20,6 +20,7 @@ def write(
     """See ``OccupancyMap.save_map_server()``; the image and the YAML file have the same name."""
     yaml = path.with_suffix(".yaml")
     if path.suffix != ".png":
+        require_kind(path.with_suffix(".pgm"))
         m.save_map_server(yaml, cell_size=cell_size, height=height)
         return
     try:

@@ -13,12 +13,14 @@ import numpy as np
 
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import replaced
+from ndtree.logs import contents
 
 OCTOMAP_TOPIC = "/octomap_full"
 GRID_TOPIC = "/map"
 FRAME = "map"
 _OCTOMAP = "octomap_msgs/msg/Octomap"
 _GRID = "nav_msgs/msg/OccupancyGrid"
+_HELD = tuple(kind.replace("/msg/", "/") for kind in (_OCTOMAP, _GRID))
 _OCTOMAP_DEFINITION = """\
 std_msgs/Header header
 bool binary
@@ -28,6 +30,15 @@ int8[] data
 """
 # Of a pixel's grey value; ROS has -1 for unknown, and percents.
 _PERCENT = {254: 0, 0: 100, 205: -1}
+
+
+def holds_maps_alone(path: str) -> bool:
+    """Whether a bag is no recording, and may be replaced by a map."""
+    try:
+        topics = contents(path, format="rosbag", whole=False)["topics"]
+    except (OSError, ValueError, ImportError, KeyError):
+        return False
+    return all(topic["type"].replace("/msg/", "/") in _HELD for topic in topics)
 
 
 def write(
@@ -57,7 +68,7 @@ def write(
         topic, kind, message = OCTOMAP_TOPIC, _OCTOMAP, _octomap(m, store, now, cell_size)
     else:
         topic, kind, message = GRID_TOPIC, _GRID, _grid(m, store, now, cell_size, height)
-    with replaced(path) as part, tempfile.TemporaryDirectory() as folder:
+    with replaced(path, holds_maps_alone) as part, tempfile.TemporaryDirectory() as folder:
         if is_ros1:
             data = Path(folder, "map.bag")
             with rosbag1.Writer(data) as bag:
