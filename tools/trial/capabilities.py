@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is tried: for each capability its judge, its worlds and its faults, and which of them a seed draws."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from trial import living, maps, moving, poses, sensing
+from trial.outcome import Case, Outcome
+from trial.robots import Recording
+from trial.worlds import SPATIAL, WORLDS
+
+_SPATIAL = tuple(make.__name__ for make in SPATIAL)
+_PLANAR = tuple(name for name in WORLDS if name not in _SPATIAL)
+_MOVES = ("none", "person", "stood_and_left")
+_ODOMETRY = ("none", "drift", "scale", "wrong_sign", "jump", "stall", "slip", "dropped", "no_odometry")
+
+
+@dataclass(frozen=True)
+class Capability:
+    """One answer of the library.
+
+    Attributes
+    ----------
+    judge : callable
+    worlds, faults : tuple of str
+    """
+
+    judge: Callable[[Case], tuple[Recording, Outcome]]
+    worlds: tuple[str, ...]
+    faults: tuple[str, ...]
+
+    @property
+    def rows(self) -> int:
+        """Seeds from 0 on that try each world and each fault at least once."""
+        return max(len(self.worlds), len(self.faults))
+
+
+CAPABILITIES = {
+    "map": Capability(maps.map_trial, (*_PLANAR, *_SPATIAL), _MOVES),
+    "no_return": Capability(
+        sensing.no_return_trial,
+        ("room", "yard", "glass", "hall", "corridor", "twins"),
+        ("none", "largest", "largest_noisy", "zero", "beyond", "dark"),
+    ),
+    "noise": Capability(
+        sensing.noise_trial,
+        ("room", "corridor", "hall", "loop", "flat", "ramp", "chamber"),
+        ("none", "person"),
+    ),
+    "align": Capability(poses.align_trial, _PLANAR, _ODOMETRY),
+    "match": Capability(poses.match_trial, _PLANAR, ("near", "far")),
+    "localize": Capability(
+        poses.localize_trial,
+        _PLANAR,
+        ("none", "drift", "scale", "jump", "stall", "carried", "other_building"),
+    ),
+    "moved": Capability(moving.moved_trial, (*_PLANAR, *_SPATIAL), _MOVES),
+    "clean": Capability(
+        moving.clean_trial, ("corridor", "fence", "yard", "furniture", *_SPATIAL), (*_MOVES, "pitch")
+    ),
+    "static": Capability(
+        moving.static_trial, ("room", "corridor", "fence", "yard", "flat", "railing"), (*_MOVES, "pitch")
+    ),
+    "live": Capability(
+        living.live_trial,
+        ("room", "corridor", "yard", "loop", "twins"),
+        ("none", "late", "begins_late", "missing", "stamps_back", "largest"),
+    ),
+    "grid": Capability(living.grid_trial, ("flat", "street", "shelves", "chamber"), ("none", "pitch")),
+}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What one seed draws; the same seed, the same trial."""
+
+    capability: str
+    world: str
+    fault: str
+    seed: int
+    is_fixed: bool = False
+
+    @classmethod
+    def of(
+        cls, name: str, seed: int, world: str | None = None, fault: str | None = None, is_fixed: bool = False
+    ) -> Trial:
+        """Worlds and faults take turns, until each pair has been tried."""
+        one = CAPABILITIES[name]
+        turns = seed // math.lcm(len(one.worlds), len(one.faults))
+        return cls(
+            name,
+            world or one.worlds[(seed + turns) % len(one.worlds)],
+            fault or one.faults[seed % len(one.faults)],
+            seed,
+            is_fixed,
+        )
+
+    def case(self) -> Case:
+        """Where it takes place, and all else that the seed draws."""
+        rng = np.random.default_rng([zlib.crc32(self.capability.encode()), self.seed])
+        world = WORLDS[self.world](rng).placed(rng, 0.05)
+        dim = 3 if self.world in _SPATIAL else 2
+        return Case(world, self.fault, rng, dim, self.is_fixed)
+
+    def run(self) -> tuple[Recording, Outcome]:
+        return CAPABILITIES[self.capability].judge(self.case())
+
+    def __str__(self) -> str:
+        return f"{self.capability} --world {self.world} --fault {self.fault} --seed {self.seed}"

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Judges of what moved: points that a map, or the scans themselves, say do not stand."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+import ndtree
+from trial import faults
+from trial.command import run
+from trial.maps import Truth, count_near, judge_map, mapped, mover_of
+from trial.outcome import Case, Outcome
+from trial.robots import Recording, poses_along, record, sensor_of
+
+
+def _recorded(case: Case) -> tuple[Recording, float, int | None]:
+    world, rng, dim = case.world, case.rng, case.dim
+    cell = float(rng.choice([0.05, 0.1])) if dim == 2 else 0.1
+    sensor = sensor_of(rng, dim)
+    scans = int(rng.integers(40, 70)) if dim == 2 else int(rng.integers(12, 20))
+    mover, last = mover_of(case, scans)
+    r = record(world.scene, sensor, poses_along(world, rng, scans, "drives"), rng, mover)
+    if case.fault == "pitch":
+        r = faults.pitch(r, rng)
+    return r, cell, last
+
+
+def _judge_removed(removed: np.ndarray, r: Recording, truth: Truth, outcome: Outcome) -> None:
+    """`removed` has an entry for each beam of each scan."""
+    hit = np.isfinite(r.ranges)
+    ends = truth.origins[:, None] + truth.directions * np.where(hit, r.exact, 0.0)[..., None]
+    standing = hit & ~r.moving
+    if standing.sum() >= 200:
+        outcome.expect("standing removed", 100 * removed[standing].mean())
+        outcome.drawn["standing removed"] = ends[standing & removed]
+    scan, beam = np.nonzero(r.moving)
+    if len(scan) < 20:
+        return
+    points = ends[scan, beam]
+    chosen = truth.rng.choice(len(points), min(300, len(points)), replace=False)
+    clear = truth.is_clear(points[chosen])
+    centers = truth.centers(points[chosen])
+    passed = np.zeros(len(chosen), int)
+    for later in range(len(r)):
+        passed += truth.passing(centers, [later]) * (later > scan[chosen])
+    # Of a thing that stood, as many scans must pass as found it there, or a dozen.
+    found = count_near(points[chosen], points, truth.cell) / np.maximum(
+        _once(points, scan, chosen, truth.cell), 1
+    )
+    counted = chosen[clear & (passed >= np.minimum(found + 1, 12))]
+    if len(counted) >= 20:
+        kept = ~removed[scan[counted], beam[counted]]
+        outcome.expect("moved kept", 100 * kept.mean())
+        outcome.drawn["moved kept"] = points[counted][kept]
+
+
+def _once(points: np.ndarray, scan: np.ndarray, chosen: np.ndarray, cell: float) -> np.ndarray:
+    """How many points a scan has around each of the chosen."""
+    result = np.zeros(len(chosen), int)
+    for one in np.unique(scan[chosen]):
+        own = scan[chosen] == one
+        result[own] = count_near(points[chosen][own], points[scan == one], cell)
+    return result
+
+
+def moved_trial(case: Case) -> tuple[Recording, Outcome]:
+    """What a map says of the points that it was made of."""
+    r, cell, _ = _recorded(case)
+    outcome, truth = Outcome(), Truth(case.world, r, cell, case.rng)
+    m = mapped(r, cell, is_fixed=case.is_fixed)
+    removed = np.zeros(r.ranges.shape, bool)
+    for i in range(len(r)):
+        points, _, returned = r.beams(i)
+        removed[i] = (np.asarray(m.moved(points)) > 0.5) & returned
+    _judge_removed(removed, r, truth, outcome)
+    outcome.drawn["map"] = m
+    return r, outcome
+
+
+def _options(r: Recording, cell: float) -> list[str]:
+    return ["--range-sigma", f"{max(r.sensor.sigma, 0.01):g}", "--min-cell-size", f"{cell:g}"]
+
+
+def clean_trial(case: Case) -> tuple[Recording, Outcome]:
+    """What ``ndtree clean`` leaves out."""
+    r, cell, _ = _recorded(case)
+    outcome, truth = Outcome(), Truth(case.world, r, cell, case.rng)
+    with tempfile.TemporaryDirectory() as folder:
+        log, target = r.save(Path(folder) / "log.npz"), Path(folder) / "marked.npz"
+        done = run(
+            "clean", log, "-o", target, "--mark", *_options(r, cell), "--json", Path(folder) / "f.json"
+        )
+        outcome.words = done.doubts
+        if done.status:
+            outcome.refused = done.error
+            return r, outcome
+        with np.load(target) as marked:
+            chance, offsets = marked["moved"], marked["offsets"]
+            count = len(chance)
+    removed = np.zeros(r.ranges.shape, bool)
+    if count == removed.size:
+        removed = (chance > 0.5).reshape(removed.shape)
+    else:
+        raise ValueError(f"{count} probabilities for {removed.size} beams, offsets {offsets[:3]}")
+    _judge_removed(removed & np.isfinite(r.ranges), r, truth, outcome)
+    return r, outcome
+
+
+def static_trial(case: Case) -> tuple[Recording, Outcome]:
+    """The map of ``ndtree map --static``: what stands is there, what moved is not."""
+    world, fault, rng = case.world, case.fault, case.rng
+    r, cell, last = _recorded(case)
+    outcome, truth = Outcome(), Truth(world, r, cell, rng)
+    with tempfile.TemporaryDirectory() as folder:
+        log, target = r.save(Path(folder) / "log.npz"), Path(folder) / "map.ndt"
+        done = run(
+            "map", log, "-o", target, "--static", *_options(r, cell), "--json", Path(folder) / "f.json"
+        )
+        outcome.words = done.doubts
+        if done.status:
+            outcome.refused = done.error
+            return r, outcome
+        m = ndtree.load(target)
+    met = count_near(truth.ends, truth.ends, 0.5 * cell) >= 5
+    ends = truth.ends[met]
+    if len(ends) >= 100 and fault != "pitch":
+        ends = ends[rng.choice(len(ends), min(2000, len(ends)), replace=False)]
+        nearest = np.asarray(m.nearest_occupied(ends, max_distance=1.0).distance)
+        gone = nearest > truth.margin
+        outcome.expect("walls lost", 100 * gone.mean())
+        outcome.drawn["walls lost"] = ends[gone]
+    if fault != "pitch":
+        judge_map(m, truth, outcome, last)
+    outcome.drawn["map"] = m
+    return r, outcome

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Judges of poses: aligned logs, matched scans, localized robots."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+import ndtree
+from ndtree.live.localizing import Localizer
+from trial import faults
+from trial.maps import mapped
+from trial.outcome import Case, Outcome, limit
+from trial.robots import Recording, laser, planar, poses_along, record
+from trial.worlds import room
+
+_MATCHES = 10  # In one trial: 30 normalized errors.
+_BEST = 1e-3  # No smaller standard deviation is taken in earnest [m].
+
+
+def align_trial(case: Case) -> tuple[Recording, Outcome]:
+    """Poses of a log whose odometry has a fault."""
+    world, fault, rng = case.world, case.fault, case.rng
+    sensor = laser(rng, beams=int(rng.choice([90, 180, 360])))
+    scans, motion = int(rng.integers(70, 110)), str(rng.choice(["drives", "drives", "pushed"]))
+    true = poses_along(world, rng, scans, motion)
+    r = getattr(faults, fault)(record(world.scene, sensor, true, rng), rng)
+    outcome = Outcome()
+    with tempfile.TemporaryDirectory() as folder:
+        log = ndtree.read(r.save(Path(folder) / "log.npz"))
+        try:
+            found = ndtree.align(log)
+        except ValueError as error:
+            outcome.refused = str(error)
+            return r, outcome
+    truth = planar(r.true)
+    off = np.hypot(*(found.poses[:, :2] - truth[:, :2]).T)  # The first pose is told as it is.
+    way = np.hypot(*np.diff(truth[:, :2], axis=0).T).sum()
+    outcome.words, outcome.may_doubt = list(found.doubts), not world.is_tellable
+    outcome.figures["way"] = round(float(way), 2)
+    outcome.expect("poses", off.max(), "m off", max(limit("poses"), 0.01 * way))
+    outcome.drawn["true"] = truth[:, :2]
+    outcome.drawn["found"] = found.poses[:, :2]
+    outcome.drawn["told"] = planar(r.told)[:, :2]
+    return r, outcome
+
+
+def _in_a_row(values: np.ndarray) -> np.ndarray:
+    """How many have been true up to each."""
+    count = np.cumsum(values)
+    return count - np.maximum.accumulate(np.where(values, 0, count))
+
+
+def match_trial(case: Case) -> tuple[Recording, Outcome]:
+    """Scans matched with a map of exact poses, from guesses that are off; errors against what is told."""
+    world, fault, rng = case.world, case.fault, case.rng
+    cell = float(rng.choice([0.025, 0.05, 0.1]))
+    sensor = laser(rng)
+    r = record(world.scene, sensor, poses_along(world, rng, 40, "drives"), rng)
+    m = mapped(r, cell, is_fixed=case.is_fixed)
+    matcher, outcome = m.matcher(), Outcome()
+    off, told = [], []
+    which = rng.choice(len(r), _MATCHES, replace=False)
+    for i in which:
+        truth = planar(r.true[i : i + 1])[0]
+        fresh = record(world.scene, sensor, r.true[i : i + 1], rng)
+        guess = truth + rng.uniform(-1, 1, 3) * _GUESSES[fault]
+        points = fresh.points(0)
+        if len(points) < 10:
+            continue
+        # What is along a smooth wall is odometry's to say.
+        prior = np.diag(1.0 / (np.array(_GUESSES[fault]) / np.sqrt(3)) ** 2)
+        found = matcher.match(points, guess, window=tuple(2 * np.array(_GUESSES[fault])), information=prior)
+        error = found.pose[:2, 2] - truth[:2]
+        turn = np.angle(np.exp(1j * (np.arctan2(found.pose[1, 0], found.pose[0, 0]) - truth[2])))
+        off.append([*error, turn])
+        told.append(np.sqrt(np.diag(found.covariance)).clip([_BEST, _BEST, _BEST / 10]))
+    if len(off) < _MATCHES // 2:
+        outcome.refused = "too few scans see anything"
+        return r, outcome
+    ratio = np.array(off) / told
+    outcome.figures["error"] = round(float(np.sqrt(np.mean(np.square(np.array(off)[:, :2])))), 4)
+    outcome.figures["told"] = round(float(np.sqrt(np.mean(np.square(np.array(told)[:, :2])))), 4)
+    outcome.expect("normalized error", np.sqrt(np.mean(ratio**2)))
+    outcome.drawn["map"] = m
+    return r, outcome
+
+
+#: Half the width of what guesses are off by [m, m, rad].
+_GUESSES = {"near": (0.1, 0.1, 0.05), "far": (0.3, 0.3, 0.15)}
+
+
+def localize_trial(case: Case) -> tuple[Recording, Outcome]:
+    """A robot tracked in a map of exact poses: where it says to be, while it does not say that it is lost."""
+    world, fault, rng = case.world, case.fault, case.rng
+    cell, sensor, outcome = 0.05, laser(rng, beams=int(rng.choice([180, 360]))), Outcome()
+    r = record(world.scene, sensor, poses_along(world, rng, 60, "drives"), rng)
+    m = mapped(r, cell, is_fixed=case.is_fixed)
+    scene, true = world.scene, r.true
+    if fault == "other_building":
+        other = room(rng).placed(rng, cell)
+        scene, true = other.scene, poses_along(other, rng, 60, "drives")
+    if fault == "carried":
+        true = np.concatenate([true[:15], np.tile(true[-1:], (45, 1, 1))])
+    again = record(scene, sensor, true, rng)
+    if fault in ("drift", "jump", "scale", "stall"):
+        again = getattr(faults, fault)(again, rng)
+    if fault == "carried":
+        again.told = np.concatenate([true[:15], np.tile(true[14:15], (45, 1, 1))])
+    first = planar(again.true)[0]
+    it = Localizer(m, None if fault == "other_building" else first)
+    off, told, lost = [], [], []
+    truth, odometry = planar(again.true), planar(again.told)
+    for i in range(len(again)):
+        points = again.points(i)
+        here = it.track(points, odometry[i], float(again.stamps[i]))
+        off.append(np.hypot(*(here.pose[:2, 2] - truth[i, :2])))
+        told.append(np.sqrt(np.linalg.eigvalsh(here.covariance[:2, :2]).max()))
+        lost.append(here.is_lost)
+    sure = ~np.array(lost)
+    beyond = np.array(off) - np.maximum(limit("told place"), 3 * np.array(told))
+    long = _in_a_row(sure & (beyond > 0)) > limit("told in a row")
+    if fault == "other_building":
+        outcome.figures["found"] = int(sure.sum())
+        if sure.any():
+            outcome.faults.append(f"found in {sure.sum()} of {len(sure)} scans, in another building")
+    elif sure.any():
+        outcome.figures["off"] = round(float(np.array(off)[sure].max()), 3)
+        if long.any():
+            at = int(np.where(long, beyond, -np.inf).argmax())
+            outcome.faults.append(f"{off[at]:.2f} m off in scan {at}, told sigma {told[at]:.3f} m")
+    if not outcome.faults and np.mean(lost) > 0.5:
+        outcome.words = [f"lost in {sum(lost)} of {len(lost)} scans"]
+        if fault == "other_building":
+            outcome.words = []
+    outcome.drawn["map"] = m
+    outcome.drawn["true"] = truth
+    return again, outcome

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What stands in a world, and where beams meet it: ray casting of its own, so that the library cannot hide.
+
+Everything is exact but for rounding, in metres. Nothing here imports the library.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+_BEHIND = 1e-9  # A surface nearer than this is the one that the ray starts on [m].
+
+
+@dataclass
+class Scene:
+    """Segments and circles in the plane; boxes and upright cylinders in space.
+
+    Attributes
+    ----------
+    dim : int
+        2 or 3.
+    segments : list of (2, 2) float64
+        Walls without thickness.
+    circles : list of (x, y, radius)
+        Posts of a plane.
+    boxes : list of (center (3,), half (3,), axes (3, 3))
+        `axes` has the box's unit vectors as rows.
+    cylinders : list of (x, y, radius, z0, z1)
+    glass : list of int
+        Segments that let `passing` of the beams through.
+    """
+
+    dim: int
+    segments: list[Floats] = field(default_factory=list)
+    circles: list[tuple[float, float, float]] = field(default_factory=list)
+    boxes: list[tuple[Floats, Floats, Floats]] = field(default_factory=list)
+    cylinders: list[tuple[float, float, float, float, float]] = field(default_factory=list)
+    glass: list[int] = field(default_factory=list)
+    passing: float = 0.0
+
+    def wall(self, *corners: tuple[float, float]) -> None:
+        """A line through corners."""
+        self.segments += [np.array(pair, dtype=float) for pair in zip(corners[:-1], corners[1:])]
+
+    def room(self, x0: float, y0: float, x1: float, y1: float) -> None:
+        """Four walls."""
+        self.wall((x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0))
+
+    def block(self, low: Floats, high: Floats, yaw: float = 0.0) -> None:
+        """A box between two corners, turned about its center."""
+        low, high = np.asarray(low, float), np.asarray(high, float)
+        c, s = np.cos(yaw), np.sin(yaw)
+        axes = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        self.boxes.append(((low + high) / 2, (high - low) / 2, axes))
+
+    def moved(self, turn: float, shift: Floats) -> Scene:
+        """The same, turned about z and shifted: walls at any angle and offset to a map's lattice."""
+        c, s = np.cos(turn), np.sin(turn)
+        plane = np.array([[c, -s], [s, c]])
+        space = np.eye(3)
+        space[:2, :2] = plane
+        shift = np.asarray(shift, float)
+        at = [plane @ (x, y) + shift[:2] for x, y, *_ in self.circles]
+        foot = [plane @ (x, y) + shift[:2] for x, y, *_ in self.cylinders]
+        return Scene(
+            self.dim,
+            [segment @ plane.T + shift[:2] for segment in self.segments],
+            [(*xy, r) for xy, (_, _, r) in zip(at, self.circles)],
+            [(space @ m + np.append(shift[:2], 0.0), h, axes @ space.T) for m, h, axes in self.boxes],
+            [(*xy, *rest) for xy, (_, _, *rest) in zip(foot, self.cylinders)],
+            list(self.glass),
+            self.passing,
+        )
+
+    def with_others(self, other: Scene) -> Scene:
+        """Both: what stands, and what moves at one time."""
+        return Scene(
+            self.dim,
+            self.segments + other.segments,
+            self.circles + other.circles,
+            self.boxes + other.boxes,
+            self.cylinders + other.cylinders,
+            self.glass + [len(self.segments) + i for i in other.glass],
+            self.passing or other.passing,
+        )
+
+    def cast(self, origins: Floats, directions: Floats, rng: np.random.Generator | None = None) -> Floats:
+        """(n,) distances along unit directions to the first surface; inf where there is none.
+
+        With a generator, glass lets its share of the beams pass.
+        """
+        directions = np.atleast_2d(np.asarray(directions, float))
+        origins = np.broadcast_to(np.asarray(origins, float), directions.shape)
+        nearest = np.full(len(directions), np.inf)
+        with np.errstate(all="ignore"):
+            if self.segments:
+                met = _meet_segments(np.array(self.segments), origins, directions)
+                if rng is not None and self.glass:
+                    passes = rng.random((len(met), len(self.glass))) < self.passing
+                    met[:, self.glass] = np.where(passes, np.inf, met[:, self.glass])
+                nearest = np.minimum(nearest, met.min(1))
+            if self.circles:
+                nearest = np.minimum(nearest, _meet_circles(np.array(self.circles), origins, directions))
+            for center, half, axes in self.boxes:
+                nearest = np.minimum(nearest, _meet_box(center, half, axes, origins, directions))
+            for cylinder in self.cylinders:
+                nearest = np.minimum(nearest, _meet_cylinder(cylinder, origins, directions))
+        return nearest
+
+    def is_inside(self, points: Floats) -> Bools:
+        """(n,) whether points are inside a post, a box or a cylinder: a plane's walls have no inside."""
+        points = np.atleast_2d(points)
+        inside = np.zeros(len(points), bool)
+        for x, y, r in self.circles:
+            inside |= np.hypot(points[:, 0] - x, points[:, 1] - y) < r
+        for center, half, axes in self.boxes:
+            inside |= (np.abs((points - center) @ axes.T) < half).all(1)
+        for x, y, r, z0, z1 in self.cylinders:
+            within = (z0 < points[:, 2]) & (points[:, 2] < z1)
+            inside |= (np.hypot(points[:, 0] - x, points[:, 1] - y) < r) & within
+        return inside
+
+
+def _meet_segments(segments: Floats, origins: Floats, directions: Floats) -> Floats:
+    """(n, segments) distances."""
+    along = segments[:, 1] - segments[:, 0]
+    to = segments[:, 0] - origins[:, None]
+    across = directions[:, None, 0] * along[:, 1] - directions[:, None, 1] * along[:, 0]
+    t = (to[..., 0] * along[:, 1] - to[..., 1] * along[:, 0]) / across
+    u = (to[..., 0] * directions[:, None, 1] - to[..., 1] * directions[:, None, 0]) / across
+    return np.where((t > _BEHIND) & (u >= 0) & (u <= 1), t, np.inf)
+
+
+def _meet_circles(circles: Floats, origins: Floats, directions: Floats) -> Floats:
+    to = circles[:, :2] - origins[:, None]
+    along = (to * directions[:, None]).sum(2)
+    left = circles[:, 2] ** 2 - (to**2).sum(2) + along**2
+    t = along - np.sqrt(left)
+    return np.where((left > 0) & (t > _BEHIND), t, np.inf).min(1)
+
+
+def _meet_box(center: Floats, half: Floats, axes: Floats, origins: Floats, directions: Floats) -> Floats:
+    o, d = (origins - center) @ axes.T, directions @ axes.T
+    one, other = (-half - o) / d, (half - o) / d
+    near, far = np.minimum(one, other), np.maximum(one, other)
+    outside = (d == 0) & (np.abs(o) > half)
+    near, far = np.where(d == 0, -np.inf, near).max(1), np.where(d == 0, np.inf, far).min(1)
+    met = (near <= far) & (near > _BEHIND) & ~outside.any(1)
+    return np.where(met, near, np.inf)
+
+
+def _meet_cylinder(
+    cylinder: tuple[float, float, float, float, float], origins: Floats, directions: Floats
+) -> Floats:
+    x, y, r, z0, z1 = cylinder
+    length = np.linalg.norm(directions[:, :2], axis=1)
+    flat = np.where(length > 0, length, np.nan)
+    t = _meet_circles(np.array([[x, y, r]]), origins[:, :2], directions[:, :2] / flat[:, None]) / flat
+    z = origins[:, 2] + t * directions[:, 2]
+    nearest = np.where((z >= z0) & (z <= z1), t, np.inf)
+    for height in (z0, z1):
+        t = (height - origins[:, 2]) / directions[:, 2]
+        aside = np.hypot(*(origins[:, :2] + t[:, None] * directions[:, :2] - (x, y)).T)
+        nearest = np.minimum(nearest, np.where((t > _BEHIND) & (aside < r), t, np.inf))
+    return nearest
