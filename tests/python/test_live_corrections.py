@@ -155,7 +155,7 @@ def test_a_recording_with_a_slams_path(tmp_path: Path) -> None:
         "0.5",
     ]
     files = []
-    for name, poses, paths in (("right", true, {}), ("late", wrong, late)):
+    for name, poses, paths in (("right", true, {N - 1: late[N - 1]}), ("late", wrong, late)):
         bag = bag_of(tmp_path / name, poses, rows, paths)
         target = tmp_path / f"{name}.ndt"
         done = cli("live", bag, "-o", target, "--json", tmp_path / f"{name}.json", *options)

@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import socket
+import struct
 import subprocess
 import sys
+import threading
 import time
 import urllib.error
 import urllib.request
@@ -23,8 +26,9 @@ pytest.importorskip("typer")
 from typer.testing import CliRunner
 
 import ndtree
+from ndtree.base.callers import MOST_CONNECTIONS
 from ndtree.cli.commands import app
-from ndtree.live import LiveMapper, MapServer, ScansIntake
+from ndtree.live import LiveMapper, MapServer, ScansIntake, serving
 from ndtree.live.serving import address_of
 from ndtree.maps.running import RunningMap
 from ndtree.tuning.settings import Settings
@@ -179,3 +183,88 @@ def test_the_command_serves_what_it_maps() -> None:
     finally:
         live.kill()
         live.communicate()
+
+
+def answer(server: MapServer, request: bytes) -> bytes:
+    port = int(server.url.rpartition(":")[2])
+    with socket.create_connection(("127.0.0.1", port), timeout=60) as client:
+        client.sendall(request)
+        client.shutdown(socket.SHUT_WR)
+        said = b""
+        while part := client.recv(1 << 16):
+            said += part
+    return said
+
+
+@pytest.mark.parametrize("host, open_to, status", [
+    ("127.0.0.1", "127.0.0.1", 200), ("localhost:1", "127.0.0.1", 200), ("[::1]", "127.0.0.1", 200),
+    ("evil.example", "127.0.0.1", 403), ("10.0.0.7", "127.0.0.1", 403), ("", "127.0.0.1", 403),
+    ("10.0.0.7:8090", "0.0.0.0", 200), ("robot:8090", "0.0.0.0", 200), ("robot.local", "0.0.0.0", 200),
+    ("evil.example:8090", "0.0.0.0", 403), ("a b", "0.0.0.0", 403),
+])  # fmt: skip
+def test_no_stranger_is_answered(host: str, open_to: str, status: int) -> None:
+    server = MapServer(host=open_to)
+    server.update(ndtree.AdaptiveMap(dim=2), 0.0)
+    line = f"Host: {host}\r\n".encode() if host else b""
+    try:
+        for origin, expected in ((b"", status), (f"Origin: http://{host}\r\n".encode(), status),
+                                 (b"Origin: http://evil.example\r\n", 403),
+                                 (b"Host: localhost\r\n", 403)):  # fmt: skip
+            if not host and origin:
+                continue
+            said = answer(server, b"GET /map.ndt HTTP/1.1\r\n" + line + origin + b"\r\n")
+            assert said.split()[1] == str(expected).encode(), (origin, said[:80])
+    finally:
+        server.close()
+
+
+def test_a_head_is_answered_without_the_map() -> None:
+    server = MapServer()
+    m = ndtree.AdaptiveMap(dim=2)
+    server.update(m, 0.0)
+    try:
+        said = answer(server, b"HEAD /map.ndt HTTP/1.0\r\nHost: localhost\r\n\r\n")
+        assert b" 200 " in said and said.endswith(b"\r\n\r\n")
+        assert f"Content-Length: {len(m.to_bytes())}".encode() in said and b"ETag" in said
+    finally:
+        server.close()
+
+
+def test_who_says_nothing_is_cut_off_and_nothing_is_printed(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Half requests, also those that go on byte by byte, and clients that leave."""
+    monkeypatch.setattr(serving, "TIMEOUT", 0.5)
+    monkeypatch.setattr(serving._Handler, "timeout", 0.5)
+    server = MapServer()
+    m = ndtree.AdaptiveMap(dim=3, min_cell_size=0.05)
+    m.insert(np.random.default_rng(1).normal(0, 8, (20_000, 3)), np.zeros(3))
+    server.update(m, 0.0)
+    address = ("127.0.0.1", int(server.url.rpartition(":")[2]))
+    threads = threading.active_count()
+    silent = [socket.create_connection(address, timeout=60) for _ in range(60)]
+    try:
+        deadline = time.monotonic() + 60
+        while silent[-1].recv(1 << 16) and time.monotonic() < deadline:
+            pass
+        assert threading.active_count() <= threads + MOST_CONNECTIONS
+        begin = time.monotonic()
+        with contextlib.suppress(OSError):
+            while time.monotonic() < begin + 60:
+                silent[0].sendall(b"G")
+                time.sleep(0.1)
+        assert time.monotonic() - begin < 30
+        while threading.active_count() > threads and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert threading.active_count() <= threads
+        for _ in range(5):  # And who leaves without hearing the answer.
+            with socket.create_connection(address) as client:
+                client.sendall(b"GET /map.ndt HTTP/1.0\r\nHost: localhost\r\n\r\n")
+                client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        running = RunningMap(server.url).newest()
+        assert running is not None and running.to_bytes() == m.to_bytes()
+    finally:
+        for client in silent:
+            client.close()
+        server.close()
+    assert capfd.readouterr().err == ""

@@ -24,6 +24,7 @@ from websockets.sync.client import connect
 
 import ndtree
 from ndtree import viewer as view
+from ndtree.base.callers import MOST_CONNECTIONS
 from ndtree.viewer import page_guard
 
 PROTOCOL = [f"viser-v{viser.__version__}"]
@@ -137,7 +138,7 @@ def test_it_has_a_title_and_an_icon_of_its_own(viewer: view.Viewer) -> None:
 def test_a_page_too_many_is_sent_away(viewer: view.Viewer) -> None:
     pages: list[Any] = []
     try:
-        for _ in range(page_guard.MOST_PAGES):
+        for _ in range(MOST_CONNECTIONS):
             pages.append(opened(viewer, viewer.url))
             assert pages[-1].recv(timeout=20)
         with opened(viewer, viewer.url) as late, pytest.raises(ConnectionClosed) as caught:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -25,7 +26,7 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
-from bags import write_bag
+from bags import Messages, write_bag
 from drives import START
 from robots import PATIENCE, apartment, grid_like, in_background, mapped, office
 from slams import bag_of, drifted, path_message
@@ -383,3 +384,50 @@ def test_a_node_that_is_killed_goes_on_from_its_last_saving(tmp_path: Path) -> N
     received = Received(file.read_bytes(), np.load(output), {}, log())
     grid, expected = received.grid_like(m)
     assert np.array_equal(grid, expected) and np.count_nonzero(grid == 100) > 500
+
+
+def test_of_a_burst_it_is_counted_what_was_lost(tmp_path: Path) -> None:
+    """More scans at once than wait to be taken, best effort as sensors are."""
+    bag, target = write_bag(tmp_path / "office", *office("mcap", 200)), tmp_path / "node.ndt"
+
+    def log() -> str:
+        return (tmp_path / "node.log").read_text(errors="replace")
+
+    words = ["-p", "patience:=120.0", "-p", "queue:=5000", "-p", f"map_file:={target}"]
+    with running(tmp_path, "node", "-m", "ndtree.live.ros2", "--ros-args", *words) as node:
+        with running(tmp_path, "publisher", PROCESSES / "publisher.py", bag, 1e6, 1) as publisher:
+            ended(publisher, node, log)
+        node.send_signal(signal.SIGINT)
+        assert node.wait(PATIENCE) == 0, log()
+    counts = re.search(r"(\d+) scans received.*, (\d+) lost by the middleware", log())
+    assert counts is not None and int(counts[1]) + int(counts[2]) == 200, log()
+
+
+def test_a_clock_that_never_begins_is_said(tmp_path: Path) -> None:
+    def log() -> str:
+        return (tmp_path / "node.log").read_text(errors="replace")
+
+    words = ["--ros-args", "-p", "use_sim_time:=true"]
+    with running(tmp_path, "node", "-m", "ndtree.live.ros2", *words) as node:
+        wait_until(lambda: "nothing comes on /clock" in log(), node, log)
+        node.send_signal(signal.SIGINT)
+        assert node.wait(PATIENCE) == 0, log()
+    assert log().count("/clock") == 1
+
+
+def test_what_is_missing_is_said_with_parameters(tmp_path: Path) -> None:
+    """A laser of whose place nothing is known."""
+    make: Messages = Messages("mcap")
+    content = [("/scan", START + 0.1 * i, make.laser(START + 0.1 * i, "laser", [2.0] * 9)) for i in range(60)]
+    bag = write_bag(tmp_path / "alone", make, content)
+
+    def log() -> str:
+        return (tmp_path / "node.log").read_text(errors="replace")
+
+    with running(tmp_path, "node", "-m", "ndtree.live.ros2") as node:
+        with running(tmp_path, "publisher", PROCESSES / "publisher.py", bag, 1, 1) as publisher:
+            ended(publisher, node, log)
+        wait_until(lambda: "no transform to laser" in log(), node, log)
+        node.send_signal(signal.SIGINT)
+        node.wait(PATIENCE)
+    assert "still, if the sensor stands" in log() and "--still" not in log() and "--trajectory" not in log()

@@ -26,22 +26,19 @@ namespace ndtree {
 
 /// What a sample of a log shows of its beams without return.
 struct NoReturns {
-  static constexpr std::size_t kLeastBeams = 30;  ///< Fewer of them tell nothing.
-  static constexpr double kMostWrong = 0.2;       ///< With a larger fraction of wrong ones they say nothing.
+  static constexpr double kMostWrong = 0.2;  ///< With a larger fraction of wrong ones they say nothing.
+  static constexpr double kSure = 3.0;       ///< Standard deviations from there that are no chance.
 
   std::size_t beams = 0;  ///< Without return, that tell whether they are right.
   double crossing = 0.0;  ///< Fraction of them that crosses surfaces which other scans found.
   double expected = 0.0;  ///< Fraction that would if they were right, by errors of poses and what moves.
   double share = 0.0;     ///< Fraction of beams without return among all of the sample.
 
-  /// At least this fraction of them is wrong.
-  [[nodiscard]] double wrong() const {
-    return std::max(0.0, (crossing - expected) / std::max(1.0 - expected, 1e-9));
-  }
-  /// Whether enough of them could be checked.
-  [[nodiscard]] bool are_judged() const { return beams >= kLeastBeams; }
-  /// Whether they mean free space; else they say nothing. They do where there is nothing to tell by.
-  [[nodiscard]] bool are_free() const { return !are_judged() || wrong() < kMostWrong; }
+  /// Whether enough of them could be checked to trust them if none crosses a surface.
+  [[nodiscard]] bool are_judged() const { return upper_bound(0.0) < kMostWrong; }
+  /// Whether they surely mean free space; else they say nothing. An excuse does not make sure: `expected` is
+  /// what errors of poses explain, and with such poses what they free may be a wall as well.
+  [[nodiscard]] bool are_free() const { return upper_bound(crossing) < kMostWrong; }
   /// are_free() as options and reports have it.
   [[nodiscard]] const char* choice() const { return are_free() ? "free" : "ignore"; }
 
@@ -51,12 +48,22 @@ struct NoReturns {
     char begin[80], found[160];
     std::snprintf(begin, sizeof begin, "beams without return (%.1f %%)", 100.0 * share);
     if (!are_judged())
-      return std::string(begin) + " mean free space: only " + std::to_string(beams) +
+      return std::string(begin) + " are left out: only " + std::to_string(beams) +
              " of them could be checked";
     std::snprintf(found, sizeof found,
                   "%.0f %% of %zu go through walls that other scans saw, %.0f %% would by pose errors",
                   100.0 * crossing, beams, 100.0 * expected);
     return std::string(begin) + (are_free() ? " mean free space: " : " are left out: ") + found;
+  }
+
+ private:
+  /// The largest fraction of which `fraction` of the beams is no chance: Wilson's bound, 1 without beams.
+  [[nodiscard]] double upper_bound(double fraction) const {
+    if (beams == 0) return 1.0;
+    const auto n = static_cast<double>(beams);
+    const double square = kSure * kSure / n;
+    const double spread = std::sqrt(square * (fraction * (1.0 - fraction) + square / 4.0));
+    return (fraction + square / 2.0 + spread) / (1.0 + square);
   }
 };
 
@@ -206,8 +213,8 @@ struct CrossingCount {
 /// Where the first surface on its way came later or had left, a beam is not judged.
 ///
 /// Beams that returned cross surfaces, too, where poses are wrong or things moved: how often they do in a
-/// metre says how many of the others would if each of them were right. More than that are wrong. If at least
-/// a fifth of them is, the sensor says "no return" of surfaces as well, as for glass and dark ones, and its
+/// metre says how many of the others would if each of them were right. Where it is not sure that fewer than a
+/// fifth cross, the sensor may say "no return" of surfaces as well, as for glass and dark ones, and its
 /// no-returns say nothing.
 ///
 /// @tparam Map of cells of one size: FixedMap<2, D>. Nothing of it is left.

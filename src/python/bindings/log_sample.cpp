@@ -68,8 +68,6 @@ void bind_log_sample(py::module_& module) {
       .def_readonly("expected", &NoReturns::expected, "The share that would if they were right.")
       .def_readonly("share", &NoReturns::share, "Of beams without return among all.")
       .def_property_readonly(
-          "wrong", [](const NoReturns& n) { return n.wrong(); }, "The least share that is wrong.")
-      .def_property_readonly(
           "are_judged", [](const NoReturns& n) { return n.are_judged(); }, "Whether enough were checked.")
       .def_property_readonly(
           "text", [](const NoReturns& n) { return n.to_text(); }, "What was chosen and why.");

@@ -20,9 +20,9 @@ def judge(scans: Sequence[Scan]) -> NoReturns:
 
     Every second scan's returned beams make a map with cells of one size, and the beams of the others are held
     against it: a beam without return is wrong where it crosses a surface that was hit both before it and
-    after it. If at least a fifth of them is, more than the errors of poses explain, the sensor says "no
-    return" of surfaces as well, as for glass and dark ones, and its no-returns say nothing. The rule stands
-    in ``evaluation/no_returns.hpp``.
+    after it. Where it is not sure that fewer than a fifth are, the sensor may say "no return" of surfaces as
+    well, as for glass and dark ones, and its no-returns say nothing. The rule stands in
+    ``evaluation/no_returns.hpp``.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def judge(scans: Sequence[Scan]) -> NoReturns:
     Returns
     -------
     NoReturns
-        "free" where there is nothing to tell by.
+        "ignore" where too little tells.
     """
     return _core.judge_no_returns(scans)
 

@@ -54,6 +54,10 @@ class Fading:
             self._box.ndim == 2 and len(self._box) == 2 and (self._box[0] < self._box[1]).all()
         ):
             raise ValueError(f"box = {self._box.tolist()}: must be two corners, the lower one first")
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin with an empty map."""
         self._keys: Keys = np.zeros(0, np.int64)
         self._last = np.zeros(0)
         self._newest = self._looked = -math.inf

@@ -35,6 +35,8 @@ class LiveFigures:
         Poses that came after a scan of their time was mapped, or left out: with them it would be another one.
     unsure : int
         Scans that were mapped by a pose a little before their time, because none came for it in time.
+    again : int
+        Scans that were mapped a second time, as later messages told more of how. Else they count as once.
     beams : dict of str to int
         As the maps count them.
     insert_seconds : float
@@ -56,6 +58,7 @@ class LiveFigures:
     poses: int = 0
     late_poses: int = 0
     unsure: int = 0
+    again: int = 0
     beams: dict[str, int] = field(default_factory=dict)
     insert_seconds: float = 0.0
     corrections: int = 0
@@ -69,6 +72,12 @@ class LiveFigures:
     def leave_out(self, kind: str) -> None:
         """Count one that is not mapped."""
         self.left_out[kind] = self.left_out.get(kind, 0) + 1
+
+    def begin_again(self) -> None:
+        """What was mapped or left out will be mapped again, or left out."""
+        self.again += self.mapped
+        self.mapped = self.unsure = self.late_poses = self.lost = 0
+        self.left_out, self.beams = {}, {}
 
     @property
     def is_complete(self) -> bool:
@@ -98,6 +107,7 @@ class LiveFigures:
             "poses": self.poses,
             "late_poses": self.late_poses,
             "unsure": self.unsure,
+            "again": self.again,
             "beams": dict(self.beams),
             "insert_seconds": self.insert_seconds,
             "corrections": {
@@ -119,4 +129,5 @@ class LiveFigures:
         moved = f", moved {self.moved} in {self.corrections} corrections" if self.corrections else ""
         frozen = f", {self.frozen} frozen" if self.frozen else ""
         lost = f", lost during {self.lost}" if self.lost else ""
-        return f"{self.received} scans received: {counts}{moved}{frozen}{lost}"
+        again = f", {self.again} mapped again" if self.again else ""
+        return f"{self.received} scans received: {counts}{moved}{frozen}{lost}{again}"

@@ -167,4 +167,4 @@ class FramesIntake(PosedIntake):
             ends, origins = in_map(self._tree.tree, self._fixed_frame, reading.frame, beams, reading.stamp)
             return Scan(ends[:, : self.dim], origins[..., : self.dim], beams.returned, reading.stamp)
 
-        return self._posed(reading.stamp, last, until, give_up, place, figures)
+        return self._posed(reading.frame, reading.stamp, last, until, give_up, place, figures)

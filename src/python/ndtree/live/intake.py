@@ -39,6 +39,8 @@ class Intake(ABC):
         Of several, items are put into the order of their stamps.
     look : float
         For how long measurements are looked at before it is decided [s].
+    may_revise : bool
+        Whether what was decided may be decided anew: measurements are kept until then.
     notes : list of str
         What was decided, and a user should know, each in one line.
     """
@@ -47,6 +49,7 @@ class Intake(ABC):
     dim: int
     sensors: Sequence[str] = ()
     look = 0.0
+    may_revise = False
 
     def __init__(self) -> None:
         self.notes: list[str] = []
@@ -72,13 +75,23 @@ class Intake(ABC):
         return
 
     def is_decidable(self, now: float) -> bool:
-        """Whether enough was seen to decide how to map."""
+        """Whether enough was seen to decide how to map, or to decide it anew."""
         return True
 
-    def decide(self, waiting: Sequence[Entry], everything: bool = False) -> None:
-        """Decide how to map; raises ValueError where what came does not tell, and more may.
+    def decide(self, waiting: Sequence[Entry], everything: bool = False) -> bool:
+        """Decide how to map; whether that is another way than before.
 
-        With `everything` nothing more comes.
+        Parameters
+        ----------
+        waiting : sequence of Entry
+            Measurements that wait, and those that were kept.
+        everything : bool
+            Nothing more comes.
+
+        Raises
+        ------
+        ValueError
+            If what came does not tell, and more may.
         """
         raise ValueError(f"{type(self).__name__}: expected its settings to be given")
 
@@ -162,10 +175,11 @@ class PosedIntake(Intake):
 
     def __init__(self) -> None:
         super().__init__()
-        self._latest = -math.inf
+        self._latest: dict[str, float] = {}
 
     def _posed(
         self,
+        sensor: str,
         stamp: float,
         last: float,
         until: float,
@@ -177,6 +191,8 @@ class PosedIntake(Intake):
 
         Parameters
         ----------
+        sensor : str
+            That measured; the clock of each may begin again.
         stamp, last : float
             When it was measured, and the last time at which a pose is needed [s].
         until : float
@@ -189,16 +205,21 @@ class PosedIntake(Intake):
         """
         if last > until and not give_up:
             return Verdict.wait
-        has_fallen = stamp < self._latest - FALL
+        latest = self._latest.get(sensor, -math.inf)
+        has_fallen = stamp < latest - FALL
+        # A clock that begins again does so for scans before it does for poses, or after: then poses of this
+        # time are of the time before.
+        is_ahead = has_fallen and last + FALL < until < math.inf
+        if is_ahead and not give_up:
+            return Verdict.wait
         try:
             scan = place()
         except NoPose as error:
-            # A clock that begins again does so for scans before it does for poses, or after.
             if error.where == "before" and has_fallen and not give_up:
                 return Verdict.wait
-            self._latest = stamp if has_fallen else max(self._latest, stamp)
+            self._latest[sensor] = stamp if has_fallen else max(latest, stamp)
             figures.leave_out(UNPOSED[error.where])
             return Verdict.left_out
-        self._latest = stamp if has_fallen else max(self._latest, stamp)
-        figures.unsure += last > until
+        self._latest[sensor] = stamp if has_fallen else max(latest, stamp)
+        figures.unsure += last > until or is_ahead
         return scan

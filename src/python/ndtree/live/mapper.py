@@ -21,6 +21,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ndtree._native._core import AdaptiveMap, InsertReport, OccupancyMap
 from ndtree.base.scan import Scan
 from ndtree.live.corrections import Corrections
@@ -87,8 +90,6 @@ class LiveMapper:
     sinks : sequence of Sink
     clock : callable, optional
         Says what time it is for the source [s]; left out, that is when the last item was received.
-    prepare : callable, optional
-        What is made of each scan before it is mapped, as to leave out beams.
     way : Way, optional
         Is told where the sensor is.
     corrections : Corrections, optional
@@ -129,7 +130,6 @@ class LiveMapper:
         fading: Fading | None = None,
         sinks: Sequence[Sink] = (),
         clock: Callable[[], float] | None = None,
-        prepare: Callable[[Scan], Scan] | None = None,
         way: Way | None = None,
         corrections: Corrections | None = None,
         localizer: Localizer | None = None,
@@ -156,7 +156,14 @@ class LiveMapper:
         self._intake, self._target, self._make = intake, target, make
         self._patience, self._threads = patience, threads
         self._window, self._fading = window, fading
-        self._clock, self._prepare, self._way = clock, prepare, way
+        #: Measurements that are mapped again if it is decided anew how, and the map to begin with.
+        self._kept: list[Entry] = []
+        self._may_begin_again = localizer is None
+        self._again_until = -math.inf
+        self._first = target.snapshot() if target is not None and intake.may_revise else None
+        self._clock, self._way = clock, way
+        #: Where the sensor was last [m].
+        self.position: NDArray[np.float64] | None = None
         self._changed = threading.Condition()
         self._queue = ScanQueue(queue)
         self._poses: deque[tuple[Any, float]] = deque()
@@ -288,6 +295,7 @@ class LiveMapper:
                 raise RuntimeError(f"there is no map yet: {self.undecided or 'nothing was mapped'}")
             if self._corrections is not None:
                 raise RuntimeError("the map follows corrections: what is changed in it would be lost")
+            self._may_begin_again = False
             yield self._target
             self._revision += 1
         self._publisher.wake()
@@ -302,6 +310,7 @@ class LiveMapper:
     def replace(self, m: OccupancyMap | None) -> None:
         """Go on with another map, or with an empty one of the same options."""
         with self._lock:
+            self._may_begin_again = False
             if self._corrections is not None and m is not None:
                 raise ValueError("the map follows corrections: expected no other to go on with")
             if self._corrections is not None and self._target is not None:
@@ -352,6 +361,8 @@ class LiveMapper:
             self._take_poses(math.inf)
             if not self._decided(now, closing):
                 return not closing
+        elif self._intake.may_revise and (closing or self._intake.is_decidable(now)):
+            self._revise(closing)
         if self._target is None and self._corrections is not None:
             self._begin_corrected()
         if self._target is None:
@@ -419,6 +430,40 @@ class LiveMapper:
             self._changed.notify_all()
         return False
 
+    def _revise(self, closing: bool) -> None:
+        """Decide anew by all that has come; if that is another way, map all of it so."""
+        self._take_poses(math.inf)
+        with self._changed:
+            waiting = [*self._kept, *self._queue.entries()]
+        if self._intake.decide(waiting, closing):
+            if self._may_begin_again:
+                self._begin_again()
+            else:
+                self._intake.notes.append(f"{self.figures.mapped} scans before stay as they were mapped")
+        if not self._intake.may_revise:
+            self._kept, self._first = [], None
+
+    def _begin_again(self) -> None:
+        with self._changed:
+            self._queue.begin_again(self._kept)
+            self._kept, self._held, self._ordered = [], None, False
+            self._backlog = len(self._queue)
+            self.figures.begin_again()
+            self._again_until = time.perf_counter()
+        with self._lock:
+            for one in (self._window, self._fading, self._way):
+                if one is not None:
+                    one.begin()
+            settings = self._intake.settings
+            assert settings is not None
+            if self._corrections is not None:
+                self._begin_corrected()
+            elif self._first is not None:
+                self._target = self._first.snapshot()
+            else:
+                self._target = self._make(self._intake.dim, settings.options)
+            self._revision += 1
+
     def _map_some(self, now: float, closing: bool) -> bool:
         """Map until there is nothing, or a pose is missing; False at the end.
 
@@ -433,6 +478,8 @@ class LiveMapper:
                     self._ordered = True
                 if self._held is None:
                     self._held = self._queue.take(everything=closing)
+                    if self._held is not None and self._intake.may_revise:
+                        self._kept.append(self._held)
                 self._is_starved = self._held is None and len(self._queue) > 0
                 self.figures.waiting = len(self._queue) + (self._held is not None)
                 self.figures.dropped = self._queue.dropped
@@ -451,6 +498,8 @@ class LiveMapper:
             self._backlog = max(self._backlog - 1, 0)
             if isinstance(found, Scan):
                 self._insert(found, entry)
+            if self._intake.may_revise and (closing or self._intake.is_decidable(self._now())):
+                return True
 
     def _found(self, entry: Entry, now: float, closing: bool) -> Scan | Verdict:
         """A scan of a measurement, or why there is none."""
@@ -465,7 +514,8 @@ class LiveMapper:
     def _insert(self, scan: Scan, entry: Entry) -> None:
         settings, figures = self._intake.settings, self.figures
         assert settings is not None and self._target is not None
-        scan = scan if self._prepare is None else self._prepare(scan)
+        origins = np.atleast_2d(scan.origin)
+        self.position = origins[-1] if len(origins) else self.position
         usable = settings.usable(scan)
         if self._localizer is not None:
             self._localize(usable, entry, self._localizer)
@@ -499,8 +549,9 @@ class LiveMapper:
         if self._way is not None:
             self._way.add(scan)
         figures.mapped += 1
-        figures.mapped_delays.append(time.perf_counter() - entry.arrived)
-        self._publisher.mapped(entry.arrived)
+        if entry.arrived > self._again_until:
+            figures.mapped_delays.append(time.perf_counter() - entry.arrived)
+        self._publisher.mapped(max(entry.arrived, self._again_until))
 
     def _localize(self, scan: Scan, entry: Entry, localizer: Localizer) -> None:
         """Find a scan in the map."""

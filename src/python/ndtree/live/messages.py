@@ -4,13 +4,18 @@
 Strategy: the messages of the first seconds are a bag in memory. What a log decides of a whole bag, it decides
 of that one: which topics are mapped, in which frame, where sensors sit, what times of beams mean, and with
 which options. Then these messages are mapped, and all that follow.
+
+The decision stands on little, so it is made anew of all that came, after some seconds more, when a transform
+contradicts it, and at the end of what is shorter than that. If it is another one, all is mapped again by it:
+the map is then that of a recording up to there. Messages are kept until the last of these looks, or until
+they are too many bytes. Which sensors are mapped stays.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from ndtree.base.scan import Scan
@@ -18,6 +23,7 @@ from ndtree.live.corrections import Correction, Jumps, Motion
 from ndtree.live.figures import LiveFigures
 from ndtree.live.intake import PosedIntake, Verdict, motion_in
 from ndtree.live.queue import Entry
+from ndtree.logs.core.selection import OneByOne, Selection
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.clock import Clock
 from ndtree.logs.ros.files.bag import Bag
@@ -29,13 +35,18 @@ from ndtree.logs.ros.placement.placement import STILL, TRANSFORMS
 from ndtree.logs.ros.reading import Measured, MessageReader, OtherFrame
 from ndtree.logs.ros.rosbag import RosbagLog
 from ndtree.logs.ros.storage import Raw
-from ndtree.logs.ros.survey import POSES_STREAM, TF, is_static, poses_in
-from ndtree.tuning.settings import settle
+from ndtree.logs.ros.survey import PATH, POSES_STREAM, TF, is_static, poses_in
+from ndtree.tuning.settings import Settings, settle
 
 #: What is decided is decided of the first messages of so long [s].
 LOOK = 2.0
+#: And anew of those of so long [s], as long as messages are of no more bytes together.
+LATER = (5.0, 15.0, 60.0)
+KEPT = 1 << 28
 #: If that is too little, so much more is waited for, at most [s].
 MOST_STEP = 10.0
+#: What scans outside what is selected are called.
+NOT_SELECTED = "not selected"
 #: Poses and the like that are kept until then, at most; fixed transforms are all kept.
 MOST_EARLY = 100_000
 
@@ -64,6 +75,8 @@ class MessagesIntake(PosedIntake):
         The frame that the poses of the Path are of; else the one that moves and is next to the sensor.
     look : float
         Nothing is mapped until measurements of so long have come [s].
+    parts : callable, optional
+        What of the scans of a dimension is mapped, as for `Log.select`.
 
     Attributes
     ----------
@@ -85,6 +98,7 @@ class MessagesIntake(PosedIntake):
         follow: str = "",
         body: str = "",
         look: float = LOOK,
+        parts: Callable[[int], dict[str, Any]] | None = None,
     ) -> None:
         super().__init__()
         if not look >= 0:
@@ -95,14 +109,23 @@ class MessagesIntake(PosedIntake):
         topics = self._reading.get("topic") or []
         names = [topics] if isinstance(topics, str) else topics
         self._topics = {plain(one.partition("@")[0]) for one in names}
-        self._follow, self._body = plain(follow), plain(body)
+        self._body = plain(body)
+        self._follows_jumps = plain(follow) == "tf"
+        self._follow = "" if self._follows_jumps else plain(follow)
         self._path: Raw | None = None
+        self._no_path = f"follow = {follow}: no {PATH} came on it, and no scan moves" if self._follow else ""
         self._bag: Bag | None = None
-        self._jumps = Jumps() if self._follow == "tf" else None
+        self._jumps = Jumps()
+        self.may_revise = True
+        self._began, self._looked_at = math.inf, -math.inf
+        self._bytes = self._released = 0
+        self._decided: Any = None
+        self._parts = parts or (lambda dim: {})
+        self._selected: OneByOne | None = None
         self._corrections: list[Correction] = []
         self._fixed: list[Raw] = []
         self._early: deque[Raw] = deque(maxlen=MOST_EARLY)
-        self._until: float | None = None
+        self._until = math.inf
         self._step = look
         self._entry: Entry | None = None
         self._measured: Measured | None = None
@@ -118,24 +141,41 @@ class MessagesIntake(PosedIntake):
         )
 
     def pose(self, item: Any, figures: LiveFigures) -> None:
-        if self._follow and plain(item.connection.topic) == self._follow:
-            self._path = item
+        is_transforms = item.connection.type in TF
+        if self._follow and plain(item.connection.topic) == self._follow and item.connection.type == PATH:
+            self._path, self._no_path = item, ""
             self._correct()
-        elif self._follower is not None:
-            self._follower.add(item)
+            return
+        if self.may_revise and (self.log is None or item.connection.type not in SENSORS):
+            self._keep(item)
+            (self._fixed if is_transforms and is_static(item.connection.topic) else self._early).append(item)
+        if self._follower is not None:
+            self._add(item)
             figures.late_poses = self._follower.late
-            if self._jumps is not None and item.connection.type in TF:
+            if self._follows_jumps and is_transforms:
                 self._look_for_jumps()
-        elif item.connection.type in TF and is_static(item.connection.topic):
-            self._fixed.append(item)
-        else:
-            self._early.append(item)
+
+    def _add(self, raw: Raw) -> None:
+        """Take note of poses; what contradicts the decision is looked at at once."""
+        assert self._follower is not None
+        self._follower.add(raw)
+        if self._follower.released > self._released:
+            self._released = self._follower.released
+            self._until = min(self._until, 1e-9 * raw.received)
+
+    def _keep(self, raw: Raw) -> None:
+        """Look at once, and never again, where too many bytes came since the last look."""
+        received = 1e-9 * raw.received
+        if received > self._looked_at:
+            self._bytes += len(raw.data)
+            if self._bytes > KEPT:
+                self._until = min(self._until, received)
 
     def _correct(self) -> None:
         """Take the newest Path, once it is decided what is mapped."""
         if self._path is None or self._clock is None or self._bag is None:
             return
-        raw, self._path = self._path, None
+        raw = self._path
         try:
             rows = poses_in(self._bag.decoded(raw))
         except ValueError:  # A damaged one: the next says the same.
@@ -149,17 +189,21 @@ class MessagesIntake(PosedIntake):
                 )
             )
 
-    def _look_for_jumps(self) -> None:
-        assert self.log is not None and self._jumps is not None
+    def _look_for_jumps(self, *, everywhere: bool = False) -> None:
+        """What the newest transforms tell of earlier poses, or all of them."""
+        assert self.log is not None
         place = self.log.places[self.sensors[0]]
         found = place.tree.body_of(place.fixed_frame, place.observer or place.frame)
         if found is None or found[0] == place.fixed_frame:
             return
         assert self._follower is not None
-        until = self._follower.until(self.sensors[0], found[0])
-        if math.isfinite(until):
-            correction = self._jumps.add(until, place.tree.pose_at(place.fixed_frame, found[0], until))
-            self._corrections += [] if correction is None else [correction]
+        stamps = [self._follower.until(self.sensors[0], found[0])]
+        if everywhere:
+            stamps = place.tree.stamps(place.fixed_frame, found[0]).tolist()
+        for stamp in stamps:
+            if math.isfinite(stamp):
+                correction = self._jumps.add(stamp, place.tree.pose_at(place.fixed_frame, found[0], stamp))
+                self._corrections += [] if correction is None else [correction]
 
     def corrections(self) -> list[Correction]:
         taken, self._corrections = self._corrections, []
@@ -177,55 +221,90 @@ class MessagesIntake(PosedIntake):
         return item.connection.topic, self._clock.time((item.connection.topic, frame), received, stamp)
 
     def is_decidable(self, now: float) -> bool:
-        return self._until is not None and now >= self._until
+        return now >= self._until
 
     def begin(self, received: float) -> None:
-        if self._until is None:
-            self._until = received + self.look
+        if self._began == math.inf:
+            self._began, self._until = received, received + self.look
 
-    def decide(self, waiting: Sequence[Entry], everything: bool = False) -> None:
+    def decide(self, waiting: Sequence[Entry], everything: bool = False) -> bool:
         """As of `Intake`; of what was received until a time, so that it does not depend on threads."""
-        assert self._until is not None
         until = math.inf if everything else self._until
         raws = [*self._fixed, *self._early, *(entry.item for entry in waiting)]
         raws = sorted((raw for raw in raws if 1e-9 * raw.received <= until), key=lambda raw: raw.received)
-        # If that is too little, the next time is not too soon: each look takes longer than the one before.
-        self._step = min(2 * self._step, MOST_STEP) or LOOK
-        self._until += self._step
+        if self.log is None:
+            # If that is too little, the next time is not too soon: each look takes longer than the last.
+            self._step = min(2 * self._step, MOST_STEP) or LOOK
+            self._until += self._step
+            log, bag, settings = self._looked(raws, everything)
+        else:
+            try:
+                log, bag, settings = self._looked(raws, everything)
+            except ValueError:  # What was decided still stands.
+                log = None
+        self._looked_at, self._bytes = until, sum(len(raw.data) for raw in raws)
+        later = [self._began + seconds for seconds in LATER if self._began + seconds > until]
+        is_last = everything or self._bytes > KEPT or not later
+        self._until = math.inf if is_last else later[0]
+        before, self._decided = self._decided, self._decided if log is None else _ways_of(log, settings)
+        is_other = self._decided != before
+        if log is not None and is_other:
+            seconds = 1e-9 * raws[-1].received - self._began
+            anew = f"decided anew of {seconds:.0f} s, of which all is mapped again"
+            self.settings, self.dim = settings, log.dim
+            self.notes = [f"uses {log.uses}", *settings.lines(), *log.notes, *([anew] if before else [])]
+            self._take(log, bag, until)
+        if is_last:
+            self.may_revise = False
+            self._fixed.clear()
+            self._early.clear()
+        return is_other
+
+    def _looked(self, raws: list[Raw], everything: bool) -> tuple[RosbagLog, Bag, Settings]:
+        """What these messages say as a recording."""
         bag = bag_of(self._name, raws)
-        log = RosbagLog(self._name, dim=self._wanted_dim, bag=bag, **self._reading)
+        log = RosbagLog(self._name, dim=self._wanted_dim, bag=bag, so_far=not everything, **self._reading)
         if math.isfinite(self._max_range):
             log.no_return_range = self._max_range
         log.keep_going = True
+        parts = self._parts(log.dim)
+        selected = log.select(**parts) if parts else log
         settings = settle(
-            log,
+            selected,
             options=self._options,
             max_range=self._max_range,
             no_return=self._no_return,
             with_sigma=True,
         )
-        self._take(log, bag, until)
-        self.settings, self.dim = settings, log.dim
-        self.notes = [f"uses {log.uses}", *settings.lines(), *log.notes]
+        log.zero_is = selected.zero_is
+        return log, bag, settings
 
     def _take(self, log: RosbagLog, bag: Bag, until: float) -> None:
         self.log, self._clock, self._bag = log, log.clock, bag
         self._reader = log.reader(bag)
         self._follower = Follower(log.places, log.clock, bag.decoded, log.covariances)
         self.sensors = [sensor.topic.name for sensor in log.sensors]
+        if not self._topics:
+            self._reading["topic"] = list(self.sensors)
         self._topics = {plain(sensor.topic.name) for sensor in log.sensors}
+        self._latest, self._entry, self._released = {}, None, 0
+        self._corrections, self._jumps = [], Jumps()
+        parts = self._parts(log.dim)
+        self._selected = OneByOne(Selection(log.dim, **parts), self._name) if parts else None
         for raw in (*self._fixed, *self._early):
             if 1e-9 * raw.received > until:
-                self._follower.add(raw)
-        self._fixed.clear()
-        self._early.clear()
+                self._add(raw)
         self._correct()
+        if self._follows_jumps:
+            self._look_for_jumps(everywhere=True)
 
     def scan(self, entry: Entry, give_up: bool, figures: LiveFigures) -> Scan | Verdict:
         reader, follower, log = self._reader, self._follower, self.log
         assert reader is not None and follower is not None and log is not None
         if entry is not self._entry:
             self._entry, self._measured = entry, None
+            if self.may_revise:
+                self._keep(entry.item)
             if self.is_pose(entry.item):
                 figures.leave_out("other sensors")
                 return Verdict.left_out
@@ -251,16 +330,33 @@ class MessagesIntake(PosedIntake):
             follower.asked(measured.topic, last)
             return log.completed(reader.scan(measured))
 
-        return self._posed(first, last, until, give_up, place, figures)
+        found = self._posed(measured.topic, first, last, until, give_up, place, figures)
+        if self._selected is None or not isinstance(found, Scan):
+            return found
+        part = self._selected.part(found)
+        if part is None:
+            figures.leave_out(NOT_SELECTED)
+        return Verdict.left_out if part is None else part
 
     @property
     def pose_topics(self) -> list[str]:
         if self.log is None:
             return []
-        path = [self._follow] if self._follow and self._jumps is None else []
+        path = [self._follow] if self._follow else []
         return path + [
             place.origin for place in self.log.places.values() if place.origin not in (TRANSFORMS, STILL)
         ]
 
     def said(self) -> list[str]:
-        return [*self.notes, *(self._reader.notes() if self._reader is not None else [])]
+        path = [self._no_path] if self._no_path else []
+        return [*self.notes, *path, *(self._reader.notes() if self._reader is not None else [])]
+
+
+def _ways_of(log: RosbagLog, settings: Settings) -> Any:
+    """All by which messages become a map; of two looks that are equal in it, the maps are equal."""
+    places = {
+        name: (place.fixed_frame, place.frame, place.is_own, place.observer, place.origin, place.moving())
+        for name, place in log.places.items()
+    }
+    how = settings.options, settings.max_range, settings.no_return, log.zero_is, log.dim
+    return log.uses, places, log.sweeps, log.covariances.are_used, how

@@ -78,6 +78,13 @@ class ScanQueue:
             self._first = min(self._first, stamp)
         heapq.heappush(self._heap, (stamp, number, entry))
 
+    def begin_again(self, entries: Iterable[Entry]) -> None:
+        """Let these wait, as they arrived, and what waits already behind them."""
+        waiting = sorted([*entries, *self.entries()], key=lambda entry: entry.arrived)
+        self._heap, self._key, self._number = [], None, 0
+        for entry in waiting:
+            self.put(entry)
+
     def drop(self) -> None:
         """Drop the oldest, and count it."""
         heapq.heappop(self._heap)

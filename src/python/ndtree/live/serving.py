@@ -3,11 +3,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
+import sys
 import threading
+import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from ndtree._native._core import OccupancyMap
+from ndtree.base.callers import LOCAL_NAMES, MOST_CONNECTIONS, why_not
 
 #: Where it listens unless it is told: to this computer alone.
 HOST = "127.0.0.1"
@@ -15,13 +20,19 @@ HOST = "127.0.0.1"
 PERIOD = 0.5
 #: The map's file.
 PATH = "/map.ndt"
+#: A request is whole within this time, and each part of an answer is taken within it [s].
+TIMEOUT = 10.0
+#: Bytes of such a part.
+_PART = 1 << 16
+_BUSY = b"HTTP/1.0 503 Service Unavailable\r\nContent-Length: 0\r\n\r\n"
 
 
 class MapServer:
     """Answers ``GET /map.ndt`` with the file of the map as it is now.
 
     It has the number of the map's state as its ETag, so that who has it already is told so (304); without a
-    map it is 503. A file is made only when somebody asks for it.
+    map it is 503. A file is made only when somebody asks for it. Who asks by a stranger's name, or from a
+    stranger's page, is refused (403); of more than 16 at once, the others have to come again (503).
 
     Parameters
     ----------
@@ -45,15 +56,19 @@ class MapServer:
         self._made: tuple[int, bytes] | None = None
         handler = type("Handler", (_Handler,), {"served": self})
         try:
-            self._server = ThreadingHTTPServer((host, port), handler)
+            self._server = _Server((host, port), handler)
         except OverflowError:
             raise OSError(f"port = {port}: must be from 0 to 65535") from None
-        self._server.daemon_threads = True
         self._host = host
         self._thread = threading.Thread(
             target=self._server.serve_forever, kwargs={"poll_interval": 0.1}, name="ndtree-serve", daemon=True
         )
         self._thread.start()
+
+    @property
+    def is_only_here(self) -> bool:
+        """Whether nobody but this computer can ask."""
+        return self._host in LOCAL_NAMES
 
     @property
     def url(self) -> str:
@@ -89,10 +104,63 @@ class MapServer:
         self._thread.join()
 
 
+class _Server(ThreadingHTTPServer):
+    """Bounds how many ask at once, and for how long."""
+
+    daemon_threads = True
+
+    def __init__(self, *arguments: Any) -> None:
+        self._open: dict[socket.socket, float] = {}  # By when the request has to be whole.
+        super().__init__(*arguments)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        if len(self._open) >= MOST_CONNECTIONS:
+            with contextlib.suppress(OSError):
+                request.setblocking(False)
+                request.send(_BUSY)
+            self.shutdown_request(request)
+            return
+        self._open[request] = time.monotonic() + TIMEOUT
+        super().process_request(request, client_address)
+
+    def is_whole(self, request: Any) -> None:
+        """The request has been read: its answer may take longer."""
+        if request in self._open:
+            self._open[request] = float("inf")
+
+    def service_actions(self) -> None:
+        """Cut off who says half a request, however slowly."""
+        now = time.monotonic()
+        for request, until in list(self._open.items()):
+            if now > until:
+                with contextlib.suppress(OSError):
+                    request.shutdown(socket.SHUT_RDWR)
+
+    def shutdown_request(self, request: Any) -> None:
+        self._open.pop(request, None)
+        super().shutdown_request(request)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that leaves is no error of ours."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handle_error(request, client_address)
+
+
 class _Handler(BaseHTTPRequestHandler):
     served: MapServer
+    server: _Server
+    timeout = TIMEOUT
+
+    def do_HEAD(self) -> None:
+        self.do_GET()
 
     def do_GET(self) -> None:
+        self.server.is_whole(self.request)
+        hosts, origins = (self.headers.get_all(name, []) for name in ("Host", "Origin"))
+        reason = why_not(hosts, origins, only_here=self.served.is_only_here)
+        if reason is not None:
+            self._answer(403, f"{reason}\n".encode())
+            return
         if self.path not in ("/", PATH):
             self._answer(404, b"")
             return
@@ -110,11 +178,15 @@ class _Handler(BaseHTTPRequestHandler):
         for name, value in headers.items():
             self.send_header(name, value)
         if status != 304:
-            self.send_header("Content-Type", "application/octet-stream")
+            kind = "application/octet-stream" if status == 200 else "text/plain; charset=utf-8"
+            self.send_header("Content-Type", kind)
+            self.send_header("X-Content-Type-Options", "nosniff")
             self.send_header("Content-Length", str(len(body)))
         self.end_headers()
-        if body:
-            self.wfile.write(body)
+        if self.command == "HEAD":
+            return
+        for begin in range(0, len(body), _PART):  # The time is of each part: a large map may take longer.
+            self.wfile.write(body[begin : begin + _PART])
 
     def log_message(self, format: str, *_: Any) -> None:
         """Print nothing."""

@@ -22,6 +22,11 @@ class Way:
         self._points: deque[NDArray[np.float64]] = deque(maxlen=MOST)
         self._lock = threading.Lock()
 
+    def begin(self) -> None:
+        """Forget all points."""
+        with self._lock:
+            self._points.clear()
+
     def add(self, scan: Scan) -> None:
         """Take note of a scan's sensor, if it is 0.1 m from the last point."""
         origins = np.atleast_2d(scan.origin)

@@ -33,6 +33,10 @@ class Window:
         if not 0 < radius < math.inf:
             raise ValueError(f"window = {radius:g} m: must be > 0 and finite")
         self.radius = radius
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin with an empty map."""
         self._center: np.ndarray | None = None
 
     def moved(self, m: OccupancyMap, scan: Scan) -> None:

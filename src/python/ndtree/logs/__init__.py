@@ -243,6 +243,19 @@ def _recognised(source: Source) -> Format:
     )
 
 
+def require_options(
+    path: str | os.PathLike[str], options: dict[str, Any], *, format: str | None = None
+) -> None:
+    """Refuse options that the format of a file or folder does not take, as `read` does.
+
+    Raises
+    ------
+    WrongOption
+        With those that it takes.
+    """
+    _require_taken(*_looked_up(path, format), options)
+
+
 def _require_taken(source: Source, format: Format, options: dict[str, Any]) -> None:
     taken = [option.name for option in format.options]
     for name in options:

@@ -115,7 +115,7 @@ def settle(
         log.zero_is = NO_ECHO
     look = first_look(log, progress=progress)
     zeros = min(1.0, log.zeros / look.beams) if look.beams else 0.0
-    if decides and (look.no_returns.choice == "ignore" or not look.no_returns.are_judged or not zeros):
+    if decides and (look.no_returns.choice == "ignore" or not zeros):
         log.zero_is = INVALID
     flags = [f"--dim {look.dim}"]
     if choose_sigma:

@@ -16,12 +16,8 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-#: Names that only this computer has; through a tunnel its port may be another.
-LOCAL_NAMES = ("127.0.0.1", "localhost", "::1")
-#: A name or an address, that of IPv6 in brackets, and perhaps a port; nothing else is a Host (RFC 9110, 7.2).
-_HOST = re.compile(r"(?P<name>\[[0-9A-Fa-f:.]+\]|[0-9A-Za-z.-]+)(?::[0-9]{1,5})?")
-#: Each open page has a thread, and what it shows in memory.
-MOST_PAGES = 16
+from ndtree.base.callers import MOST_CONNECTIONS, why_not
+
 #: What a page says is where its camera is, and what was clicked.
 MOST_SAID = 1 << 20
 TITLE = "ndtree"
@@ -63,24 +59,6 @@ def guarded() -> Iterator[None]:
             server.serve = serve
 
 
-def why_not(headers: Headers) -> str | None:
-    """Why a request is refused, None if it is not.
-
-    The name of a stranger's server may lead here, and a stranger's page may call here: the first is seen by
-    ``Host``, which must be a name of this computer, the second by ``Origin``, which must be the same.
-    """
-    hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
-    if len(hosts) != 1 or len(origins) > 1:
-        return "expected one Host, and one Origin at most"
-    found = _HOST.fullmatch(hosts[0])
-    name = found and found["name"].strip("[]").lower()
-    if name not in LOCAL_NAMES:
-        return f"expected {', '.join(LOCAL_NAMES)} as Host"
-    if origins and origins[0].lower() != f"http://{hosts[0].lower()}":
-        return "pages from elsewhere may not ask"
-    return None
-
-
 def own_page(page: bytes) -> bytes:
     """Viser's page with a title and an icon of our own."""
     icon = f'<link rel="icon" href="data:image/svg+xml,{urllib.parse.quote(_ICON)}" />'.encode()
@@ -90,7 +68,7 @@ def own_page(page: bytes) -> bytes:
 
 def _checked(answer: Answer) -> Answer:
     def checked(connection: ServerConnection, request: Request) -> Response | None:
-        reason = why_not(request.headers)
+        reason = why_not(request.headers.get_all("Host"), request.headers.get_all("Origin"))
         if reason is not None:
             return _said(http.HTTPStatus.FORBIDDEN, reason)
         is_page = request.path.partition("?")[0] in ("/", "/index.html")
@@ -124,8 +102,8 @@ def _limited(handler: Handler) -> Handler:
     pages: set[int] = set()
 
     async def limited(connection: ServerConnection) -> None:
-        if len(pages) >= MOST_PAGES:
-            await connection.close(1013, f"{MOST_PAGES} pages are open")
+        if len(pages) >= MOST_CONNECTIONS:
+            await connection.close(1013, f"{MOST_CONNECTIONS} pages are open")
             return
         pages.add(id(connection))
         try:

@@ -187,8 +187,6 @@ class NoReturns:
         poses and by what moves.
     share : float
         Of beams without return among all.
-    wrong : float
-        At least this share of them is wrong, 0 to 1.
     are_judged : bool
         Whether enough of them could be checked.
     text : str
@@ -200,7 +198,6 @@ class NoReturns:
     crossing: float
     expected: float
     share: float
-    wrong: float
     are_judged: bool
     text: str
 

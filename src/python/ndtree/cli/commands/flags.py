@@ -14,7 +14,17 @@ from typing import Annotated, Any, Optional
 import typer
 
 from ndtree.base.exit_status import WrongCall
-from ndtree.logs import FORMATS, READER_OPTIONS, Log, NotALog, WrongOption, contents, read
+from ndtree.logs import (
+    FORMATS,
+    READER_OPTIONS,
+    Log,
+    NotALog,
+    WrongOption,
+    contents,
+    read,
+    require_options,
+)
+from ndtree.logs.core.selection import Selection
 from ndtree.maps.kinds import MAP_OPTIONS
 
 Command = Callable[..., None]
@@ -133,16 +143,32 @@ class Reading:
         log.no_return_range = max_range
         if not self.selection:
             return log
+        try:
+            return log.select(**self.parts(log.dim))
+        except ValueError as error:
+            raise WrongCall(str(error)) from None
+
+    def parts(self, dim: int) -> dict[str, Any]:
+        """What of a log of a dimension is selected, as for `Log.select`."""
         selection = dict(self.selection)
-        for name, count in (("box", 2 * log.dim), ("origin", log.dim)):
+        for name, count in (("box", 2 * dim), ("origin", dim)):
             if name in selection:
                 selection[name] = _numbers(name, selection[name], count)
         if "box" in selection:
-            selection["box"] = (selection["box"][: log.dim], selection["box"][log.dim :])
+            selection["box"] = (selection["box"][:dim], selection["box"][dim:])
+        return selection
+
+    def require_taken(self, path: Path) -> None:
+        """Refuse options that the log's format does not take, and limits of its part that make no sense."""
+        limits = {name: value for name, value in self.selection.items() if name not in ("box", "origin")}
         try:
-            return log.select(**selection)
+            Selection(3, **limits)
         except ValueError as error:
             raise WrongCall(str(error)) from None
+        try:
+            require_options(path, self.options, format=self.format)
+        except WrongOption as error:
+            raise WrongCall(in_flags(str(error))) from None
 
     def with_default(self, name: str, value: Any) -> Reading:
         """These flags with an option of the format added, unless it was given."""

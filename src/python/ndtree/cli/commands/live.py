@@ -7,14 +7,13 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Callable, Optional
+from typing import Annotated, Any, Optional
 
 import typer
 
 from ndtree.alignment.writing import is_trajectory
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.files import replaced
-from ndtree.base.scan import Scan
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import map_figures, print_map
 from ndtree.cli.commands.flags import Reading, in_flags, map_options, reading_options
@@ -54,12 +53,15 @@ from ndtree.live import (
 from ndtree.live.corrections import MEMORY
 from ndtree.live.localizing import ODOMETRY, place_of, quaternion_of
 from ndtree.live.mapper import PATIENCE, QUEUE
-from ndtree.live.messages import LOOK
+from ndtree.live.messages import LOOK, NOT_SELECTED
 from ndtree.live.playing import messages_of, scans_of
 from ndtree.live.serving import MapServer, address_of
 from ndtree.logs import WrongOption, recognised
-from ndtree.logs.core.selection import Selection
-from ndtree.logs.ros.files.bag import open_bag
+from ndtree.logs.poses.transforms import plain
+from ndtree.logs.ros.files.bag import Bag, open_bag
+from ndtree.logs.ros.messages.beams import short
+from ndtree.logs.ros.sensors import listed
+from ndtree.logs.ros.survey import PATH
 
 #: How often a page is drawn anew, and a line on a terminal [s].
 PAGE, LINE = 0.5, 0.5
@@ -163,8 +165,9 @@ def live(
 ) -> None:
     """Map a recording as a robot would: message by message, at its own pace, and say what was dropped.
 
-    The map is that of "ndtree map" with the same options, byte for byte, if none was. For a robot that runs
-    ROS 2 there is the node ndtree_map.
+    If none was, the map is that of "ndtree map" with the same options: byte for byte of up to a minute, and
+    of more if what is chosen by the first minute is what all of it says. For a robot that runs ROS 2 there
+    is the node ndtree_map.
     """
     if save_every is not None and output is None:
         raise WrongCall("--save-every: expected -o MAP, too")
@@ -226,7 +229,6 @@ def live(
             window=kept,
             fading=fading,
             sinks=sinks,
-            prepare=_prepare(reading),
             way=way,
             corrections=corrections,
             localizer=localizer,
@@ -243,6 +245,8 @@ def live(
         except ValueError as error:
             raise ValueError(in_flags(str(error))) from error
         seconds = time.perf_counter() - begin
+        if reading.strict and mapper.figures.left_out.keys() - {NOT_SELECTED}:
+            raise ValueError(f"{log}: {mapper.figures.summary()}; expected none with --strict")
         if localizer is not None:
             _report_places(mapper, localizer, found, output, json_file, str(log))
         else:
@@ -271,7 +275,9 @@ def _source(
     """How a recording is judged, and what is in it."""
     limit = limit_of(max_range)
     if path is not None and recognised(path, format=reading.format) == "rosbag":
+        reading.require_taken(path)
         bag = stack.enter_context(open_bag(str(path.parent if path.name == "metadata.yaml" else path)))
+        _check_followed(bag, follow)
         frames = {"fixed_frame": ODOMETRY} if localizes else {}
         intake = made(
             lambda: MessagesIntake(
@@ -284,6 +290,7 @@ def _source(
                 look=look,
                 follow=follow,
                 body=body,
+                parts=reading.parts if reading.selection else None,
             )
         )
         return intake, messages_of(bag)
@@ -291,9 +298,20 @@ def _source(
         raise WrongCall("--localize: expected a ROS bag, whose transforms have the odometry")
     if follow:
         raise WrongCall("--follow: expected a ROS bag, which has the poses that a SLAM corrects")
-    whole = open_log(path, world, dim, _whole(reading) if path is not None else reading, max_range=max_range)
-    settings = settled(whole, options, limit, no_return, with_sigma=True)
-    return ScansIntake(settings, whole.dim), scans_of(whole)
+    opened = open_log(path, world, dim, reading, max_range=max_range)
+    settings = settled(opened, options, limit, no_return, with_sigma=True)
+    return ScansIntake(settings, opened.dim), scans_of(opened)
+
+
+def _check_followed(bag: Bag, follow: str) -> None:
+    """Refuse to follow what no SLAM tells of its poses."""
+    topic = bag.topic(follow) if follow and plain(follow) != "tf" else None
+    if not follow or plain(follow) == "tf" or (topic is not None and topic.type == PATH):
+        return
+    found = "is not there" if topic is None else f"is of type {short(topic.type)}"
+    raise WrongCall(
+        f"--follow {follow}: {found}, expected tf, or a Path as one of {listed(bag.of_type(PATH))}"
+    )
 
 
 def _served(serve: str, stack: ExitStack) -> MapServer:
@@ -303,22 +321,6 @@ def _served(serve: str, stack: ExitStack) -> MapServer:
     stack.callback(server.close)
     print(f"ndtree view {server.url} shows the map as it grows", file=sys.stderr, flush=True)
     return server
-
-
-def _whole(reading: Reading) -> Reading:
-    return Reading(reading.format, reading.keep_going, reading.strict, {}, reading.options)
-
-
-def _prepare(reading: Reading) -> Optional[Callable[[Scan], Scan]]:
-    """What becomes of each scan before it is mapped: shorter beams are left out, and the like."""
-    chosen = dict(reading.selection)
-    for name in ("every", "start", "stop", "box", "origin"):
-        if name in chosen:
-            flag = {"start": "from", "stop": "to"}.get(name, name)
-            raise WrongCall(f"--{flag}: is for ndtree map alone")
-    if not chosen:
-        return None
-    return made(lambda: Selection(3, **chosen)).cut
 
 
 def _frame(intake: Intake) -> str:
@@ -358,7 +360,7 @@ def _line(mapper: LiveMapper) -> Iterator[None]:
 
     def run() -> None:
         while not ended.wait(LINE):
-            said = mapper.undecided or mapper.figures.summary()
+            said = in_flags(mapper.undecided) or mapper.figures.summary()
             print(f"\r\x1b[2K{said[:110]}", end="", file=sys.stderr, flush=True)
 
     thread = threading.Thread(target=run, daemon=True)

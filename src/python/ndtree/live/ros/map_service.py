@@ -16,7 +16,6 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
-from ndtree.base.scan import Scan
 from ndtree.live.corrections import Corrections
 from ndtree.live.fading import Fading
 from ndtree.live.localizing import ODOMETRY, Localization, Localizer, place_of
@@ -24,12 +23,11 @@ from ndtree.live.mapper import LiveMapper
 from ndtree.live.messages import MessagesIntake
 from ndtree.live.ros.messages import header, optional_class, pose_with_covariance, transform
 from ndtree.live.ros.middleware import Level, Middleware
-from ndtree.live.ros.parameters import reading_options
+from ndtree.live.ros.parameters import in_parameters, reading_options
 from ndtree.live.ros.sinks import CellsSink, FrontiersSink, GridSink, OctomapSink
 from ndtree.live.saver import Saver
 from ndtree.live.serving import MapServer, address_of
 from ndtree.live.window import Window
-from ndtree.logs.core.selection import Selection
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.storage import Raw
 from ndtree.maps.open import open_map
@@ -40,6 +38,8 @@ TICK = 0.1
 #: The frame of a map that the robot is found in, and how far ahead its transform is dated, as others need it
 #: for times that are a little later [s].
 MAP, AHEAD = "map", 0.1
+#: For so long nothing is said of a clock that does not begin [s].
+WAITS = 3.0
 #: How often it is said why nothing is mapped [s].
 SAYS = 5.0
 
@@ -96,11 +96,13 @@ class MapService:
             look=value("look"),
             follow=value("follow"),
             body=value("follow_frame"),
+            parts=lambda dim: {"min_range": value("min_range")} if value("min_range") else {},
         )
         if value("no_return") not in ("auto", "free", "ignore"):
             raise ValueError(f"no_return = {value('no_return')}: must be auto, free or ignore")
-        self._position: np.ndarray | None = None
-        self._is_announced = False
+        self._announced: list[str] = []
+        self._began = time.monotonic()
+        self._waits_for_clock = True
         self._before = 0, 0.0
         self._said = -math.inf
         self._failed: dict[str, str] = {}
@@ -124,13 +126,6 @@ class MapService:
             self._tf = node.publisher(self._transforms, "/tf", depth=100)
             self._poses = node.publisher(PoseWithCovarianceStamped, "~/pose", depth=10)
         self._status = node.publisher(DiagnosticArray, "/diagnostics", depth=10)
-        selection = Selection(3, min_range=value("min_range"))
-
-        def prepare(scan: Scan) -> Scan:
-            origin = np.atleast_2d(scan.origin)
-            self._position = origin[-1] if len(origin) else self._position
-            return selection.cut(scan)
-
         self.mapper = LiveMapper(
             self._intake,
             target=target,
@@ -144,7 +139,6 @@ class MapService:
             localizer=localizer,
             localized=self._localized,
             sinks=sinks,
-            prepare=prepare,
         )
 
     def _new_map(self, dim: int, options: dict[str, Any]) -> OccupancyMap:
@@ -184,14 +178,21 @@ class MapService:
         intake, mapper = self._intake, self.mapper
         mapper.advance(self._node.now())
         chosen = None
-        if intake.log is not None and not self._is_announced:
-            self._is_announced = True
+        if intake.log is not None and self._announced != intake.notes:
             for line in intake.said():
-                self._node.say(Level.info, line)
+                if line not in self._announced:
+                    self._node.say(Level.info, in_parameters(line))
+            self._announced = list(intake.notes)
             chosen = {plain(one) for one in (*intake.sensors, *intake.pose_topics)}
         elif intake.log is None and mapper.undecided and time.monotonic() - self._said >= SAYS:
             self._said = time.monotonic()
-            self._node.say(Level.warning, mapper.undecided)
+            self._node.say(Level.warning, in_parameters(mapper.undecided))
+        if self._waits_for_clock and time.monotonic() - self._began >= WAITS:
+            self._waits_for_clock = False
+            if self._node.now() == 0:
+                self._node.say(
+                    Level.warning, "use_sim_time is set, and nothing comes on /clock: no time passes"
+                )
         self._say_failures()
         self._grid.welcome()
         return chosen
@@ -218,12 +219,12 @@ class MapService:
             if file and self.mapper.has_map and self._localizer is None:
                 write(self.mapper.snapshot(), Path(file))
         except (ValueError, OSError) as error:
-            self._node.say(Level.error, str(error))
+            self._node.say(Level.error, in_parameters(str(error)))
         if self._server is not None:
             self._server.close()
         self._say_failures()
         self.diagnose(lost)
-        self._node.say(Level.info, self.mapper.figures.summary())
+        self._node.say(Level.info, f"{self.mapper.figures.summary()}, {lost} lost by the middleware")
 
     def diagnose(self, lost: int) -> None:
         """Publish how the map does.
@@ -263,7 +264,7 @@ class MapService:
             status.message = f"{rate:.1f} scans/s"
         else:
             status.level = DiagnosticStatus.WARN
-            status.message = mapper.undecided or "nothing to map yet"
+            status.message = in_parameters(mapper.undecided) or "nothing to map yet"
         if mapper.has_map and (rate == 0 or mapper.failures):
             status.level = DiagnosticStatus.WARN
             status.message = next(iter(mapper.failures.values()), "no scans are mapped")
@@ -302,13 +303,14 @@ class MapService:
         """Forget the box around the sensor; whether that was done, and where or what went wrong."""
         radius = self._node.value("clear_radius")
         try:
-            if self._position is None:
+            position = self.mapper.position
+            if position is None:
                 raise RuntimeError("nothing was mapped yet")
             with self.mapper.locked() as m:
-                m.clear(np.stack([self._position - radius, self._position + radius]))
+                m.clear(np.stack([position - radius, position + radius]))
         except (ValueError, RuntimeError) as error:
             return False, str(error)
-        return True, f"within {radius:g} m of {self._position.tolist()}"
+        return True, f"within {radius:g} m of {position.tolist()}"
 
     def clear_box(self, frame: str, points: Sequence[Any]) -> None:
         """Forget the box around points in a frame: in 2-D of x and y alone."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +12,7 @@ from ndtree.live.corrections import MEMORY
 from ndtree.live.localizing import ODOMETRY
 from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK
+from ndtree.maps.kinds import MAP_OPTIONS
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,9 @@ READING = (
     "fixed_frame", "base_frame", "sensor_frame", "mount", "odometry", "poses", "sweep", "camera", "zero_is",
     "body", "pose_covariance",
 )  # fmt: skip
+#: A flag of the commands in what readers say.
+_FLAG = re.compile(r"--(?P<name>[a-z][a-z-]*)")
+_OTHER_NAMES = {"topic": "topics"}
 CHANGING = {row.name for row in ROWS if row.changes}
 
 
@@ -97,6 +102,25 @@ def reading_options(value: Callable[[str], Any]) -> dict[str, Any]:
     if value("localize"):
         options.setdefault("fixed_frame", ODOMETRY)
     return {**options, "deskew": value("deskew")}
+
+
+def in_parameters(text: str) -> str:
+    """What readers say for the command line, with parameters; ways that are no parameter's are left out."""
+    names = {row.name for row in ROWS} | {option.name for option in MAP_OPTIONS}
+
+    def name_of(flag: re.Match[str]) -> str:
+        name = flag["name"].replace("-", "_")
+        return _OTHER_NAMES.get(name, name)
+
+    def is_way(line: str) -> bool:
+        begins = _FLAG.match(line.lstrip())
+        return begins is None or name_of(begins) in names
+
+    return "\n".join(
+        _FLAG.sub(lambda flag: name_of(flag) if name_of(flag) in names else flag[0], line)
+        for line in text.split("\n")
+        if is_way(line)
+    )
 
 
 def followed(follow: str) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 from geometry_msgs.msg import PolygonStamped
 from nav_msgs.srv import GetMap, LoadMap
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
@@ -126,7 +127,8 @@ class MapNode(LifecycleNode):
         for type, error in self._sources.missing.items():
             self.get_logger().warning(f"{type}: {error}: there will be no transforms")
         self._made = [
-            self.create_timer(TICK, self._tick),
+            # By a clock that passes although a simulator's does not.
+            self.create_timer(TICK, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME)),
             self.create_timer(value(self, "diagnostics_period"), self._diagnose),
         ]
         return super().on_activate(state)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import rclpy.subscription
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -18,6 +19,8 @@ from ndtree.live.ros.topics import TRANSFORMS, Wanted, is_superfluous
 from ndtree.logs.ros.messages.beams import CAMERA_INFO, SENSORS
 from ndtree.logs.ros.storage import Connection, Raw
 
+#: Whether rclpy tells what number the publisher has given a message: of ROS 2 Humble and before it does not.
+TELLS_NUMBERS = hasattr(rclpy.subscription, "MessageInfo")
 #: Messages that may wait to be taken, of sensors and of transforms.
 SENSOR_DEPTH, POSE_DEPTH = 50, 1000
 
@@ -40,7 +43,8 @@ class Sources:
     Attributes
     ----------
     lost : int
-        Messages that the middleware says it has lost.
+        Messages that did not come: by the numbers that publishers give them, where the middleware tells
+        these, else those of which it says itself that it lost them, which may be fewer.
     missing : dict of str to str
         By type, why its topics cannot be listened to.
     """
@@ -117,6 +121,7 @@ class _Subscription:
         self._sources, self._node = sources, sources._node
         self.connection = Connection(0, topic, type, "cdr", _definition(type))
         self.is_sensor = type in SENSORS
+        self._numbers: dict[str, int] = {}
         qos = QoSProfile(depth=sources.depth if self.is_sensor else POSE_DEPTH)
         if self.is_sensor and not sources.reliable:
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
@@ -127,7 +132,7 @@ class _Subscription:
         self.subscription = self._node.create_subscription(
             kind,
             topic,
-            self._received,
+            self._received if TELLS_NUMBERS else lambda data: self._received(data, {}),
             qos,
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(message_lost=self._lost),
@@ -139,21 +144,33 @@ class _Subscription:
             while (
                 taken := self.subscription.handle.take_message(self.subscription.msg_type, True)
             ) is not None:
-                self._pass_on(taken[0])
+                self._pass_on(*taken[:2])
 
-    def _received(self, data: bytes) -> None:
+    def _received(self, data: bytes, info: Any) -> None:
         if self.is_sensor:
             self._sources.take_poses()
-        self._pass_on(data)
+        self._pass_on(data, info)
         if not self.is_sensor:
             self.take_all()
 
-    def _pass_on(self, data: bytes) -> None:
+    def _pass_on(self, data: bytes, info: Any) -> None:
+        if self.is_sensor:
+            self._count(info)
         now = self._node.get_clock().now().nanoseconds
         self._sources._put(Raw(self.connection, now, data))
 
+    def _count(self, info: Any) -> None:
+        """Count what is missing between two messages of a publisher."""
+        number = info.get("publication_sequence_number") if isinstance(info, dict) else None
+        if number is None:
+            return
+        publisher = repr(info.get("publisher_gid"))
+        before = self._numbers.get(publisher, number)
+        self._numbers[publisher] = max(before, number)
+        self._sources.lost += max(number - before - 1, 0)
+
     def _lost(self, event: Any) -> None:
-        self._sources.lost += event.total_count_change
+        self._sources.lost += 0 if self._numbers else event.total_count_change
 
 
 def _definition(type: str) -> str | None:

@@ -33,35 +33,27 @@ class Selection:
         for name, value in (("every", every), ("stride", stride)):
             if value != int(value) or value < 1:
                 raise ValueError(f"{name} = {value}: must be a whole number >= 1")
-        self._every, self._stride = int(every), int(stride)
+        self.every, self._stride = int(every), int(stride)
         if not 0 <= min_range < math.inf:
             raise ValueError(f"min_range = {min_range:g} m: must be >= 0 and finite")
         self._min_range = float(min_range)
-        self._is_timed = start is not None or stop is not None
-        self._start = 0.0 if start is None else float(start)
-        self._stop = math.inf if stop is None else float(stop)
-        if not 0 <= self._start < self._stop:
-            raise ValueError(f"start = {self._start:g} s, stop = {self._stop:g} s: must be 0 <= start < stop")
+        self.is_timed = start is not None or stop is not None
+        self.start = 0.0 if start is None else float(start)
+        self.stop = math.inf if stop is None else float(stop)
+        if not 0 <= self.start < self.stop:
+            raise ValueError(f"start = {self.start:g} s, stop = {self.stop:g} s: must be 0 <= start < stop")
         self._box = None if box is None else _box(box, dim)
         self._origin = None if origin is None else _point("origin", origin, dim)
 
     def of(self, scans: Iterable[Scan], name: str) -> Iterator[Scan]:
         """The part of some scans, read as they are asked for; `name` is how errors call their log."""
-        for number, scan in enumerate(self._in_time(scans, name)):
-            if number % self._every == 0:
-                yield self.cut(scan)
-
-    def _in_time(self, scans: Iterable[Scan], name: str) -> Iterator[Scan]:
-        first = math.nan
-        for i, scan in enumerate(scans):
-            if i == 0:
-                first = scan.stamp
-            elif i == 1 and self._is_timed and first == scan.stamp == 0.0:
-                raise ValueError(f"{name}: its scans have no times, expected neither start nor stop")
-            if scan.stamp - first >= self._stop:
+        one_by_one = OneByOne(self, name)
+        for scan in scans:
+            part = one_by_one.part(scan)
+            if one_by_one.is_over:
                 return
-            if scan.stamp - first >= self._start:
-                yield scan
+            if part is not None:
+                yield part
 
     def cut(self, scan: Scan) -> Scan:
         """What of one scan is used, wherever it stands among the others."""
@@ -75,6 +67,43 @@ class Selection:
             length = np.linalg.norm(scan.endpoints - scan.origin, axis=1)
             scan = scan.only(~(length < self._min_range))
         return scan if self._box is None else _cropped(scan, *self._box)
+
+
+class OneByOne:
+    """A selection of scans that come one after the other.
+
+    Parameters
+    ----------
+    selection : Selection
+    name : str
+        How errors call their log.
+
+    Attributes
+    ----------
+    is_over : bool
+        Whether no later scan belongs to it.
+    """
+
+    def __init__(self, selection: Selection, name: str) -> None:
+        self._selection, self._name = selection, name
+        self.is_over = False
+        self._seen = self._number = 0
+        self._first = math.nan
+
+    def part(self, scan: Scan) -> Scan | None:
+        """What of the next scan is used; None for nothing."""
+        selection = self._selection
+        if self._seen == 0:
+            self._first = scan.stamp
+        elif self._seen == 1 and selection.is_timed and self._first == scan.stamp == 0.0:
+            raise ValueError(f"{self._name}: its scans have no times, expected neither start nor stop")
+        self._seen += 1
+        after = scan.stamp - self._first
+        self.is_over = self.is_over or after >= selection.stop
+        if self.is_over or not after >= selection.start:
+            return None
+        self._number += 1
+        return selection.cut(scan) if (self._number - 1) % selection.every == 0 else None
 
 
 def _cropped(scan: Scan, lower: Floats, upper: Floats) -> Scan:

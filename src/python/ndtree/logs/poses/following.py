@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ndtree.logs.poses.transforms import TransformTree, plain
 
 #: Stamps that fall by more than this from message to message begin anew [s]; less is late.
-FALL = 2.0
+FALL = 0.5
 #: And this many messages stay below, or as many as there are.
 LASTS = 6
 #: Poses so much older than the last that was asked for are forgotten [s], but for the last KEPT of each kind.
@@ -37,7 +37,7 @@ class _Row(NamedTuple):
 class FollowedTree:
     """A tree of transforms that grows at one end and is forgotten at the other.
 
-    Where the times of a transform fall by more than 2 s and stay there, its clock has begun again, and what
+    Where the times of a transform fall by more than 0.5 s and stay there, its clock has begun again, and what
     was known of it is forgotten.
 
     Attributes
@@ -47,11 +47,13 @@ class FollowedTree:
         Transforms that came after a pose at their time, or at a later one, was asked for.
     fallen : int
         How often the clock of a transform has begun again.
+    released : int
+        Transforms that were taken for fixed until they changed.
     """
 
     def __init__(self, tree: TransformTree) -> None:
         self.tree = tree
-        self.late = self.fallen = 0
+        self.late = self.fallen = self.released = 0
         self._asked = _BEGIN
         self._added = 0
         self._waiting: dict[Edge, list[_Row]] = {}
@@ -61,11 +63,14 @@ class FollowedTree:
     def add(self, parent: str, child: str, stamp: float, position: ArrayLike, quaternion: ArrayLike) -> None:
         """A transform at a time [s]."""
         edge = plain(parent), plain(child)
+        self.released += self.tree.release(edge, position, quaternion)
         newest = self._newest.get(edge, _BEGIN)
         if stamp < newest - FALL:
             self._fall(edge, _Row(stamp, position, quaternion))
             return
-        self.late += len(self._waiting.pop(edge, ()))
+        for one in self._waiting.pop(edge, ()):  # They were late after all.
+            self.tree.add(*edge, *one)
+            self.late += 1
         self.late += stamp <= self._asked and edge in self._used
         self.tree.add(*edge, stamp, position, quaternion)
         self._newest[edge] = max(newest, stamp)

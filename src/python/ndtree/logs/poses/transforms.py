@@ -38,6 +38,7 @@ class TransformTree:
         self._rows: dict[tuple[str, str], list[tuple[float, ...]]] = {}
         self._moving: dict[tuple[str, str], Trajectory] = {}
         self._ways: dict[tuple[str, str], list[tuple[str, str]] | None] = {}
+        self._taken_for_fixed: set[tuple[str, str]] = set()
 
     def add_fixed(self, parent: str, child: str, pose: Pose) -> None:
         """A transform that holds at every time; a later one replaces it."""
@@ -185,8 +186,22 @@ class TransformTree:
             if edge not in self._fixed and self._is_constant(edge):
                 poses = self._trajectory(edge)
                 self._fixed[edge] = Pose.from_quaternion(poses.positions[0], poses.quaternions[0])
+                self._taken_for_fixed.add(edge)
                 fixed.append(f"{edge[0]} to {edge[1]}")
         return fixed
+
+    def release(self, edge: tuple[str, str], position: ArrayLike, quaternion: ArrayLike) -> bool:
+        """Let a transform that was taken for fixed move if it is another one now; whether that is so."""
+        if edge not in self._taken_for_fixed:
+            return False
+        fixed, now = self._fixed[edge], Pose.from_quaternion(position, quaternion)
+        moved, turned = abs(fixed.position - now.position).max(), abs(fixed.rotation - now.rotation).max()
+        if max(moved, turned) <= SAME:
+            return False
+        self._taken_for_fixed.remove(edge)
+        del self._fixed[edge]
+        self._ways.clear()
+        return True
 
     def fixed_parent(self, frame: str) -> tuple[str, Pose]:
         """The frame to which one is fixed, and ``T_parent_frame``; ValueError if there is none."""

@@ -66,6 +66,11 @@ class Follower:
         """As of `FollowedTree`, of all."""
         return sum(tree.fallen for tree in self._trees.values())
 
+    @property
+    def released(self) -> int:
+        """As of `FollowedTree`, of all."""
+        return sum(tree.released for tree in self._trees.values())
+
     def add(self, raw: Raw) -> None:
         """Take note of a message with poses or transforms; one that is damaged is counted."""
         topic, received = raw.connection.topic, 1e-9 * raw.received

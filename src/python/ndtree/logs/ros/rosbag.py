@@ -40,7 +40,7 @@ class RosbagLog(SizedLog):
 
     Transforms, poses, cameras and the times of all scans are read when the log is opened, measurements while
     it is iterated. The length is the topics' number of messages. With `bag`, messages in memory are read
-    instead of the files at `path`, which is then a name for errors.
+    instead of the files at `path`, which is then a name for errors; `so_far` more of them may follow.
 
     Attributes
     ----------
@@ -85,6 +85,7 @@ class RosbagLog(SizedLog):
         body: str | None = None,
         pose_covariance: str | None = None,
         bag: Bag | None = None,
+        so_far: bool = False,
     ) -> None:
         ways = {
             "fixed_frame": fixed_frame, "odometry": odometry, "poses": poses, "trajectory": trajectory,
@@ -154,7 +155,7 @@ class RosbagLog(SizedLog):
                 self.time_offset,
                 deskew,
                 sweep,
-                so_far=self._in_memory is not None,
+                so_far=so_far,
             )
         self._bodies = {
             name: self._body.frame_of(place, base_frame)

@@ -76,6 +76,10 @@ class Placement:
         """Whether the sensor has one pose for all times."""
         return self.observer is None and self.tree.stands(self.fixed_frame, self.frame)
 
+    def moving(self) -> list[tuple[str, str]]:
+        """The transforms between the sensor and the map that change over time: parents and children."""
+        return self.tree.moving(self.fixed_frame, self.observer or self.frame)
+
     def in_map(self, frame: str, beams: Beams, stamp: float) -> tuple[Floats, Floats]:
         """As `ndtree.logs.ros.messages.deskew.in_map`, of a message in a frame."""
         if self.observer is None:
