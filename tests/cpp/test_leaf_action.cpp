@@ -66,6 +66,24 @@ TEST(LeafAction, OfANewCellThatBeamsHaveOnlyPassedCoverageDecides) {
   EXPECT_EQ(refinement.action(EvidenceCell(), scan, kChildrenAcross, kLevels), LeafAction::split);
 }
 
+TEST(LeafAction, EndsRightBeforeALeafMatterWhereItIsUnknownAndMaySplit) {
+  const EvidenceRefinement refinement{MapOptions()};
+  ScanEvidence scan;
+  scan.ends_before = 1;
+  EXPECT_EQ(refinement.action(EvidenceCell(), scan, kChildrenAcross, kLevels), LeafAction::judge_ends);
+  EXPECT_EQ(refinement.action(EvidenceCell(), scan, kChildrenAcross, 0), LeafAction::update);
+  for (const bool is_free : {true, false}) {
+    ScanEvidence seen;
+    seen.beams = 3;
+    (is_free ? seen.free : seen.occupied) = 300;
+    (is_free ? seen.misses : seen.hits) = 3;
+    EvidenceCell cell;
+    (void)refinement.model.update(cell, seen);
+    cell.set_covered(true);
+    EXPECT_EQ(refinement.action(cell, scan, kChildrenAcross, kLevels), LeafAction::update);
+  }
+}
+
 TEST(LeafAction, ACellThatIsNotCoveredIsJudgedAgainEachTimeItsMissesDouble) {
   const EvidenceRefinement refinement{MapOptions()};
   PassedEvidence passed;

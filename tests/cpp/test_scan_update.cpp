@@ -238,6 +238,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   std::uint64_t predicted_remerges = 0;
   std::uint64_t sampled = 0;
   std::uint64_t for_coverage = 0;
+  std::uint64_t for_grazing_ends = 0;
   std::uint64_t partly_seen = 0;
   std::uint64_t kept_occupied = 0;
   std::uint64_t stayed_apart = 0;
@@ -283,12 +284,14 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       predicted_remerges += flat.predicted_remerges;
       sampled += flat.not_sampled;
       for_coverage += flat.for_coverage;
+      for_grazing_ends += flat.for_grazing_ends;
       partly_seen += flat.partly_seen;
       kept_occupied += flat.kept_occupied;
       stayed_apart += flat.stayed_apart;
     }
   EXPECT_EQ(scans, 11 * 2 * 12);
   EXPECT_GE(for_coverage, D == 1 ? 0u : N == 2 ? 20u : 5u);
+  EXPECT_GE(for_grazing_ends, D == 1 ? 0u : N <= 3 ? 5u : 2u);
   EXPECT_GE(partly_seen, D == 1 ? 0u : N == 2 ? 30u : 5u);
   EXPECT_GE(kept_occupied, D < 4 ? 50u : 5u);
   EXPECT_GE(stayed_apart, N == 2 && D <= 2 ? 5u : 0u);
@@ -656,7 +659,12 @@ TYPED_TEST(ScanUpdateOf, ALongWayAndAHitSplitUnknownSpaceAtOnce) {
         const bool is_shallow = end_size <= 3.0 * sigma && way <= 3.0 * sigma;
         EXPECT_TRUE(D == 1 || is_finest || is_noisy || is_shallow) << end_size << ", way " << way;
         EXPECT_TRUE(D == 1 || is_noisy || end.index.level < 0);
-        EXPECT_EQ(map.counters().splits, static_cast<std::uint64_t>(-end.index.level));
+        // Behind the end point, cells may split that the beam enters at a grazing angle.
+        const auto splits_for_hit = static_cast<std::uint64_t>(-end.index.level);
+        EXPECT_GE(map.counters().splits, splits_for_hit);
+        if (rest > 3.0 * sigma) {
+          EXPECT_EQ(map.counters().splits, splits_for_hit);
+        }
         finest += is_finest;
         noisy += !is_finest && is_noisy;
         for_each_leaf(map.tree(), [&](const auto& leaf) {

@@ -10,6 +10,7 @@
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/cubic_table.hpp"
 #include "ndtree/core/lanes.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -24,6 +25,16 @@ namespace ndtree {
     return volume;
   };
   return unit_ball(dim) / (2.0 * unit_ball(dim - 1));
+}
+
+/// How many smallest cells before a border the beams of a flat surface parallel to it pass for each cell in
+/// which one ends. With the angle of incidence theta, and the surface o cells before the border, a beam goes
+/// (1 - o) tan(theta) cells along the row before it ends. A hit in a smallest cell is worth about a miss:
+/// above 1, the row is called free.
+/// @param slant 1 / cos(theta). @param behind way from the end point to the border [smallest cells], o slant.
+[[nodiscard]] inline float cells_passed_per_end(float slant, float behind) {
+  const float cosine = 1.0f / slant;
+  return std::sqrt(std::max(0.0f, 1.0f - unfused(cosine * cosine))) * (slant - behind);
 }
 
 /// A beam's evidence for a cell near its end point is the inverse sensor model's log-odds L that the cell is

@@ -20,6 +20,8 @@ struct PassedEvidence {
   std::uint32_t misses = 0;             ///< See ScanEvidence.
   std::uint32_t resolvable_misses = 0;  ///< Misses of small noise, see ScanEvidence.
 
+  static constexpr std::uint32_t ends_before = 0;  ///< See ScanEvidence.
+
   [[nodiscard]] static bool is_free_alone() { return true; }
 };
 
@@ -37,6 +39,9 @@ struct ScanEvidence {
   /// through the cell, or any in a cell with an edge of more than 3 sigma.
   std::uint32_t partial_hits = 0;
   std::uint32_t beams = 0;  ///< Beams with any evidence for the cell.
+  /// Other beams that ended before the cell, by less than three standard deviations: it is too coarse to take
+  /// their evidence.
+  std::uint32_t ends_before = 0;
 
   /// Whether no beam is evidence for occupied space.
   [[nodiscard]] bool is_free_alone() const { return hits == 0 && occupied == 0; }
@@ -57,6 +62,7 @@ struct ScanEvidence {
     resolvable_misses += others.resolvable_misses;
     partial_hits += others.partial_hits;
     beams += others.beams;
+    ends_before += others.ends_before;
   }
   [[nodiscard]] static const ScanEvidence& of(const ScanEvidence& scan) { return scan; }
   [[nodiscard]] static ScanEvidence of(const PassedEvidence& passed) {

@@ -14,6 +14,8 @@ enum class LeafAction : std::uint8_t {
                          ///< EvidenceModel::update_without_split().
   judge_coverage,        ///< Beams have only passed a leaf that is not known to be covered:
                          ///< CoverageModel::judge() decides.
+  judge_ends,            ///< Beams ended right before an unknown leaf: if one grazed the cells before its
+                         ///< border, it splits (LeafEvidence::any_grazes()), else it is as if they had not.
   split,                 ///< Its beams go on to its children, which sample them anew.
 };
 

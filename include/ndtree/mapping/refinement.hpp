@@ -91,6 +91,8 @@ struct EvidenceRefinement {
   /// - A smallest cell is updated.
   /// - A leaf splits if splits() says so, unless its children are predicted to re-merge: then it is updated
   ///   as if they had.
+  /// - If beams ended right before an unknown leaf, how they met its border decides: see
+  ///   LeafEvidence::any_grazes().
   /// - If beams have only passed a leaf that was never observed, CoverageModel::judge() has the last word. It
   ///   is asked again, about an observed leaf that is not covered, each time the leaf's count of misses
   ///   reaches a power of two, up to what free_memory is worth.
@@ -104,6 +106,7 @@ struct EvidenceRefinement {
       return model.predicted_to_remerge(leaf, ScanEvidence::of(scan), children_across, levels_below)
                  ? LeafAction::update_without_split
                  : LeafAction::split;
+    if (scan.ends_before > 0 && leaf.state() == CellState::unknown) return LeafAction::judge_ends;
     if (leaf.is_fully_observed() || !coverage.is_on() || !scan.is_free_alone()) return LeafAction::update;
     return !leaf.observed() || model.misses_double(leaf, scan.misses) ? LeafAction::judge_coverage
                                                                       : LeafAction::update;

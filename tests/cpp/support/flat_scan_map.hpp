@@ -37,6 +37,7 @@ class FlatScanMap {
   std::uint64_t remerged = 0;  ///< Splits that re-merged after the same scan; neither splits nor merges.
   std::uint64_t predicted_remerges = 0;  ///< Splits not made, as they were predicted to re-merge.
   std::uint64_t for_coverage = 0;        ///< Splits because a part was not seen.
+  std::uint64_t for_grazing_ends = 0;    ///< Splits because a beam grazed the cells before its border.
   std::uint64_t partly_seen = 0;         ///< Updates of partly seen cells that did not split.
   std::uint64_t not_sampled = 0;         ///< Pairs of a cell and a crossing beam that it did not sample.
   std::uint64_t kept_occupied = 0;       ///< Updates after which partial_probability kept a cell occupied.
@@ -75,9 +76,12 @@ class FlatScanMap {
       const double sample_beams = sample_beams_of(next, cell);
       const ScanEvidence scan_evidence = evidence(next, sample_beams);
       not_sampled += num_beams(next, false, next, 1e9) - num_beams(next, false, next, sample_beams);
-      const Coverage coverage = coverage_of(next, cell, scan_evidence, sample_beams);
+      const bool was_grazed =
+          next.level > -num_levels_ && cell.log_odds() == 0.0f && is_grazed(next, sample_beams);
+      const Coverage coverage =
+          was_grazed ? Coverage{} : coverage_of(next, cell, scan_evidence, sample_beams);
       const bool was_observed = cell.observed();
-      const bool is_asked = next.level > -num_levels_ && splits_now(cell, scan_evidence);
+      const bool is_asked = was_grazed || (next.level > -num_levels_ && splits_now(cell, scan_evidence));
       const bool is_predicted_to_remerge =
           is_asked && !coverage.splits &&
           model_.predicted_to_remerge(cell, scan_evidence, kChildrenAcross, next.level + num_levels_);
@@ -93,6 +97,7 @@ class FlatScanMap {
         updates += scan_evidence.beams;
       } else if (next.level > -num_levels_ && (coverage.splits || (is_asked && !is_predicted_to_remerge))) {
         for_coverage += coverage.splits;
+        for_grazing_ends += was_grazed && !splits_now(cell, scan_evidence);
         const EvidenceCell parent = cell;
         cells.erase(next);
         for (const auto& child : children_of<N, D>(next, edge(next.level - 1))) {
@@ -548,6 +553,33 @@ class FlatScanMap {
     return result;
   }
 
+  /// Whether a sampled beam ended right before the cell, which takes no evidence from there, and went along
+  /// the smallest cells before the border through which it enters over more than the edge of one.
+  [[nodiscard]] bool is_grazed(const CellIndex<D>& index, double sample_beams) const {
+    const auto child_size =
+        static_cast<float>(static_cast<double>(edge(index.level) / N) * options_.min_cell_size);
+    const float per_smallest = 1.0f / size_of(CellIndex<D>{{}, -num_levels_});
+    for (const FlatBeam& beam : beams_) {
+      float enter = 0.0f;
+      float exit = 0.0f;
+      if (!clip(beam, index, enter, exit) || !is_in_sample(beam, index, sample_beams)) continue;
+      if (!beam.returned || enter < beam.range || contains(index, cell_of_hit(beam)) ||
+          size_of(index) <= 2.0f * beam.sigma ||
+          child_size < static_cast<float>(options_.noise_sigmas) * beam.sigma)
+        continue;
+      const float behind = (enter - beam.range) * per_smallest;
+      for (std::size_t a = 0; a < D; ++a) {
+        const std::int64_t near = index.lower[a] + (beam.inverse[a] < 0.0f ? edge(index.level) : 0);
+        const float to_border = static_cast<float>(border(near) - beam.origin[static_cast<int>(a)]);
+        if (to_border * beam.inverse[a] != enter) continue;
+        const float slant = std::abs(beam.inverse[a]);
+        const float cosine = 1.0f / slant;
+        const float sine = std::sqrt(std::max(0.0f, 1.0f - unfused(cosine * cosine)));
+        if (sine * (slant - behind) > 1.0f) return true;
+      }
+    }
+    return false;
+  }
   [[nodiscard]] bool splits_now(const EvidenceCell& cell, const ScanEvidence& scan) const {
     if (cell.log_odds() < 0.0f) return scan.resolvable_hits > 0;
     if (cell.log_odds() == 0.0f) return scan.partial_hits > 0;

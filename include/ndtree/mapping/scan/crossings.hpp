@@ -3,7 +3,9 @@
 /// Where beams cross a cell, or the children of a node.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 
@@ -100,6 +102,23 @@ class CellCrossings {
     }
     return clipped(
         beams_.ray(beam), [&](std::size_t a) { return lower_[a]; }, [&](std::size_t a) { return upper_[a]; });
+  }
+  /// The beam's way for one metre across the border through which it enters: 1 / cosine of its angle of
+  /// incidence. Through an edge or a corner, of the border that it meets at the most grazing angle.
+  [[nodiscard]] float slant_at_entry(std::uint32_t beam) const {
+    const BeamRay<D>& ray = beams_.ray(beam);
+    const Vector<D>& origin = beams_.origin(beam);
+    const std::int64_t edge = geometry_.edge(cell_.level);
+    float enter = 0.0f;
+    float slant = 1.0f;
+    for (std::size_t a = 0; a < D; ++a) {
+      const std::int64_t border = cell_.lower[a] + (ray.inverse[a] < 0.0f ? edge : 0);
+      const float at = plane(geometry_, border, origin[static_cast<int>(a)]) * ray.inverse[a];
+      if (at < enter) continue;
+      slant = at > enter ? std::abs(ray.inverse[a]) : std::max(slant, std::abs(ray.inverse[a]));
+      enter = at;
+    }
+    return slant;
   }
 #ifdef NDTREE_HAS_EIGHTS
   /// The crossings of eight beams. @param rays of these beams. @tparam kAlike ScanBeams::are_alike(): loops

@@ -32,7 +32,7 @@ namespace ndtree {
 /// - in the leaf: a hit, and the inverse sensor model's evidence;
 /// - before the leaf, by at most three standard deviations: the inverse sensor model's evidence, but only for
 ///   cells with an edge of at most two standard deviations, and smallest cells. A coarse cell behind a
-///   surface is not the surface.
+///   surface is not the surface; the beam is counted (ScanEvidence::ends_before), as the cell may split.
 ///
 /// A hit, or a miss that is clearly free or without return, is resolvable if a child's edge is at least
 /// noise_sigmas standard deviations; a miss within the noise of its end point never is. A resolvable hit is
@@ -118,6 +118,25 @@ class LeafEvidence {
     return of_any(leaf, crossings, list.part(0, list.find(beams_end)));
   }
 
+  /// Whether a beam of a list ended right before a coarse leaf, and met its border at so grazing an angle
+  /// that smallest cells before the border are passed by more beams than end in them. See
+  /// cells_passed_per_end(). Such a surface is found in the smallest cells behind the border, or nowhere.
+  /// Only resolvable ends count. O(beams).
+  [[nodiscard]] NDTREE_NEVER_INLINE bool any_grazes(const CellIndex<D>& leaf, const BeamList& list) const {
+    const CellCrossings<N, D> crossings(geometry_, beams_, leaf);
+    const Size& size = size_of(leaf.level);
+    for (std::size_t i = 0; i < list.size; ++i) {
+      const BeamEnd<D>& beam = beams_.end(list.beam[i]);
+      if (!beam.is_returned() || is_small(size, beam.sigma) || !is_resolvable(size, beam.sigma)) continue;
+      const float behind = crossings.of(list.beam[i]).enter - beam.range;
+      if (behind < 0.0f || geometry_.contains(leaf, beams_.end_cell(list.beam[i]))) continue;
+      if (cells_passed_per_end(crossings.slant_at_entry(list.beam[i]), behind * sizes_.front().per_cell) >
+          1.0f)
+        return true;
+    }
+    return false;
+  }
+
   /// The evidence of one beam for leaves of one level, 0 or below, by the same rules as of vectors. It goes
   /// on its own, as it returns early, and where cells or sums do not fit 32 bits.
   class OfBeam {
@@ -141,7 +160,10 @@ class LeafEvidence {
       if (exit_or_surface < beam.clearly_free_until || !beam.is_returned()) return sum.add(passed(crossing));
       const bool holds_end = all_.geometry_.contains(leaf, all_.beams_.end_cell(number_));
       const bool is_behind_surface = !holds_end && enter >= beam.range;
-      if (is_behind_surface && !is_small) return;
+      if (is_behind_surface && !is_small) {
+        ++sum.ends_before;
+        return;
+      }
       float entry_behind = 0.0f;
       BeamWeight::add(
           sum, all_.near_end(size_, beam.range, beam.sigma, enter, exit_or_surface, holds_end, entry_behind));
@@ -400,6 +422,7 @@ class LeafEvidence {
     misses = misses | (others & passes);
     const EightMask is_behind_surface = (enter >= beams.range).without(holds_end);
     const EightMask has_evidence = others.without(passes | is_behind_surface.without(is_small));
+    sum.ends_before += others.without(passes | has_evidence).count();
     if (has_evidence.set() == 0) return misses;
     EightFloats entry_behind;
     const EightInts evidence =

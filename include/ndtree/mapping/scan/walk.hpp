@@ -351,7 +351,7 @@ class alignas(kCacheLines) ScanWalk {
     }
     return update_unless_split(cell, level, beams.evidence(cell, level, sample.end), otherwise);
   }
-  /// Updates a leaf, or calls `otherwise(scan, action)` for LeafAction::split and LeafAction::judge_coverage.
+  /// Updates a leaf, or calls `otherwise(scan, action)` if LeafAction is to split or to judge.
   template <class Scan, class Otherwise>
   NDTREE_ALWAYS_INLINE bool update_unless_split(EvidenceCell& leaf, int level, const Scan& scan,
                                                 const Otherwise& otherwise) {
@@ -363,7 +363,7 @@ class alignas(kCacheLines) ScanWalk {
     }
     const ScanEvidence& all = ScanEvidence::of(scan);  // Extends the lifetime of what of() may return.
     if (action == LeafAction::update_without_split) return update_without_split(leaf, all);
-    return all.beams > 0 && otherwise(all, action);
+    return (all.beams > 0 || action == LeafAction::judge_ends) && otherwise(all, action);
   }
 
   // Rare steps. They take copies, so that update_leaf() keeps its values in registers.
@@ -439,12 +439,26 @@ class alignas(kCacheLines) ScanWalk {
     return changed;
   }
 
-  /// Splits a leaf, or asks CoverageModel::judge() about one that beams have only passed. If it was never
-  /// observed, it splits, is updated, or waits for scans that see its other parts; else it is updated, and
-  /// covered if this scan saw all of it.
+  /// Splits a leaf. If beams ended right before it: splits it if a sampled one grazed the cells before its
+  /// border, else goes on as if none had ended there. Or asks CoverageModel::judge() about one that beams
+  /// have only passed. If it was never observed, it splits, is updated, or waits for scans that see its other
+  /// parts; else it is updated, and covered if this scan saw all of it.
   bool split_or_judge(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample,
                       const ScanEvidence& scan, LeafAction action, const Sampling& sampling) {
     if (action == LeafAction::split) return split(leaf, list, sample, scan, sampling);
+    if (action == LeafAction::judge_ends) {
+      bool grazes = false;
+      sample.for_each_part(beams_, list, [&](const BeamList& part) {
+        grazes = grazes || evidence_.any_grazes(leaf.index, part);
+      });
+      if (grazes) return split(leaf, list, sample, scan, sampling);
+      ScanEvidence others = scan;
+      others.ends_before = 0;
+      return update_unless_split(leaf.cell(), leaf.index.level, others,
+                                 [&](const ScanEvidence& all, LeafAction other) {
+                                   return split_or_judge(leaf, list, sample, all, other, sampling);
+                                 });
+    }
     EvidenceCell& cell = leaf.cell();
     const CoverageVerdict seen = coverage_.judge(leaf.index, cell, list, sample, refinement_.coverage,
                                                  refinement_.model.beams_of(cell.free_evidence() + scan.free),
