@@ -39,6 +39,7 @@ struct MovedOptions {
   double range_sigma_quadratic = 0.0;  ///< plus this times r² [1/m].
   double noise_sigmas = 2.0;           ///< Of a range, that a point and a beam each may be wrong by.
   double error_rate = 0.2;             ///< Fraction of the scans that see through what stands, at most.
+  int most_scans = 12;  ///< So many in a row that see through outweigh any that found it before.
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   void validate() const {
@@ -49,6 +50,7 @@ struct MovedOptions {
                    "range_sigma_quadratic", range_sigma_quadratic, ">= 0 1/m and finite");
     require_option(noise_sigmas > 0.0 && noise_sigmas <= 100.0, "noise_sigmas", noise_sigmas, "in (0, 100]");
     require_option(error_rate > 0.0 && error_rate < 0.5, "error_rate", error_rate, "in (0, 0.5)");
+    require_option(most_scans >= 1 && most_scans <= 1000, "most_scans", most_scans, "in [1, 1000]");
   }
 };
 
@@ -60,6 +62,10 @@ struct MovedOptions {
 /// there? Cells that the scan cannot see are skipped together, by balls around eight cells, around eight of
 /// these balls, and so on.
 ///
+/// A scan sees through a cell only if its beams are close enough together to meet what is there: the first
+/// pass measures how wide that is, in the images of the scans that hit it. A rod that no two neighbouring
+/// beams meet is never seen through, nor is ground so oblique that neighbouring beams end far apart.
+///
 /// Let v scans have seen through a cell, and h found a surface there. If something stands there, a fraction
 /// of the scans of at most e = error_rate sees through it: thin things, edges and wrong poses have more
 /// errors than walls. If it moved, a greater one does. With both equally likely before, and the fraction
@@ -70,6 +76,9 @@ struct MovedOptions {
 /// I being the incomplete beta function. That is 1/2 without any scan, less without one that saw through, and
 /// less the more found it.
 ///
+/// Once `most_scans` in a row have seen through, h counts for no more than these outweigh: what stood for
+/// long and left goes.
+///
 /// The same log gives the same answers to the last bit, whatever the number of threads.
 template <int D>
 class MovedEvidence {
@@ -79,6 +88,8 @@ class MovedEvidence {
       : options_(validated(options)), below_(options.error_rate), known_(kKnown * kKnown) {
     for (std::uint32_t v = 0; v < kKnown; ++v)
       for (std::uint32_t h = 0; h < kKnown; ++h) known_[v * kKnown + h] = probability(v, h);
+    const auto passes = static_cast<std::uint32_t>(options.most_scans);
+    while (probability(passes, outweighed_ + 1) > 0.5F) ++outweighed_;
   }
 
   /// The first pass: where returned beams end. Beams of a length of 0, longer than `max_range` or with a
@@ -125,10 +136,14 @@ class MovedEvidence {
   using Point = Eigen::Matrix<float, D, 1>;
   static constexpr std::size_t kFanOut = 8;
   static constexpr std::uint32_t kKnown = 64;
+  static constexpr std::size_t kWidths = 12;
+  static constexpr float kWidthsApart = 2.0F;     // Pixels are up to twice as wide as beams are apart.
+  static constexpr double kNarrower = 1.0 / 3.0;  // Of a cell's points; fitted on simulated thin things.
 
   struct Cell {
-    Point mean = Point::Zero();  // Of the points in it, relative to base_ [m].
-    float sigma = 0.0F;          // Of their ranges, on average [m].
+    Point mean = Point::Zero();                   // Of the points in it, relative to base_ [m].
+    float sigma = 0.0F;                           // Of their ranges, on average [m].
+    std::array<std::uint16_t, kWidths> widths{};  // Numbers of points on surfaces of widths, see width_of().
     std::uint32_t points = 0;
   };
   /// Balls around kFanOut cells or balls each, by the order of the tree; a few behind the last are empty.
@@ -149,12 +164,53 @@ class MovedEvidence {
   [[nodiscard]] Point relative(const Vector<D>& point) const {
     return (point - base_).template cast<float>();
   }
+  /// Counts a scan that saw through a cell, if what is there is wide enough for its beams to meet it.
+  void see_through(std::size_t i) {
+    Point mean;
+    for (std::size_t k = 0; k < D; ++k) mean[static_cast<int>(k)] = means_[k][i];
+    if (pyramid_.spacing(mean) > kWidthsApart * widths_[i]) return;
+    ++through_[i];
+    if (++streaks_[i] >= static_cast<std::uint32_t>(options_.most_scans))
+      hits_[i] = std::min(hits_[i], outweighed_);
+  }
   /// By how much a beam must pass the middle of a cell's points [m].
   [[nodiscard]] float margin_of(const Cell& cell) const {
     return static_cast<float>(options_.cell_size) + static_cast<float>(options_.noise_sigmas) * cell.sigma;
   }
+  /// Widths of surfaces by half octaves, from a quarter of a cell on; 0: less.
+  [[nodiscard]] std::size_t width_class(float width) const {
+    std::size_t found = 0;
+    while (found + 1 < kWidths && width >= least_width(found + 1)) ++found;
+    return found;
+  }
+  [[nodiscard]] float least_width(std::size_t of_class) const {
+    constexpr std::array<float, 2> kHalfOctaves{1.0F, 1.41421354F};
+    if (of_class == 0) return 0.0F;
+    return static_cast<float>(options_.cell_size) * 0.25F * kHalfOctaves[(of_class - 1) % 2] *
+           static_cast<float>(1U << (of_class - 1) / 2);
+  }
+  /// Of what a cell's points are on, at least [m]: at most a fraction of kNarrower of them looks narrower.
+  [[nodiscard]] float width_of(const Cell& cell) const {
+    std::uint32_t all = 0;
+    for (const std::uint16_t count : cell.widths) all += count;
+    std::uint32_t below = 0;
+    for (std::size_t i = 0; i < kWidths; ++i) {
+      below += cell.widths[i];
+      if (static_cast<double>(below) > kNarrower * static_cast<double>(all)) return least_width(i);
+    }
+    return least_width(kWidths - 1);
+  }
   void plant(std::size_t threads);
-  void look_from(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last, double max_range);
+  /// Calls `use(first, last)` for beams from one origin: those of a sweep in motion whose origins are within
+  /// half a cell are taken for one scan.
+  template <class Use>
+  void for_each_origin(const ScanView<D>& scan, const Use& use) const;
+  /// Fills the pyramid with beams from one origin.
+  void see(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last, double max_range);
+  [[nodiscard]] float sure_range(const ScanView<D>& scan, Eigen::Index i, double range,
+                                 double max_range) const;
+  void add_from(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last, double max_range);
+  void look_from();
   /// Whether a scan cannot say anything of a ball's cells.
   [[nodiscard]] bool is_hidden(const Balls& balls, std::size_t number) const;
   /// Asks the scan about the cells of a ball that is not hidden.
@@ -169,6 +225,7 @@ class MovedEvidence {
 
   MovedOptions options_;
   QuickIncompleteBeta below_;              // Of error_rate.
+  std::uint32_t outweighed_ = 0;           // Scans that found a surface, by most_scans that saw through.
   std::vector<float> known_;               // Probabilities of numbers of scans below kKnown.
   Vector<D> base_ = Vector<D>::Zero();     // Near the first end point, so that floats are exact enough.
   std::optional<CellNumbers<D>> numbers_;  // From the first end point on.
@@ -176,8 +233,10 @@ class MovedEvidence {
   // After plant(), of cells in the order of the tree, and a few behind the last:
   std::array<std::vector<float>, std::size_t{D}> means_;  // Of their points, relative to base_ [m].
   std::vector<float> margins_;                            // By how much a beam must pass them [m].
+  std::vector<float> widths_;                             // Of what they are on, at least [m].
   std::vector<std::uint32_t> hits_;                       // Scans that found a surface there.
-  std::vector<std::uint32_t> through_;                    // Scans that saw through them.
+  std::vector<std::uint32_t> through_;                    // Scans that saw through them,
+  std::vector<std::uint32_t> streaks_;                    // and of these the last in a row.
   std::vector<Balls> balls_;  // Level 0 holds cells, each other one balls of the level below.
   std::size_t task_level_ = 0;
   RangePyramid<D> pyramid_;
@@ -189,13 +248,22 @@ class MovedEvidence {
 template <int D>
 void MovedEvidence<D>::add(const ScanView<D>& scan, double max_range) {
   if (workers_) throw std::invalid_argument("add() after look(): add all scans before");
+  for_each_origin(scan,
+                  [&](Eigen::Index first, Eigen::Index last) { add_from(scan, first, last, max_range); });
+}
+
+template <int D>
+void MovedEvidence<D>::add_from(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last,
+                                double max_range) {
   Pace pace;
   typename CellNumbers<D>::Cursor cursor;
-  for (Eigen::Index i = 0; i < scan.size; ++i) {
+  bool is_seen = false;
+  for (Eigen::Index i = first; i < last; ++i) {
     pace.spend(2);
     if (!scan.is_returned(i)) continue;
     const Vector<D> end = scan.endpoint(i);
-    const double range = (end - scan.origin(i)).norm();
+    const Vector<D> way = end - scan.origin(i);
+    const double range = way.norm();
     if (!(range > 0.0) || !(range <= max_range) || !std::isfinite(range)) continue;
     if (!numbers_) {
       base_ = end;
@@ -205,6 +273,8 @@ void MovedEvidence<D>::add(const ScanView<D>& scan, double max_range) {
     if (number == CellNumbers<D>::kNone)
       throw std::invalid_argument("beam " + std::to_string(i) + ": ends more than a million cells of " +
                                   describe_number(options_.cell_size) + " m from the log's first end point");
+    if (!is_seen) see(scan, first, last, max_range);
+    is_seen = true;
     if (number == cells_.size()) cells_.emplace_back();
     Cell& cell = cells_[number];
     ++cell.points;
@@ -214,6 +284,11 @@ void MovedEvidence<D>::add(const ScanView<D>& scan, double max_range) {
     const auto sigma =
         static_cast<float>(scan.range_sigma != nullptr ? scan.range_sigma[i] : sigma_at(range));
     cell.sigma = unfused((sigma - cell.sigma) * part) + cell.sigma;
+    const float noise = static_cast<float>(options_.noise_sigmas) * sigma;
+    const float width = pyramid_.width_of_surface((way / range).template cast<float>(),
+                                                  sure_range(scan, i, range, max_range), noise);
+    std::uint16_t& count = cell.widths[width_class(width)];
+    if (count < std::numeric_limits<std::uint16_t>::max()) ++count;
   }
 }
 
@@ -271,9 +346,14 @@ void MovedEvidence<D>::plant(std::size_t threads) {
     for (std::size_t i = 0; i < n; ++i) means_[k][i] = cells_[i].mean[static_cast<int>(k)];
   }
   margins_.assign(padded, 0.0F);
-  for (std::size_t i = 0; i < n; ++i) margins_[i] = margin_of(cells_[i]);
+  widths_.assign(padded, 0.0F);
+  for (std::size_t i = 0; i < n; ++i) {
+    margins_[i] = margin_of(cells_[i]);
+    widths_[i] = width_of(cells_[i]);
+  }
   hits_.assign(padded, 0);
   through_.assign(padded, 0);
+  streaks_.assign(padded, 0);
   cells_ = {};
   workers_ = std::make_unique<Workers>(threads);
   constexpr std::size_t kTasksPerThread = 8;
@@ -282,40 +362,53 @@ void MovedEvidence<D>::plant(std::size_t threads) {
 }
 
 template <int D>
-void MovedEvidence<D>::look(const ScanView<D>& scan, double max_range, std::size_t threads) {
-  if (!workers_) plant(threads);
-  if (balls_.empty()) return;
-  if (!scan.origin_per_beam) {
-    look_from(scan, 0, scan.size, max_range);
-    return;
-  }
-  // A sweep in motion: beams whose origins are within half a cell are taken for one scan.
+template <class Use>
+void MovedEvidence<D>::for_each_origin(const ScanView<D>& scan, const Use& use) const {
   Eigen::Index first = 0;
   while (first < scan.size) {
-    Eigen::Index last = first + 1;
+    Eigen::Index last = scan.origin_per_beam ? first + 1 : scan.size;
     while (last < scan.size && (scan.origin(last) - scan.origin(first)).norm() <= 0.5 * options_.cell_size)
       ++last;
-    look_from(scan, first, last, max_range);
+    use(first, last);
     first = last;
   }
 }
 
 template <int D>
-void MovedEvidence<D>::look_from(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last,
-                                 double max_range) {
-  if (!scan.origin(first).allFinite()) return;
+void MovedEvidence<D>::look(const ScanView<D>& scan, double max_range, std::size_t threads) {
+  if (!workers_) plant(threads);
+  if (balls_.empty()) return;
+  for_each_origin(scan, [&](Eigen::Index first, Eigen::Index last) {
+    if (!scan.origin(first).allFinite()) return;
+    see(scan, first, last, max_range);
+    look_from();
+  });
+}
+
+template <int D>
+float MovedEvidence<D>::sure_range(const ScanView<D>& scan, Eigen::Index i, double range,
+                                   double max_range) const {
+  double sure = std::min(range, max_range);
+  if (scan.is_returned(i) && range <= max_range)
+    sure -= options_.noise_sigmas * (scan.range_sigma != nullptr ? scan.range_sigma[i] : sigma_at(range));
+  return static_cast<float>(std::max(sure, 0.0));
+}
+
+template <int D>
+void MovedEvidence<D>::see(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last, double max_range) {
   origin_ = relative(scan.origin(first));
   pyramid_.reset(origin_);
   for (Eigen::Index i = first; i < last; ++i) {
     const Vector<D> way = scan.endpoint(i) - scan.origin(i);
     const double range = way.norm();
     if (!(range > 0.0) || !std::isfinite(range)) continue;
-    double sure = std::min(range, max_range);
-    if (scan.is_returned(i) && range <= max_range)
-      sure -= options_.noise_sigmas * (scan.range_sigma != nullptr ? scan.range_sigma[i] : sigma_at(range));
-    pyramid_.add((way / range).template cast<float>(), static_cast<float>(std::max(sure, 0.0)));
+    pyramid_.add((way / range).template cast<float>(), sure_range(scan, i, range, max_range));
   }
   pyramid_.build();
+}
+
+template <int D>
+void MovedEvidence<D>::look_from() {
   in_view_ = static_cast<float>(0.25 * options_.cell_size + options_.noise_sigmas * options_.range_sigma);
   workers_->for_each_task(balls_[task_level_].size, [this](std::size_t, std::size_t task) {
     if (!is_hidden(balls_[task_level_], task)) visit(task_level_, task);
@@ -368,10 +461,12 @@ void MovedEvidence<D>::visit(std::size_t level, std::size_t number) {
     const float distance = std::sqrt(sum);
     const float margin = margins_[i];
     const float passed = pyramid_.surely_passed(mean, distance, in_view_, std::max(distance - margin, 0.0F));
-    if (passed > distance + margin)
-      ++through_[i];
-    else if (passed >= 0.0F)
+    if (passed > distance + margin) {
+      see_through(i);
+    } else if (passed >= 0.0F) {
       ++hits_[i];
+      streaks_[i] = 0;
+    }
   }
 }
 
@@ -406,8 +501,11 @@ NDTREE_BY_EIGHTS void MovedEvidence<D>::ask_by_eights(std::size_t i, std::size_t
                                                     EightMask::first(end - i));
   const EightMask is_beyond = passed > distance + margin;
   const EightMask found = (passed >= 0.0F) & EightMask::all().without(is_beyond);
-  (EightInts::load(through_.data() + i) - EightInts::minus_one_where(is_beyond)).store(through_.data() + i);
   (EightInts::load(hits_.data() + i) - EightInts::minus_one_where(found)).store(hits_.data() + i);
+  select(found, 0, EightInts::load(streaks_.data() + i)).store(streaks_.data() + i);
+  unsigned beyond = is_beyond.set();
+  for (std::size_t k = i; beyond != 0; beyond >>= 1U, ++k)
+    if ((beyond & 1U) != 0) see_through(k);
 }
 #endif
 

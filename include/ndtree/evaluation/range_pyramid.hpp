@@ -60,13 +60,23 @@ class RangePyramid {
   /// @param distance of the point from the origin [m]. @param radius of what must be in view around it [m].
   [[nodiscard]] float surely_passed(const Point& point, float distance, float radius, float least) const;
 
+  /// How far apart beams are around a point [m]: the width of the finest pixels in which they surround it;
+  /// infinite if they do not.
+  [[nodiscard]] float spacing(const Point& point) const;
+
+  /// The width of the surface at the end of a beam, at least [m], as this scan sees it: along each side of
+  /// the face, beams beside each other end on it. 0 if its neighbours on one of the sides do not, for rods
+  /// and for surfaces so oblique that beams cannot tell. O(levels).
+  /// @param sure as of add(). @param tolerance of ranges of one surface [m], besides its slope.
+  [[nodiscard]] float width_of_surface(const Point& direction, float sure, float tolerance) const;
+
 #ifdef NDTREE_HAS_EIGHTS
   /// surely_passed() of eight points, with the same bits.
   /// @param points coordinate by coordinate. @param wanted which are asked about: others get negative
   /// numbers.
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightFloats
   surely_passed(const std::array<EightFloats, std::size_t{D}>& points, const EightFloats& distance,
-                float radius, const EightFloats& least, const EightMask& wanted) const;
+                const EightFloats& radius, const EightFloats& least, const EightMask& wanted) const;
   /// hides() of eight balls.
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightMask
   hides(const std::array<EightFloats, std::size_t{D}>& centers, const EightFloats& radius,
@@ -84,6 +94,7 @@ class RangePyramid {
   static constexpr int kFinest = D == 3 ? 512 : 4096;
   static constexpr int kWidestGap = 16;  // As kCoarsest, of the coarsest level that bridges gaps.
   static constexpr int kLeastInView = D == 3 ? 5 : 2;  // Of the pixels that surround a direction.
+  static constexpr std::size_t kNoPixel = std::numeric_limits<std::size_t>::max();
   static constexpr float kHole = std::numeric_limits<float>::infinity();
 
   static constexpr std::size_t kSides = D - 1;  // Of a face.
@@ -146,6 +157,8 @@ class RangePyramid {
   bool by_eights_ = Simd::width() >= 8;
 #endif
   [[nodiscard]] float around(const Level& level, int face, const Pixel& at) const;
+  /// A pixel of a face or, if it is beside it, of the other face there; kNoPixel without beams on that.
+  [[nodiscard]] std::size_t pixel_at(const Level& level, int face, const Pixel& at) const;
   [[nodiscard]] float least_at(const Level& level, int face, const Pixel& at) const;
 
   Point origin_ = Point::Zero();
@@ -246,10 +259,10 @@ void RangePyramid<D>::coarsen(const Level& fine, const Level& coarse) {
 }
 
 template <int D>
-float RangePyramid<D>::least_at(const Level& level, int face, const Pixel& at) const {
+std::size_t RangePyramid<D>::pixel_at(const Level& level, int face, const Pixel& at) const {
   bool inside = true;
   for (std::size_t k = 0; k < kSides; ++k) inside = inside && at[k] >= 0 && at[k] < level.side;
-  if (inside) return least_[level.first + pixel(face, at, level.side)];
+  if (inside) return level.first + pixel(face, at, level.side);
   // The neighbour is on another face: where the direction of its centre leads.
   Point direction;
   const int axis = face / 2;
@@ -262,10 +275,16 @@ float RangePyramid<D>::least_at(const Level& level, int face, const Pixel& at) c
   }
   Place place;
   const int other = face_of(direction, place);
-  if (!has_beams_[static_cast<std::size_t>(other)]) return kHole;
+  if (!has_beams_[static_cast<std::size_t>(other)]) return kNoPixel;
   Pixel there;
   for (std::size_t k = 0; k < kSides; ++k) there[k] = pixel_on_side(place[k], level.side);
-  return least_[level.first + pixel(other, there, level.side)];
+  return level.first + pixel(other, there, level.side);
+}
+
+template <int D>
+float RangePyramid<D>::least_at(const Level& level, int face, const Pixel& at) const {
+  const std::size_t found = pixel_at(level, face, at);
+  return found == kNoPixel ? kHole : least_[found];
 }
 
 template <int D>
@@ -375,6 +394,84 @@ float RangePyramid<D>::surely_passed(const Point& point, float distance, float r
   return -1.0F;
 }
 
+template <int D>
+float RangePyramid<D>::spacing(const Point& point) const {
+  Place place;
+  const Point way = point - origin_;
+  const int face = face_of(way, place);
+  if (!has_beams_[static_cast<std::size_t>(face)]) return kHole;
+  for (const Level& level : levels_) {
+    Pixel at;
+    for (std::size_t k = 0; k < kSides; ++k) at[k] = pixel_on_side(place[k], level.side);
+    if (!std::signbit(around_[level.first + pixel(face, at, level.side)]))
+      return 2.0F * std::abs(way[face / 2]) / static_cast<float>(level.side);
+  }
+  return kHole;
+}
+
+template <int D>
+float RangePyramid<D>::width_of_surface(const Point& direction, float sure, float tolerance) const {
+  constexpr float kSlope = 2.0F;  // Of range by width, of surfaces that count: 63 degrees off their normals.
+  Place place;
+  const int face = face_of(direction, place);
+  const float depth = sure * std::abs(direction[face / 2]) / direction.norm();
+  float found = 0.0F;
+  bool is_finest = true;
+  int undecided = 2;  // Levels on which pixels without beams may cut a row.
+  for (const Level& level : levels_) {
+    Pixel at;
+    for (std::size_t k = 0; k < kSides; ++k) at[k] = pixel_on_side(place[k], level.side);
+    const float width = 2.0F * depth / static_cast<float>(level.side);
+    bool has_gap = false;
+    const auto is_on_it = [&](const Pixel& step) {
+      Pixel there = at;
+      int steps = 0;
+      for (std::size_t k = 0; k < kSides; ++k) {
+        there[k] += step[k];
+        steps = std::max(steps, std::abs(step[k]));
+      }
+      const std::size_t index = pixel_at(level, face, there);
+      if (index == kNoPixel || least_[index] == kHole) {
+        has_gap = true;
+        return false;
+      }
+      const float most = tolerance + kSlope * width * static_cast<float>(steps);
+      return std::abs(least_[index] - sure) <= most || std::abs(most_[index] - sure) <= most;
+    };
+    // Pixels in a row are as wide as all but the two at its ends; of the finest, whose beams are as far
+    // apart, as all but one.
+    constexpr int kFarthest = 2;
+    int shortest = std::numeric_limits<int>::max();
+    std::array<std::array<bool, 2>, kSides> is_beside{};
+    for (std::size_t k = 0; k < kSides; ++k) {
+      int row = is_finest ? 0 : -1;
+      for (const int side : {-1, 1})
+        for (int i = 1; i <= kFarthest; ++i, ++row) {
+          Pixel step{};
+          step[k] = side * i;
+          if (!is_on_it(step)) break;
+          is_beside[k][side > 0 ? 1 : 0] = true;
+        }
+      shortest = std::min(shortest, row);
+    }
+    if constexpr (D == 3) {
+      // A ring of beams that crosses a row aslant meets at most three of four pixels.
+      bool is_area = false;
+      for (const int i : {0, 1})
+        for (const int j : {0, 1})
+          is_area = is_area || (is_beside[0][i] && is_beside[1][j] && is_on_it({2 * i - 1, 2 * j - 1}));
+      if (!is_area) shortest = 0;
+    }
+    if (shortest > 0) {
+      is_finest = false;
+      found = std::max(found, static_cast<float>(shortest) * width);
+    } else if (!is_finest || !has_gap || --undecided == 0) {
+      break;
+    }
+  }
+  return found;
+}
+
 #ifdef NDTREE_HAS_EIGHTS
 template <int D>
 NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE typename RangePyramid<D>::EightDirections
@@ -454,8 +551,8 @@ RangePyramid<D>::hides(const std::array<EightFloats, std::size_t{D}>& centers, c
 
 template <int D>
 NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightFloats RangePyramid<D>::surely_passed(
-    const std::array<EightFloats, std::size_t{D}>& points, const EightFloats& distance, float radius,
-    const EightFloats& least, const EightMask& wanted) const {
+    const std::array<EightFloats, std::size_t{D}>& points, const EightFloats& distance,
+    const EightFloats& radius, const EightFloats& least, const EightMask& wanted) const {
   const EightDirections to = directions_of(points);
   const EightInts& face = to.face;
   EightMask open = wanted & (distance > radius) & to.has_beams;
