@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import ndtree
 from ndtree.alignment.aligned_log import moved
 from ndtree.alignment.loops import Outline
-from ndtree.alignment.planar import between, composed, placed, pose_of, seen_from, turned
+from ndtree.alignment.planar import along_walls, between, composed, placed, pose_of, seen_from, turned
 from ndtree.alignment.sensor_scans import SensorScan, pose_in_log
 from ndtree.cli.commands import app
 from ndtree.logs.core.log import Log
@@ -252,3 +252,89 @@ def test_wrong_calls_are_refused(tmp_path, office):
     carmen(source, list(office[0])[:3], office[2])
     with pytest.raises(ValueError, match="has not the 2 scans"):
         list(changed)
+
+
+def ranges(lines, pose, bearings, longest):
+    """How far beams of a pose see, inf where no line is nearer than `longest`."""
+    a = np.asarray(lines, float)[:, 0]
+    along = np.asarray(lines, float)[:, 1] - a
+    beams = np.column_stack((np.cos(bearings + pose[2]), np.sin(bearings + pose[2])))
+    off = a - pose[:2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cross = beams[:, :1] * along[:, 1] - beams[:, 1:] * along[:, 0]
+        away = (off[:, 0] * along[:, 1] - off[:, 1] * along[:, 0]) / cross
+        part = (off[:, 0] * beams[:, 1:] - off[:, 1] * beams[:, :1]) / cross
+    near = np.where((away > 1e-9) & (part >= 0) & (part <= 1), away, np.inf).min(axis=1)
+    return np.where(near < longest, near, np.inf)
+
+
+def box(x0, y0, x1, y1):
+    corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)]
+    return list(zip(corners[:-1], corners[1:]))
+
+
+def recorded(lines, truth, odometry, seed, longest=9.0, beams=300):
+    """A log of what a laser sees from its true poses, placed by an odometry."""
+    rng, bearings = np.random.default_rng(seed), np.linspace(-np.pi, np.pi, beams, endpoint=False)
+    scans = []
+    for i, (pose, at) in enumerate(zip(truth, odometry)):
+        far = ranges(lines, pose, bearings, longest)
+        seen = np.isfinite(far)
+        far = np.where(seen, far + rng.normal(0, 0.012, beams), longest)
+        ends = placed(at, np.column_stack((far * np.cos(bearings), far * np.sin(bearings))))
+        scans.append(ndtree.Scan(ends, at[:2], returned=seen, heading=float(at[2]), stamp=0.1 * i))
+    log = Drifting([], [])
+    log._placed = scans
+    return log
+
+
+HALL = box(0, 0, 11.3, 7.4) + box(2.6, 4.8, 3.1, 5.1) + box(7.7, 1.6, 8.2, 2.1) + box(5.2, 6.1, 5.4, 6.8)
+
+
+def in_a_hall(step: float) -> np.ndarray:
+    t = np.arange(0, 2 * np.pi, step)
+    yaw = np.unwrap(np.arctan2(2 * np.cos(t), -4 * np.sin(t)))
+    return np.column_stack((5.6 + 4 * np.cos(t), 3.7 + 2 * np.sin(t), yaw))
+
+
+@pytest.mark.parametrize(("step", "turn"), [(0.06, 0.0), (0.12, 0.7)])
+def test_a_smooth_corridor_is_as_long_as_odometry_says(step, turn):
+    far = np.array([np.cos(turn), np.sin(turn)])
+    beside = 1.1 * np.array([-far[1], far[0]])
+    walls = [(-90 * far + side * beside, 150 * far + side * beside) for side in (-1, 1)]
+    way = np.arange(0, 8, step)
+    truth = np.column_stack((way[:, None] * far, np.full(len(way), turn)))
+    found = ndtree.align(recorded(walls, truth, truth, seed=3))
+    assert np.hypot(*(found.poses[-1] - found.poses[0])[:2]) > 0.85 * way[-1]
+
+
+@pytest.mark.parametrize("kind", ["jumps", "stalls", "is backwards"])
+def test_odometry_that_fails_costs_nothing_in_a_hall(kind):
+    truth = in_a_hall(0.03)
+    odometry = truth.copy()
+    if kind == "jumps":
+        half = len(truth) // 2
+        jumped = composed(truth[half], np.array([0.2, 0.1, -0.75]))
+        odometry[half:] = composed(jumped[None], between(truth[half][None], truth[half:]))
+    elif kind == "stalls":
+        odometry[60:66] = truth[60]
+        odometry[120:127] = truth[120]
+    else:
+        odometry[:, :2] = 2 * truth[0, :2] - truth[:, :2]
+    found = ndtree.align(recorded(HALL, truth, odometry, seed=5))
+    assert errors(found.poses, truth).max() < 0.06
+
+
+def test_walls_are_filled_but_not_their_doors():
+    bearings = np.radians(np.arange(-80, 81, 2.0))
+    wall = np.column_stack((np.full(len(bearings), 1.0), np.tan(bearings)))
+    filled = along_walls(wall, 0.05)
+    np.testing.assert_allclose(filled[:, 0], 1.0)
+    gaps = np.diff(filled[:, 1])
+    assert gaps[np.abs(filled[1:, 1]) < 4].max() < 0.051 and np.isin(wall[:, 1], filled[:, 1]).all()
+    door = (wall[:, 1] > 0.5) & (wall[:, 1] < 1.2)  # Beams through it did not return.
+    through = along_walls(wall[~door], 0.05)[:, 1]
+    assert not ((through > 0.53) & (through < 1.15)).any()
+    rng = np.random.default_rng(2)
+    spots = rng.uniform(-4, 4, (200, 2))
+    assert len(along_walls(wall[:2], 0.05)) == 2 and len(along_walls(spots, 0.05)) < 400

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Scans matched one after the other with those before: odometry from a laser.
 
-Strategy: a scan is matched with a sliding map of the last key scans, at its pose by odometry, in a
-window as large as odometry may be wrong. A scan that fits worse than those before it is looked for in a wide
-window, too, because wheels slip. It is found there only if many more of its points fit. A scan that is far
-enough from the last key scan becomes one, with a relation to it.
+Strategy: a scan is matched with a sliding map of the last key scans. How the sensor moved is a mixture: nearly
+always as odometry says; at times odometry stalls, jumps or slips, and then the sensor moved about as before, or
+anyhow. Each is a window that is searched, the last two only where odometry's leaves doubt, and the pose with the
+largest posterior is taken. That anyhow counts only if no other pose of its window fits nearly as well. A scan that
+is far enough from the last key scan becomes one, with a relation to it.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ndtree._native._core import Matcher
-from ndtree.alignment.planar import Floats, between, composed, placed, pose_of, turned
+from ndtree.alignment.planar import Floats, along_walls, between, composed, placed, pose_of, thinned, turned
 from ndtree.alignment.sensor_scans import SensorScan
 
 
@@ -41,15 +42,45 @@ NO_ODOMETRY = Motion(still=0.08, still_angle=0.05, rate=0.5, turn=0.1)
 
 _SOME_TURN = 0.2  # Where a log does not say how far the sensor turned [rad].
 _SIGMAS = 3.0  # Of odometry, that the window has to each side.
+_LONGER = 2.0  # Time since the last scan, times that before: it does not go on as before.
 _LARGEST = np.array([1.0, 1.0, 0.5])  # Window of one step [m, m, rad].
-_WIDE = np.array([1.0, 1.0, 0.6])
-_POOR = 0.75  # Of the score of scans before: below it, the wide window is looked at, too,
-_GAIN = 0.2  # and believed if this fraction of the points fits more.
+_WIDE = np.array([1.0, 1.0, 0.6])  # Where it moved anyhow.
+_AS_BEFORE, _ANYHOW = math.log(0.01), math.log(0.001)  # How often it moves so, against odometry.
+_PIECE = 0.2  # End points on one piece of surface of this size are wrong alike: it counts once [m].
+_POOR = 0.75  # Of the score of scans before: below it, the wide window is looked at, too.
+_UNIQUE = 0.9  # Of the score of a pose that was found there, which no other may have.
 _LOST = 0.3  # Fewer points on surfaces are no match.
 _REMEMBERED = 30  # Scans whose scores are compared.
 _FEWEST = 10  # Points of a scan that says something.
 _MAP_SCANS = 60  # Key scans of the sliding map,
 _MAP_WAY = 10.0  # and how long their way is, at most [m].
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """How a sensor may have moved, and the pose that fits best then."""
+
+    pose: Floats
+    covariance: Floats
+    score: float
+    inliers: float
+    posterior: float  # Logarithm, but for a constant.
+
+
+@dataclass(frozen=True)
+class Step:
+    """A scan whose match contradicts odometry.
+
+    Parameters
+    ----------
+    scan : int
+        Its number.
+    is_sure : bool
+        Whether it fits as well as others do, and nowhere else near.
+    """
+
+    scan: int
+    is_sure: bool
 
 
 @dataclass
@@ -63,7 +94,7 @@ class Track:
     relations: list[Floats] = field(default_factory=list)  # Of each key scan to the next.
     covariances: list[Floats] = field(default_factory=list)  # Of these.
     lost: int = 0  # Scans that did not match.
-    found: int = 0  # Scans that were found in the wide window.
+    against: list[Step] = field(default_factory=list)  # Odometry.
 
 
 class Tracker:
@@ -87,7 +118,10 @@ class Tracker:
         self._matcher: Matcher | None = None
         self._map: list[Floats] = []  # End points of key scans where they were.
         self._scores: list[float] = []
-        self._last: Floats | None = None  # Pose of the last scan in the log.
+        self._last: SensorScan | None = None
+        self._lasted = 0.0  # Time from the scan before it [s].
+        self._is_matched = True  # Whether that was.
+        self._is_regular = True  # Whether the time to this one is about as long.
         self._step = np.zeros(3)  # What the last scan moved.
         self._key_distance, self._key_angle = 4 * cell_size, 0.15
 
@@ -95,15 +129,15 @@ class Tracker:
         """Place the next scan."""
         track = self.track
         if self._last is None:
-            self._last = scan.pose
+            self._last = scan
             track.poses.append(scan.pose)
             self._keep(scan, scan.pose, 0.0)
             return
-        step = between(self._last, scan.pose) if self._has_odometry else self._step
-        self._last = scan.pose
-        guess = composed(track.poses[-1], step)
-        sigmas = self._motion.sigmas(step, scan.has_heading)
-        pose, covariance, score = self._matched(scan, guess, sigmas)
+        step = between(self._last.pose, scan.pose) if self._has_odometry else self._step
+        lasted, self._lasted = self._lasted, scan.stamp - self._last.stamp
+        self._is_regular = self._lasted <= _LONGER * lasted or lasted <= 0.0
+        self._last = scan
+        pose, covariance, score = self._matched(scan, track.poses[-1], step)
         self._step = between(track.poses[-1], pose)
         track.poses.append(pose)
         key = track.poses[track.keys[-1]]
@@ -115,25 +149,60 @@ class Tracker:
             track.covariances.append(turned(covariance, key[2]))
             self._keep(scan, pose, track.way[-1] + way)
 
-    def _matched(self, scan: SensorScan, guess: Floats, sigmas: Floats) -> tuple[Floats, Floats, float]:
+    def _matched(self, scan: SensorScan, last: Floats, step: Floats) -> tuple[Floats, Floats, float]:
         """Pose, covariance and score of a scan."""
-        by_odometry = np.diag(sigmas**2)
+        track = self.track
+        guess, sigmas = composed(last, step), self._motion.sigmas(step, scan.has_heading)
         if len(scan.points) < _FEWEST:
-            return guess, by_odometry, 0.0
-        matcher = self._sliding_map()
-        information = np.diag(sigmas**-2)
+            return guess, np.diag(sigmas**2), 0.0
+        pieces = len(thinned(scan.points, _PIECE))
+        by_odometry = best = self._near(scan, guess, sigmas, pieces)
         window = np.minimum(_SIGMAS * sigmas, _LARGEST)
-        match = matcher.match(scan.points, guess, window=window, information=information, second=False)
+        goes_on = self._has_odometry and self._is_regular and self._is_matched
+        if goes_on and _is_outside(step, self._step, window):
+            free = NO_ODOMETRY.sigmas(self._step, True)
+            as_before = self._near(scan, composed(last, self._step), free, pieces, _AS_BEFORE)
+            best = max(best, as_before, key=_posterior)
         before = self._scores[-_REMEMBERED:]
-        if len(before) > 5 and match.score < _POOR * float(np.median(before)):
-            wide = matcher.match(scan.points, guess, window=_WIDE, information=information, second=False)
-            if wide.score > match.score + _GAIN:
-                match = wide
-                self.track.found += 1
-        if match.inliers < _LOST:
-            self.track.lost += 1
-            return guess, by_odometry, match.score
-        return pose_of(match.pose), match.covariance, match.score
+        usual = _POOR * float(np.median(before)) if len(before) > 5 else 0.0
+        is_against = self._has_odometry and _is_outside(best.pose, guess, window)
+        if best.score < usual or is_against:
+            anyhow = self._anyhow(scan, best.pose, pieces)
+            if anyhow is not None:
+                best = max(best, anyhow, key=_posterior)
+            if self._has_odometry and best.score < usual:  # It sees what was not seen before: only odometry knows.
+                best = by_odometry
+            if self._has_odometry and _is_outside(best.pose, guess, window):
+                track.against.append(Step(len(track.poses), anyhow is not None))
+        self._is_matched = best.inliers >= _LOST
+        if not self._is_matched:
+            track.lost += 1
+            return guess, np.diag(sigmas**2), best.score
+        return best.pose, best.covariance, best.score
+
+    def _near(self, scan: SensorScan, guess: Floats, sigmas: Floats, pieces: int, weight: float = 0.0) -> Hypothesis:
+        """The best pose around a guess."""
+        match = self._sliding_map().match(
+            scan.points,
+            guess,
+            window=np.minimum(_SIGMAS * sigmas, _LARGEST),
+            information=np.diag(sigmas**-2),
+            second=False,
+        )
+        pose = pose_of(match.pose)
+        off = between(guess, pose) / sigmas
+        prior = weight - float(np.log(sigmas).sum()) - 0.5 * float(off @ off)
+        return Hypothesis(pose, match.covariance, match.score, match.inliers, pieces * match.score + prior)
+
+    def _anyhow(self, scan: SensorScan, middle: Floats, pieces: int) -> Hypothesis | None:
+        """The best pose of a wide window, if no other fits nearly as well."""
+        match = self._sliding_map().match(scan.points, middle, window=_WIDE)
+        if match.second > _UNIQUE * match.score:
+            return None
+        prior = _ANYHOW - float(np.log(2.0 * _WIDE).sum()) + 1.5 * math.log(2.0 * math.pi)
+        return Hypothesis(
+            pose_of(match.pose), match.covariance, match.score, match.inliers, pieces * match.score + prior
+        )
 
     def _sliding_map(self) -> Matcher:
         if self._matcher is None:
@@ -149,7 +218,15 @@ class Tracker:
         track.keys.append(len(track.poses) - 1)
         track.scans.append(scan)
         track.way.append(way)
-        self._map.append(placed(pose, scan.points))
+        self._map.append(placed(pose, along_walls(scan.points, self._cell_size)))
         if len(self._map) > _MAP_SCANS:  # Only the last are looked at.
             self._map[-_MAP_SCANS - 1] = np.zeros((0, 2))
         self._matcher = None
+
+
+def _posterior(hypothesis: Hypothesis) -> float:
+    return hypothesis.posterior
+
+
+def _is_outside(pose: Floats, guess: Floats, window: Floats) -> bool:
+    return bool((np.abs(between(guess, pose)) > window).any())
