@@ -89,6 +89,7 @@ def align(
         contradicted=graph.contradicted,
         lost=track.lost,
         has_odometry=moves,
+        against=track.against,
         seconds=time.perf_counter() - begin,
         _scans=track.scans,
     )

@@ -14,6 +14,7 @@ from ndtree.alignment.aligned_log import AlignedLog
 from ndtree.alignment.loops import Loop
 from ndtree.alignment.planar import Floats, between, composed, placed
 from ndtree.alignment.sensor_scans import SensorScan
+from ndtree.alignment.tracking import Step
 from ndtree.alignment.writing import draw_before_and_after, verdict, write_trajectory
 from ndtree.base.words import number_of
 from ndtree.logs.core.log import Log
@@ -50,6 +51,8 @@ class Alignment:
         Scans that matched nothing, and are where odometry puts them.
     has_odometry : bool
         Whether the log's poses said how the sensor moved.
+    against : list of Step
+        Scans that were matched where odometry does not have them.
     seconds : float
         What it took.
     """
@@ -64,6 +67,7 @@ class Alignment:
     contradicted: int
     lost: int
     has_odometry: bool
+    against: list[Step]
     seconds: float
     _scans: list[SensorScan] = field(default_factory=list)
 
@@ -91,6 +95,12 @@ class Alignment:
             doubts.append(f"{number_of(self.lost, 'scan')} matched nothing")
         if not self.has_odometry:
             doubts.append("no odometry says how long corridors are, which may come out too short")
+        unsure = [step.scan for step in self.against if not step.is_sure]
+        if unsure:
+            doubts.append(
+                f"{number_of(len(unsure), 'step')} against odometry fits elsewhere nearly as well, "
+                f"the first at {self.stamps[unsure[0]]:.1f} s"
+            )
         if self.contradicted > _MOST_CONTRADICTED * max(1, len(self.loops)):
             doubts.append(
                 f"{self.contradicted} of {number_of(len(self.loops), 'loop')} contradict the others"
@@ -123,6 +133,7 @@ class Alignment:
             "contradicted": self.contradicted,
             "lost": self.lost,
             "has_odometry": self.has_odometry,
+            "against_odometry": [[step.scan, step.is_sure] for step in self.against],
             "cells": {"before": before, "after": after},
             "doubts": self.doubts,
             "seconds": self.seconds,

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Scans matched one after the other with those before: odometry from a laser.
 
-Strategy: a scan is matched with a sliding map of the last key scans. How the sensor moved is a mixture: nearly
-always as odometry says; at times odometry stalls, jumps or slips, and then the sensor moved about as before, or
-anyhow. Each is a window that is searched, the last two only where odometry's leaves doubt, and the pose with the
-largest posterior is taken. That anyhow counts only if no other pose of its window fits nearly as well. A scan that
-is far enough from the last key scan becomes one, with a relation to it.
+Strategy: a scan is matched with a sliding map of the last key scans. How the sensor moved is a mixture:
+nearly always as odometry says; at times odometry stalls, jumps or slips, and then the sensor moved about as
+before, or anyhow. Each is a window that is searched, the last two only where odometry's leaves doubt, and
+the pose with the largest posterior is taken. That anyhow counts only if no other pose of its window fits
+nearly as well. A scan that is far enough from the last key scan becomes one, with a relation to it.
 """
 
 from __future__ import annotations
@@ -170,7 +170,9 @@ class Tracker:
             anyhow = self._anyhow(scan, best.pose, pieces)
             if anyhow is not None:
                 best = max(best, anyhow, key=_posterior)
-            if self._has_odometry and best.score < usual:  # It sees what was not seen before: only odometry knows.
+            if (
+                self._has_odometry and best.score < usual
+            ):  # It sees what was not seen before: only odometry knows.
                 best = by_odometry
             if self._has_odometry and _is_outside(best.pose, guess, window):
                 track.against.append(Step(len(track.poses), anyhow is not None))
@@ -180,7 +182,9 @@ class Tracker:
             return guess, np.diag(sigmas**2), best.score
         return best.pose, best.covariance, best.score
 
-    def _near(self, scan: SensorScan, guess: Floats, sigmas: Floats, pieces: int, weight: float = 0.0) -> Hypothesis:
+    def _near(
+        self, scan: SensorScan, guess: Floats, sigmas: Floats, pieces: int, weight: float = 0.0
+    ) -> Hypothesis:
         """The best pose around a guess."""
         match = self._sliding_map().match(
             scan.points,
