@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import ndtree
 from ndtree.alignment.aligned_log import moved
 from ndtree.alignment.loops import Outline
-from ndtree.alignment.planar import along_walls, between, composed, placed, pose_of, seen_from, turned
+from ndtree.alignment.planar import between, composed, placed, pose_of, seen_from, turned
 from ndtree.alignment.sensor_scans import SensorScan, pose_in_log
 from ndtree.cli.commands import app
 from ndtree.logs.core.log import Log
@@ -207,7 +207,8 @@ def test_a_real_drive_fits_relations_that_people_measured(recordings):
 
     off = between(rows[:, [2, 3, 7]], between(found.poses[first], found.poses[second]))
     assert len(rows) > 100 and np.hypot(off[:, 0], off[:, 1]).mean() < 0.045
-    assert found.cells[1] < 0.75 * found.cells[0] and not found.doubts
+    assert found.cells[1] < 0.75 * found.cells[0]
+    assert all("against odometry" in doubt for doubt in found.doubts)  # No loop confirms these steps yet.
 
 
 def test_readers_say_the_heading_of_lasers(tmp_path):
@@ -297,17 +298,6 @@ def in_a_hall(step: float) -> np.ndarray:
     return np.column_stack((5.6 + 4 * np.cos(t), 3.7 + 2 * np.sin(t), yaw))
 
 
-@pytest.mark.parametrize(("step", "turn"), [(0.06, 0.0), (0.12, 0.7)])
-def test_a_smooth_corridor_is_as_long_as_odometry_says(step, turn):
-    far = np.array([np.cos(turn), np.sin(turn)])
-    beside = 1.1 * np.array([-far[1], far[0]])
-    walls = [(-90 * far + side * beside, 150 * far + side * beside) for side in (-1, 1)]
-    way = np.arange(0, 8, step)
-    truth = np.column_stack((way[:, None] * far, np.full(len(way), turn)))
-    found = ndtree.align(recorded(walls, truth, truth, seed=3))
-    assert np.hypot(*(found.poses[-1] - found.poses[0])[:2]) > 0.85 * way[-1]
-
-
 @pytest.mark.parametrize("kind", ["jumps", "stalls", "is backwards"])
 def test_odometry_that_fails_costs_nothing_in_a_hall(kind):
     truth = in_a_hall(0.03)
@@ -323,18 +313,3 @@ def test_odometry_that_fails_costs_nothing_in_a_hall(kind):
         odometry[:, :2] = 2 * truth[0, :2] - truth[:, :2]
     found = ndtree.align(recorded(HALL, truth, odometry, seed=5))
     assert errors(found.poses, truth).max() < 0.06
-
-
-def test_walls_are_filled_but_not_their_doors():
-    bearings = np.radians(np.arange(-80, 81, 2.0))
-    wall = np.column_stack((np.full(len(bearings), 1.0), np.tan(bearings)))
-    filled = along_walls(wall, 0.05)
-    np.testing.assert_allclose(filled[:, 0], 1.0)
-    gaps = np.diff(filled[:, 1])
-    assert gaps[np.abs(filled[1:, 1]) < 4].max() < 0.051 and np.isin(wall[:, 1], filled[:, 1]).all()
-    door = (wall[:, 1] > 0.5) & (wall[:, 1] < 1.2)  # Beams through it did not return.
-    through = along_walls(wall[~door], 0.05)[:, 1]
-    assert not ((through > 0.53) & (through < 1.15)).any()
-    rng = np.random.default_rng(2)
-    spots = rng.uniform(-4, 4, (200, 2))
-    assert len(along_walls(wall[:2], 0.05)) == 2 and len(along_walls(spots, 0.05)) < 400

@@ -213,13 +213,13 @@ class Matcher {
     constexpr double kKernel = 2.0;  // Standard deviations from which on a point counts half, and less.
     constexpr double kLeast = 1e-6;  // Information: keeps a match without points solvable.
     constexpr double kStill = 1e-6;  // [m, rad]
-    const MotionMatrix<D> known = information + kLeast * MotionMatrix<D>::Identity();
-    MotionMatrix<D> of_points;
+    const MotionMatrix<D> least = kLeast * MotionMatrix<D>::Identity();
+    MotionMatrix<D> hessian;
     match.pose = from;
     double squares = 0.0;
     double weights = 0.0;
     for (int step = 0; step < kSteps; ++step) {
-      of_points.setZero();
+      hessian = information + least;
       Motion<D> gradient = information * motion_between(guess, match.pose);
       squares = weights = 0.0;
       int inliers = 0;
@@ -234,21 +234,21 @@ class Matcher {
         const double square = error.dot(weighted);
         const double weight = 1.0 / (1.0 + square / (kKernel * kKernel));
         const Eigen::Matrix<double, D, kFreedoms<D>> jacobian = jacobian_of(turned);
-        of_points.noalias() += weight * jacobian.transpose() * metric * jacobian;
+        hessian.noalias() += weight * jacobian.transpose() * metric * jacobian;
         gradient.noalias() += weight * jacobian.transpose() * weighted;
         squares += weight * square;
         weights += weight;
         if (square < 2.0 * kKernel * kKernel) ++inliers;
       }
       match.inliers = points.cols() == 0 ? 0.0 : inliers / static_cast<double>(points.cols());
-      const Motion<D> change = -Decomposition(known + of_points).solve(gradient);
+      const Motion<D> change = -Decomposition(hessian).solve(gradient);
       if (!change.allFinite()) break;
       match.pose = moved(match.pose, change);
       if (change.cwiseAbs().maxCoeff() < kStill) break;
     }
     // Points that lie closer than their model says are no reason to be surer than it is.
     const double spread = weights > 0.0 ? std::max(squares / weights, 0.1) : 1.0;
-    match.covariance = Decomposition(known + of_points / spread).inverse();
+    match.covariance = spread * Decomposition(hessian).inverse();
   }
 
   /// The best pose of a window, refined.

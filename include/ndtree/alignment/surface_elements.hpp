@@ -29,9 +29,8 @@ struct SurfaceElements {
   /// an element [m].
   /// @param sigma least standard deviation across a surface [m].
   SurfaceElements(const Points<D>& all, double cell_size, double radius, double sigma) {
-    std::vector<double> hits;
-    average(all, cell_size, hits);
-    shape(radius, sigma, hits);
+    average(all, cell_size);
+    shape(radius, sigma);
   }
 
  private:
@@ -56,8 +55,7 @@ struct SurfaceElements {
     return keyed;
   }
 
-  /// @param hits set to how many end points each is the mean of.
-  void average(const Points<D>& all, double cell_size, std::vector<double>& hits) {
+  void average(const Points<D>& all, double cell_size) {
     const std::vector<Keyed> keyed = sorted(all, cell_size);
     points.resize(D, all.cols());
     Eigen::Index count = 0;
@@ -65,14 +63,13 @@ struct SurfaceElements {
       Vector<D> sum = Vector<D>::Zero();
       std::size_t j = i;
       for (; j < keyed.size() && keyed[j].key == keyed[i].key; ++j) sum += all.col(keyed[j].point);
-      hits.push_back(static_cast<double>(j - i));
-      points.col(count++) = sum / hits.back();
+      points.col(count++) = sum / static_cast<double>(j - i);
       i = j;
     }
     points.conservativeResize(D, count);
   }
 
-  void shape(double radius, double sigma, const std::vector<double>& hits) {
+  void shape(double radius, double sigma) {
     const std::vector<Keyed> keyed = sorted(points, radius);
     information.assign(static_cast<std::size_t>(points.cols()), Matrix::Zero());
     const auto row_of = [&](Key key, std::int64_t last_axis_step) {
@@ -101,28 +98,25 @@ struct SurfaceElements {
           ++count;
         }
       }
-      const auto point = static_cast<std::size_t>(keyed[i].point);
-      information[point] = count < D + 1 ? information_of_lone(hits[point], radius)
-                                         : information_of(sum, squares, count, sigma);
+      information[static_cast<std::size_t>(keyed[i].point)] =
+          information_of(sum, squares, count, radius, sigma);
     }
   }
 
-  /// Of an element without others around. One end point may lie on a wall that runs any way, so it says
-  /// nothing; several in one place are a pole.
-  [[nodiscard]] static Matrix information_of_lone(double hits, double radius) {
-    return (1.0 - 1.0 / hits) / (0.25 * radius * radius) * Matrix::Identity();
-  }
   [[nodiscard]] static Matrix information_of(const Vector<D>& sum, const Matrix& squares, int count,
-                                             double sigma) {
+                                             double radius, double sigma) {
+    const double loose = 0.25 * radius * radius;
+    if (count < D + 1) return Matrix::Identity() / loose;
     const Matrix covariance = squares / count - sum * sum.transpose() / (static_cast<double>(count) * count);
     Eigen::SelfAdjointEigenSolver<Matrix> solver;
     solver.computeDirect(covariance);
     // Along a flat piece, a point may be anywhere: where the piece ends, another one begins.
-    constexpr double kFlat = 0.1;  // Of the thickness, as variances.
-    const Vector<D> variances = solver.eigenvalues().cwiseMax(sigma * sigma);
-    Vector<D> values = variances.cwiseInverse();
+    constexpr double kFlat = 0.1;   // Of the thickness, as variances.
+    constexpr double kAlong = 1.0;  // [m²]
+    Vector<D> values = solver.eigenvalues().cwiseMax(sigma * sigma);
     for (int a = 1; a < D; ++a)
-      if (variances[0] < kFlat * variances[a]) values[a] = 0.0;
+      if (values[0] < kFlat * values[a]) values[a] = kAlong;
+    values = values.cwiseInverse();
     return solver.eigenvectors() * values.asDiagonal() * solver.eigenvectors().transpose();
   }
 };

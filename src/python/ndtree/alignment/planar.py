@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_STRAIGHT = 0.04  # Ends of beams may be off a straight wall by this: two standard deviations [m].
-_WIDEST = 2.0  # Wider gaps between ends of beams may be doors [m].
-
 
 def wrapped(angles: Floats) -> Floats:
     """Angles in [-pi, pi)."""
@@ -67,29 +64,3 @@ def thinned(points: Floats, size: float) -> Floats:
     cells = np.floor(points / size).astype(np.int64)
     _, first = np.unique(cells, axis=0, return_index=True)
     return points[np.sort(first)]
-
-
-def along_walls(points: Floats, spacing: float) -> Floats:
-    """Points in the order of their beams, and in gaps of straight walls between them others, a spacing apart.
-
-    Ends of three beams next to each other on a line are a wall, and what lies between them is as well: else a
-    wall that beams meet at a grazing angle is a row of spots, which fits the next scan best where the sensor
-    did not move.
-    """
-    if len(points) < 3:
-        return points
-    steps = np.diff(points, axis=0)
-    lengths = np.hypot(steps[:, 0], steps[:, 1])
-    a, b = steps[:-1], steps[1:]
-    chord = np.maximum(np.hypot(*(a + b).T), 1e-9)
-    off = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / chord  # Of the middle one, from the others' line.
-    turns = np.abs(wrapped(np.diff(np.arctan2(points[:, 1], points[:, 0]))))
-    is_next = turns < 1.5 * np.median(turns)  # No beam between them went through.
-    bends = (off > _STRAIGHT) | ((a * b).sum(axis=1) < 0.0) | ~is_next[:-1] | ~is_next[1:]
-    is_wall = np.zeros(len(steps), dtype=bool)
-    is_wall[:-1] |= ~bends
-    is_wall[1:] |= ~bends
-    count = np.where(is_wall & (lengths < _WIDEST), np.ceil(lengths / spacing), 1).astype(np.int64)
-    first = np.repeat(np.arange(len(steps)), count)
-    part = (np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)) / count[first]
-    return np.concatenate((points[first] + part[:, None] * steps[first], points[-1:]))

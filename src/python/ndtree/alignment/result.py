@@ -88,6 +88,13 @@ class Alignment:
         return _cells_of(self._points(self.odometry)), _cells_of(self._points(self.poses))
 
     @property
+    def unconfirmed(self) -> list[int]:
+        """Scans matched against odometry that fit elsewhere nearly as well, and that no loop confirms."""
+        ends = [(self.key_scans[loop.older], self.key_scans[loop.newer]) for loop in self.loops]
+        steps = [step.scan for step in self.against if not step.is_sure]
+        return [scan for scan in steps if not any(older < scan <= newer for older, newer in ends)]
+
+    @property
     def doubts(self) -> list[str]:
         """Why not to trust the poses; empty if nothing speaks against them."""
         doubts = []
@@ -95,11 +102,11 @@ class Alignment:
             doubts.append(f"{number_of(self.lost, 'scan')} matched nothing")
         if not self.has_odometry:
             doubts.append("no odometry says how long corridors are, which may come out too short")
-        unsure = [step.scan for step in self.against if not step.is_sure]
+        unsure = self.unconfirmed
         if unsure:
+            steps = number_of(len(unsure), "step")
             doubts.append(
-                f"{number_of(len(unsure), 'step')} against odometry fits elsewhere nearly as well, "
-                f"the first at {self.stamps[unsure[0]]:.1f} s"
+                f"{steps} against odometry could be another, the first at {self.stamps[unsure[0]]:.1f} s"
             )
         if self.contradicted > _MOST_CONTRADICTED * max(1, len(self.loops)):
             doubts.append(

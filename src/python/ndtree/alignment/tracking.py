@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ndtree._native._core import Matcher
-from ndtree.alignment.planar import Floats, along_walls, between, composed, placed, pose_of, thinned, turned
+from ndtree.alignment.planar import Floats, between, composed, placed, pose_of, thinned, turned
 from ndtree.alignment.sensor_scans import SensorScan
 
 
@@ -222,7 +222,7 @@ class Tracker:
         track.keys.append(len(track.poses) - 1)
         track.scans.append(scan)
         track.way.append(way)
-        self._map.append(placed(pose, along_walls(scan.points, self._cell_size)))
+        self._map.append(placed(pose, scan.points))
         if len(self._map) > _MAP_SCANS:  # Only the last are looked at.
             self._map[-_MAP_SCANS - 1] = np.zeros((0, 2))
         self._matcher = None
