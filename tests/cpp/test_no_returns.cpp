@@ -110,7 +110,7 @@ TYPED_TEST(NoReturnsIn, SayHowManyWouldCrossByPosesThatAreWrong) {
     EXPECT_EQ(found.beams, 50u);
     EXPECT_DOUBLE_EQ(found.crossing, 0.4);
     EXPECT_NEAR(found.expected, 1.0 - std::exp(-k / metres * silent / 50.0), 1e-9);
-    EXPECT_FALSE(found.are_free());  // Whoever crosses a wall by a wrong pose erases it as well.
+    EXPECT_FALSE(found.are_free());  // A beam that crosses a wall by a wrong pose erases it as well.
   }
 }
 

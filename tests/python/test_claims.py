@@ -164,7 +164,7 @@ def test_a_comparison_says_what_its_maps_claim(simulated: bool) -> None:
     maps = ["adaptive", "paper", "fixed"] + ["octomap"] * ndtree.has_octomap
     options: dict[str, Any] = {"cell_size": 0.1, "max_cell_size": 1.6, "range_sigma": 0.03}
     source = log if simulated else list(log)
-    comparison = ndtree.compare(source, maps, max_range=12.0, **options)
+    comparison = ndtree.compare(source, maps, max_range=12.0, no_return="free", **options)
     of = log.seen_space if simulated else ndtree.SeenSpace
     space = of(mapped, max_range=12.0)
     table = str(comparison)

@@ -73,7 +73,7 @@ def test_map_writes_the_map_that_the_library_makes(log: Path, tmp_path: Path) ->
     target, picture, figures = tmp_path / "a.ndt", tmp_path / "a.png", tmp_path / "a.json"
     done = run(
         "map", log, "-o", target, "--picture", picture, "--json", figures,
-        "--min-cell-size", 0.1, "--max-range", 9, "--merge-loss", 3,
+        "--min-cell-size", 0.1, "--max-range", 9, "--merge-loss", 3, "--no-return", "free",
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     by_hand = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, merge_loss=3)
@@ -182,7 +182,7 @@ def test_demo_shows_the_maps_before_it_judges_them(
         raise ValueError("judging comes last")
 
     monkeypatch.setattr("ndtree.evaluation.comparison.Trial.judged", judged)
-    done = run("demo", log, "--output", tmp_path)
+    done = run("demo", log, "--output", tmp_path, "--no-return", "free")
     assert done.exit_code == 1 and "judging comes last" in done.output
     cells = ndtree.AdaptiveMap(dim=2)
     for number, scan in enumerate(ndtree.read(log)):
@@ -244,7 +244,17 @@ def test_info_of_a_long_log_keeps_a_sample_of_its_ranges(log_3d: Path, monkeypat
 
 def test_parts_of_a_log_are_those_of_the_library(log: Path, log_3d: Path, tmp_path: Path) -> None:
     target = tmp_path / "a.ndt"
-    flags = ("--every", 2, "--stride", 3, "--min-range", 1, "--origin=1,-2", "--box=-3,-3,4,5")
+    flags = (
+        "--every",
+        2,
+        "--stride",
+        3,
+        "--min-range",
+        1,
+        "--origin=1,-2",
+        "--box=-3,-3,4,5",
+        "--no-return=free",
+    )
     done = run("map", log, "-o", target, "--json", tmp_path / "a.json", *flags)
     assert done.exit_code == 0, done.output
     by_hand = ndtree.AdaptiveMap(dim=2)

@@ -158,7 +158,7 @@ def test_the_report_agrees_with_the_log_and_with_itself(tmp_path, dim, branching
     beams = 120  # Enough that in 3-D cells of four smallest ones are seen.
     log = tmp_path / "room.txt"
     log.write_text(text_log(dim, beams))
-    report, table = report_of(log, "--branching", branching, "--max-range", 30)
+    report, table = report_of(log, "--branching", branching, "--max-range", 30, "--no-return", "free")
 
     assert report["log"] == str(log)
     assert (report["dim"], report["branching"]) == (dim, branching)
@@ -238,7 +238,20 @@ def test_claims_are_those_of_the_python_module(tmp_path, dim):
 def test_in_a_simulated_world_the_line_of_sight_decides(tmp_path):
     ndtree = pytest.importorskip("ndtree")
     target = tmp_path / "office.json"
-    call("--world", "office", "--limit", 20, "--repeat", 1, "--maps", "fixed", "--json", target)
+    call(
+        "--world",
+        "office",
+        "--limit",
+        20,
+        "--repeat",
+        1,
+        "--maps",
+        "fixed",
+        "--no-return",
+        "free",
+        "--json",
+        target,
+    )
     claims = json.loads(target.read_text())["maps"][0]["claims"]
     log = ndtree.simulate("office")
     mapped = [log[i] for i in range(20) if i % 10 != 9]
@@ -404,7 +417,7 @@ def test_carmen_logs_are_read(tmp_path):
         ("packed", gzip.compress(records.encode())),
     ):
         (tmp_path / name).write_bytes(content)
-        report, _ = report_of(tmp_path / name)
+        report, _ = report_of(tmp_path / name, "--no-return", "free")
         assert (report["dim"], report["scans"], report["scans_mapped"]) == (2, 20, 18)
         assert (report["beams"]["returned"], report["beams"]["not_returned"]) == (72, 18)
 
@@ -426,7 +439,7 @@ def test_limit_and_held_out_choose_the_scans(log):
 
 
 def test_max_range_cuts_beams(log):
-    report, _ = report_of(log, "--max-range", 3, "--maps", "fixed")
+    report, _ = report_of(log, "--max-range", 3, "--maps", "fixed", "--no-return", "free")
     assert report["beams"]["beyond_max_range"] > 0
     assert sum(report["beams"].values()) == report["scans_mapped"] * BEAMS
 

@@ -25,7 +25,9 @@ def log() -> ndtree.Log:
 
 @pytest.fixture(scope="module")
 def comparison(log: ndtree.Log) -> ndtree.Comparison:
-    return ndtree.compare(log, ("adaptive", "fixed", "fixed@0.2"), max_range=12.0, **OPTIONS)
+    return ndtree.compare(
+        log, ("adaptive", "fixed", "fixed@0.2"), max_range=12.0, no_return="free", **OPTIONS
+    )
 
 
 def test_counts_are_those_of_maps_made_by_hand(log: ndtree.Log, comparison: ndtree.Comparison) -> None:

@@ -63,7 +63,7 @@ def test_map_and_compare_say_it_in_one_line(tmp_path: Path) -> None:
         points=np.concatenate([scan.endpoints for scan in some]).astype(np.float32),
         offsets=np.arange(4) * 60,
     )
-    maps = ["map", str(tmp_path / "a.npz"), "-o", str(tmp_path / "a.ndt")]
+    maps = ["map", str(tmp_path / "a.npz"), "-o", str(tmp_path / "a.ndt"), "--no-return", "free"]
     for call in (maps, ["compare", str(tmp_path / "a.npz"), "--maps", "adaptive", "--held-out", "0"]):
         done = CliRunner().invoke(app, call)
         assert done.exit_code == 0, done.output

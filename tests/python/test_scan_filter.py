@@ -52,7 +52,7 @@ def test_a_wrong_sigma_is_refused(sigma, message):
 
 def test_a_comparison_without_the_beams_that_did_not_return():
     log = [ndtree.Scan(ENDPOINTS, np.zeros(2), RETURNED)] * 4
-    free = ndtree.compare(log, ["adaptive"], held_out=0)
+    free = ndtree.compare(log, ["adaptive"], held_out=0, no_return="free")
     ignored = ndtree.compare(log, ["adaptive"], held_out=0, no_return="ignore")
     assert free["beams"]["not_returned"] == 8 and ignored["beams"]["not_returned"] == 0
     assert free["beams"]["returned"] == ignored["beams"]["returned"] == 8

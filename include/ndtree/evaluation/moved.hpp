@@ -39,7 +39,7 @@ struct MovedOptions {
   double range_sigma_quadratic = 0.0;  ///< plus this times r² [1/m].
   double noise_sigmas = 2.0;           ///< Of a range, that a point and a beam each may be wrong by.
   double error_rate = 0.2;             ///< Fraction of the scans that see through what stands, at most.
-  int most_scans = 12;  ///< So many in a row that see through outweigh any that found it before.
+  int most_scans = 12;  ///< Scans in a row that see through and outweigh any that found it before.
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   void validate() const {

@@ -27,7 +27,7 @@ def why_not(hosts: Sequence[str], origins: Sequence[str], *, only_here: bool = T
     hosts, origins : sequence of str
         What the request says, each time it says it.
     only_here : bool
-        Whether nobody but this computer may ask; else ``Host`` may be an address, or a name that only a
+        Whether only this computer may ask; else ``Host`` may be an address, or a name that only a
         network nearby gives.
     """
     if len(hosts) != 1 or len(origins) > 1:

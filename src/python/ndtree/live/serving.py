@@ -30,9 +30,9 @@ _BUSY = b"HTTP/1.0 503 Service Unavailable\r\nContent-Length: 0\r\n\r\n"
 class MapServer:
     """Answers ``GET /map.ndt`` with the file of the map as it is now.
 
-    It has the number of the map's state as its ETag, so that who has it already is told so (304); without a
-    map it is 503. A file is made only when somebody asks for it. Who asks by a stranger's name, or from a
-    stranger's page, is refused (403); of more than 16 at once, the others have to come again (503).
+    It has the number of the map's state as its ETag, so that a caller that has it already is told so (304);
+    without a map it is 503. A file is made only when it is asked for. A request with a stranger's name, or
+    from a stranger's page, is refused (403); of more than 16 at once, the others have to come again (503).
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class MapServer:
 
     @property
     def is_only_here(self) -> bool:
-        """Whether nobody but this computer can ask."""
+        """Whether only this computer can ask."""
         return self._host in LOCAL_NAMES
 
     @property
