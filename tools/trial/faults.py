@@ -112,7 +112,6 @@ def dropped(r: Recording, rng: Random) -> Recording:
 def no_odometry(r: Recording, rng: Random) -> Recording:
     """All poses are the same."""
     r.told = np.tile(r.true[:1], (len(r), 1, 1))
-    r.has_poses = False
     return r
 
 

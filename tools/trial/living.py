@@ -11,7 +11,7 @@ import numpy as np
 import ndtree
 from trial import bag, faults
 from trial.command import run
-from trial.maps import Truth, count_in, judge_map, mapped
+from trial.maps import Truth, count_in, judge_lost, judge_map, mapped
 from trial.outcome import Case, Outcome, limit
 from trial.robots import Recording, laser, planar, poses_along, record, rings
 from trial.scene import Floats
@@ -50,9 +50,7 @@ def live_trial(case: Case) -> tuple[Recording, Outcome]:
         judge_map(m, truth, outcome)
         ends = truth.ends[count_in(truth.ends, truth.ends, truth.cell) >= 5]
         if len(ends) >= 100:
-            gone = np.asarray(m.nearest_occupied(ends, max_distance=1.0).distance) > truth.margin
-            outcome.expect("walls lost", 100 * gone.mean())
-            outcome.drawn["walls lost"] = ends[gone]
+            judge_lost(m, truth, outcome, ends)
     elif not is_same:
         outcome.faults.append("another map than of the recording")
     return r, outcome

@@ -180,22 +180,21 @@ def near(points: Floats, others: Floats, distance: float) -> Bools:
 
 def count_in(points: Floats, others: Floats, cell: float) -> np.ndarray:
     """How many others are in the cell of a lattice that a point is in."""
-    keys, counts = np.unique(_keys(others, cell), return_counts=True)
-    if not len(points) or not len(keys):
-        return np.zeros(len(points), int)
-    own = _keys(points, cell)
-    at = np.searchsorted(keys, own).clip(max=len(keys) - 1)
-    return np.where(keys[at] == own, counts[at], 0)
+    return _counts(_keys(points, cell), others, cell)
 
 
 def count_near(points: Floats, others: Floats, distance: float) -> np.ndarray:
     """How many others are in the cubes around a point's own."""
-    keys, counts = np.unique(_keys(others, distance), return_counts=True)
-    if not len(points) or not len(keys):
-        return np.zeros(len(points), int)
-    around = _neighbours(points, distance)
-    at = np.searchsorted(keys, around).clip(max=len(keys) - 1)
-    return np.where(keys[at] == around, counts[at], 0).sum(1)
+    return _counts(_neighbours(points, distance), others, distance).sum(1)
+
+
+def _counts(cells: np.ndarray, others: Floats, edge: float) -> np.ndarray:
+    """How many others are in each of some cells, given by keys."""
+    keys, counts = np.unique(_keys(others, edge), return_counts=True)
+    if not len(keys):
+        return np.zeros(cells.shape, int)
+    at = np.searchsorted(keys, cells).clip(max=len(keys) - 1)
+    return np.where(keys[at] == cells, counts[at], 0)
 
 
 def judge_map(m: ndtree.OccupancyMap, truth: Truth, outcome: Outcome, last: int | None = None) -> None:
@@ -231,6 +230,13 @@ def judge_map(m: ndtree.OccupancyMap, truth: Truth, outcome: Outcome, last: int 
         outcome.expect("false occupied", 100 * np.mean(state == 1))
         outcome.drawn["seen but unknown"] = seen[state == -1]
         outcome.drawn["false occupied"] = seen[state == 1]
+
+
+def judge_lost(m: ndtree.OccupancyMap, truth: Truth, outcome: Outcome, ends: Floats) -> None:
+    """Whether surfaces that were met often are in a map, within the margin."""
+    gone = np.asarray(m.nearest_occupied(ends, max_distance=1.0).distance) > truth.margin
+    outcome.expect("walls lost", 100 * gone.mean())
+    outcome.drawn["walls lost"] = ends[gone]
 
 
 def judge_ghosts(m: ndtree.OccupancyMap, truth: Truth, outcome: Outcome, last: int) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import ndtree
 from trial import faults
 from trial.command import run
-from trial.maps import Truth, count_near, judge_map, mapped, mover_of
+from trial.maps import Truth, count_near, judge_lost, judge_map, mapped, mover_of
 from trial.outcome import Case, Outcome
 from trial.robots import Recording, poses_along, record, sensor_of
 
@@ -98,13 +98,7 @@ def clean_trial(case: Case) -> tuple[Recording, Outcome]:
             outcome.refused = done.error
             return r, outcome
         with np.load(target) as marked:
-            chance, offsets = marked["moved"], marked["offsets"]
-            count = len(chance)
-    removed = np.zeros(r.ranges.shape, bool)
-    if count == removed.size:
-        removed = (chance > 0.5).reshape(removed.shape)
-    else:
-        raise ValueError(f"{count} probabilities for {removed.size} beams, offsets {offsets[:3]}")
+            removed = (marked["moved"] > 0.5).reshape(r.ranges.shape)
     _judge_removed(removed & np.isfinite(r.ranges), r, truth, outcome)
     return r, outcome
 
@@ -128,10 +122,7 @@ def static_trial(case: Case) -> tuple[Recording, Outcome]:
     ends = truth.ends[met]
     if len(ends) >= 100 and fault != "pitch":
         ends = ends[rng.choice(len(ends), min(2000, len(ends)), replace=False)]
-        nearest = np.asarray(m.nearest_occupied(ends, max_distance=1.0).distance)
-        gone = nearest > truth.margin
-        outcome.expect("walls lost", 100 * gone.mean())
-        outcome.drawn["walls lost"] = ends[gone]
+        judge_lost(m, truth, outcome, ends)
     if fault != "pitch":
         judge_map(m, truth, outcome, last)
     outcome.drawn["map"] = m

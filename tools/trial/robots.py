@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -145,8 +145,6 @@ class Recording:
         Readings of what does not stand.
     stamps : (s,) float64
         [s]
-    has_poses : bool
-        False: nothing is told.
     """
 
     sensor: Sensor
@@ -156,8 +154,6 @@ class Recording:
     exact: Floats
     moving: Bools
     stamps: Floats
-    has_poses: bool = True
-    notes: list[str] = field(default_factory=list)
 
     @property
     def dim(self) -> int:

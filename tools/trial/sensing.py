@@ -11,7 +11,7 @@ import numpy as np
 import ndtree
 from trial import bag
 from trial.command import run
-from trial.maps import Truth, count_in, judge_map, mover_of
+from trial.maps import Truth, count_in, judge_lost, judge_map, mover_of
 from trial.outcome import Case, Outcome, limit
 from trial.robots import Recording, laser, poses_along, record, sensor_of
 from trial.scene import Floats
@@ -94,9 +94,7 @@ def _judge_erased(m: ndtree.OccupancyMap, truth: Truth, outcome: Outcome) -> Non
     met = ends[count_in(ends, ends, truth.cell) >= 5]
     if len(met) >= 100:
         met = met[truth.rng.choice(len(met), min(2000, len(met)), replace=False)]
-        gone = np.asarray(m.nearest_occupied(met, max_distance=1.0).distance) > truth.margin
-        outcome.expect("walls lost", 100 * gone.mean())
-        outcome.drawn["walls lost"] = met[gone]
+        judge_lost(m, truth, outcome, met)
     for name in ("false occupied", "free but hidden"):
         if name in beams.figures:
             outcome.expect(name, beams.figures[name], most=limit(name))

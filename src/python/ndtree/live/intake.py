@@ -84,7 +84,7 @@ class Intake(ABC):
         Parameters
         ----------
         waiting : sequence of Entry
-            Measurements that wait, and those that were kept.
+            Measurements that wait or were kept.
         everything : bool
             Nothing more comes.
 

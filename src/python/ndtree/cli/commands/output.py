@@ -41,7 +41,7 @@ def is_stdout(target: Optional[Path]) -> bool:
     return str(target) == "-"
 
 
-#: Arguments of commands that name what is read, and those that name what is written, as they are typed.
+#: Names of the commands' arguments for inputs, and for outputs with their flags.
 INPUTS = (
     "log", "logs", "other", "map_name", "source", "path", "config", "localize", "trajectory"
 )  # fmt: skip
@@ -100,7 +100,7 @@ def check_no_input(flag: str, target: Path, inputs: Sequence[Path]) -> None:
 
 
 def _inputs(arguments: dict[str, Any]) -> list[Path]:
-    """What a call reads: the files and folders that it names, and those that these name."""
+    """Files and folders that a call reads: named by itself, or by one of them."""
     given: list[Path] = []
     for name in INPUTS:
         value = arguments.get(name)
@@ -150,7 +150,7 @@ def fits_map(path: str) -> bool:
 
 
 def _together(flag: str, target: Path) -> list[Path]:
-    """A file and those that are written with it: of an image for map_server, the YAML file and the image."""
+    """All files of an output: for map_server the YAML file and the image."""
     if flag in ("-o", "OUT", "--map") and target.suffix in (".yaml", ".pgm", ".png"):
         image = target if target.suffix != ".yaml" else target.with_suffix(".pgm")
         return [target, *({target.with_suffix(".yaml"), image} - {target})]
