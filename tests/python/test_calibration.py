@@ -83,6 +83,41 @@ def test_without_flat_surfaces_there_is_no_noise_to_give() -> None:
     assert json.loads(found.to_json())["range_sigma"] is None
 
 
+def test_a_body_that_walks_is_no_surface() -> None:
+    random = np.random.default_rng(0)
+    bearing, height = np.meshgrid(np.linspace(-0.3, 0.3, 40), np.linspace(-0.3, 0.3, 40))
+    beam = np.stack([np.cos(bearing), np.sin(bearing), height], axis=-1).reshape(-1, 3)
+    beam /= np.linalg.norm(beam, axis=1)[:, None]
+
+    def seen(step: int) -> ndtree.Scan:
+        """A post of 20 cm, 1.6 m away, with noise of 3 mm."""
+        middle = np.array([1.6 + 0.15 * math.sin(step), 0.06 * step])
+        square, half = (beam[:, :2] ** 2).sum(axis=1), beam[:, :2] @ middle
+        root = half**2 - square * (middle @ middle - 0.2**2)
+        meets = root > 0
+        length = (half[meets] - np.sqrt(root[meets])) / square[meets]
+        return ndtree.Scan(
+            beam[meets] * (length + random.normal(0, 0.003, len(length)))[:, None], np.zeros(3)
+        )
+
+    assert range_noise([seen(step) for step in range(12)]) is None
+
+
+def test_growth_is_not_told_from_ranges_that_are_alike() -> None:
+    random = np.random.default_rng(1)
+    angle = np.radians(np.arange(-20, 20, 0.25))
+    beam = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+    def seen(step: int) -> ndtree.Scan:
+        """A wall 1 m ahead, whose noise happens to grow fast to one side of the little that is seen."""
+        length = 1 / beam[:, 0]
+        noise = random.normal(0, 0.005 + 0.1 * (length - 1), len(length))
+        return ndtree.Scan(beam * (length + noise)[:, None], np.zeros(2))
+
+    found = range_noise([seen(step) for step in range(40)])
+    assert found is not None and found[1].value == 0 and found[0].value < 0.03
+
+
 @pytest.mark.parametrize(
     "where, sigma, expected",
     [

@@ -16,7 +16,9 @@ LEAST_POINTS = {2: 15, 3: 25}  # By dimension: in a piece, ...
 LEAST_SPREAD = {2: 0.2, 3: 0.15}  # ... and its standard deviation along each direction, in radii.
 LEAST_SCANS = 3
 CORE = 0.7  # Residuals count up to this distance along the surface, in radii: the ball cuts none off there.
-THICKEST = 1 / 8  # Standard deviation of the residuals, in radii.
+THICKEST = (
+    1 / 3
+)  # Standard deviation of the residuals, in that along the surface: else it is a body, no surface.
 LEAST_COSINE = 0.5  # Of the angle between beam and normal: at least 30 degrees between beam and surface.
 TINY = 1e-6  # Thickness that is none [m].
 
@@ -101,10 +103,11 @@ def flat_pieces(
     n = inner.sum(axis=1)
     few |= n < LEAST_POINTS[dim]
     size = np.maximum(n, 1)
-    thick = 1.4826 * _row_median(np.abs(distance), core) > THICKEST * radius
+    width = np.sqrt(np.maximum(spread[:, 1], 0))
+    thick = 1.4826 * _row_median(np.abs(distance), core) > THICKEST * width
     whole = n >= 0.9 * core.sum(axis=1)
     centred_on = np.abs((mean * normal).sum(axis=1)) <= 0.3 * radius
-    populated = np.sqrt(np.maximum(spread[:, 1], 0)) >= LEAST_SPREAD[dim] * radius
+    populated = width >= LEAST_SPREAD[dim] * radius
     several = _distinct(scan, inner) >= LEAST_SCANS
     rms = np.sqrt((scaled**2 * inner).sum(axis=1) / size)
     middle_share = (inner & (np.abs(scaled) <= np.maximum(0.5 * rms[:, None], tiny))).sum(axis=1) / size

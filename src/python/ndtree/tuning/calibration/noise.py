@@ -20,6 +20,9 @@ CHUNK = 256  # Pieces at once.
 LEAST_PIECES = 8  # Below which there is no estimate, ...
 LEAST_RESIDUALS = 30  # ... and residuals, below which a bin of ranges says nothing.
 RANGE_BINS = 12
+STEEPEST = 0.01  # Growth [1/m], of a stereo camera of 4 cm and 600 pixels: beyond it are bodies.
+WIDE = 2.0  # Largest over smallest range with an estimate, below which growth is not asked for.
+LARGEST_MISFIT = 2.0  # Ratio of bins and fit, in the median: beyond it, pieces were not of surfaces.
 
 
 @dataclass(frozen=True)
@@ -86,10 +89,13 @@ def _fitted_noise(residuals: _Residuals, generator: np.random.Generator) -> _Noi
     ]
     both = _fitted(where, measured, pieces)
     spread = np.array([_fitted(where, one, pieces) for one in drawn])
-    if len(parts) < 3 or np.nanquantile(spread[:, 1], (1 - CONFIDENCE) / 2) <= 0:
-        # A constant explains the data as well.
+    is_wide = len(parts) >= 3 and where[-1] >= WIDE * where[0]
+    if not is_wide or np.nanquantile(spread[:, 1], (1 - CONFIDENCE) / 2) <= 0:
+        # A constant explains the data as well; where all ranges are alike, growth is a guess elsewhere.
         both = (_fitted_constant(measured, pieces), 0.0)
         spread[:, 0] = [_fitted_constant(one, pieces) for one in drawn]
+    if both[1] > STEEPEST or _misfit(where, measured, both) > LARGEST_MISFIT:
+        return None
     count = sum(part.stop - part.start for part in parts)
     sigma, quadratic = (
         estimated(best, one[np.isfinite(one)], int(count)) for best, one in zip(both, spread.T)
@@ -124,6 +130,12 @@ def _fitted(where: Floats, sigma: Floats, pieces: Floats) -> tuple[float, float]
     alone = np.maximum((columns * wanted[:, None]).sum(axis=0) / (columns**2).sum(axis=0), 0.0)
     left = ((columns * alone - wanted[:, None]) ** 2).sum(axis=0)
     return (float(alone[0]), 0.0) if left[0] <= left[1] else (0.0, float(alone[1]))
+
+
+def _misfit(where: Floats, sigma: Floats, both: tuple[float, float]) -> float:
+    """By which factor the bins are off a fit, in the median."""
+    ratio = np.maximum(sigma, LEAST_SIGMA) / np.maximum(both[0] + both[1] * where**2, LEAST_SIGMA)
+    return float(np.median(np.maximum(ratio, 1 / ratio)))
 
 
 def _fitted_constant(sigma: Floats, pieces: Floats) -> float:
