@@ -14,7 +14,6 @@ sys.path.insert(0, str(ROOT / "tools"))
 import check_words
 
 
-
 def rows_of(page: Path) -> list[tuple[str, str, str]]:
     """Terms, what they are, and where to read on."""
     return re.findall(r"^\| (\*\*.*?) \| (.*?) \| (.*?) \|$", page.read_text(), re.MULTILINE)
