@@ -35,8 +35,7 @@ def test_programs_run(tmp_path):
     """All but the page, which has tests of its own."""
     commands = [line.split("#")[0].split() for line in blocks(README, "sh")[1].splitlines()]
     assert [command[:2] for command in commands] == [
-        ["ndtree", name]
-        for name in ("simulate", "map", "view", "convert", "clean", "live", "compare")
+        ["ndtree", name] for name in ("simulate", "map", "view", "convert", "clean", "live", "compare")
     ]
     for command in commands:
         if command[1] == "view":
@@ -88,3 +87,16 @@ def test_the_summary_s_figures_are_those_of_the_whole_table():
     assert len(losses) >= 3
     for log, adaptive, fixed in losses:
         assert adaptive in large[log, "adaptive"] and fixed in large[log, "fixed"], log
+
+
+def test_speeds_beside_others_are_those_of_the_page_of_peers():
+    """Each number of the README's table stands in the row of the same work of the page's."""
+    pages = [(ROOT / page).read_text() for page in ("README.md", "docs/peers.md")]
+    small, large = (
+        re.findall(r"^\| ((?:7-Scenes|Intel|Livox Avia),.*?) \|(.*)\|$", page, re.M) for page in pages
+    )
+    assert len(small) == 3
+    for work, cells in small:
+        (row,) = [found for name, found in large if name.partition(",")[0] == work.partition(",")[0]]
+        for number in re.findall(r"[\d.,]*\d", cells):
+            assert re.search(rf"(?<![\d.]){re.escape(number)}(?![\d.])", row), (work, number)
