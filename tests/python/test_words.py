@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from snippets import ROOT, links
+from snippets import ROOT, anchors, links
 
 sys.path.insert(0, str(ROOT / "tools"))
 import check_words
@@ -103,9 +103,7 @@ def test_links_of_the_library_s_pages_lead_to_files_and_headings(name: str) -> N
         path = (page.parent / target).resolve()
         assert path.exists(), target
         if anchor:
-            headings = re.findall(r"^#+ (.*)$", path.read_text(), re.MULTILINE)
-            slugs = {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
-            assert anchor in slugs, (target, anchor)
+            assert anchor in anchors(path.read_text()), (target, anchor)
     named = set(re.findall(r"`((?:core|tree|cell|mapping|query|layers|io|evaluation)/[\w/]+\.hpp)`", text))
     assert name != "README.md" or len(named) > 40
     for header in named:
