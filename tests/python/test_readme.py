@@ -54,7 +54,10 @@ def test_commands_exist():
 
 
 def test_figures_were_measured():
-    pages = {"README.md": ["summary", "machine", "losses"], "docs/benchmarks.md": ["comparison", "machine"]}
+    pages = {
+        "README.md": ["summary", "machine", "losses"],
+        "docs/benchmarks.md": ["comparison", "machine", "losses"],
+    }
     for page, expected in pages.items():
         text = (ROOT / page).read_text()
         names = re.findall(r"<!-- figures: (\w+) -->", text)
