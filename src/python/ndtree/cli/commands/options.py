@@ -78,7 +78,7 @@ MaxRange = Annotated[
 
 NoReturnOption = Annotated[
     NoReturnKind,
-    typer.Option(help="A beam without return is free up to its end point, or left out; auto: see."),
+    typer.Option(help="What a beam without return says: free up to its end point, or nothing; auto: see."),
 ]
 
 
