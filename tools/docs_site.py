@@ -12,6 +12,7 @@ its page.
 from __future__ import annotations
 
 import inspect
+import json
 import re
 from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
@@ -116,6 +117,10 @@ def _members(held: Any) -> list[str]:
     ]
 
 
+#: What members of a class say that answer as a map's do; they share a row.
+_ALIKE = "As of `OccupancyMap`."
+
+
 def _names_table(names: Iterable[str]) -> str:
     rows = []
     for name in names:
@@ -124,13 +129,17 @@ def _names_table(names: Iterable[str]) -> str:
         if not isinstance(held, ModuleType):
             rows.append((f"`{short}`", _summary(held)))
         inside = "" if not isinstance(held, ModuleType) else short
-        for member in _members(held):
-            rows.append((f"`{inside}.{member}`", _summary(getattr(held, member))))
+        described = {f"`{inside}.{member}`": _summary(getattr(held, member)) for member in _members(held)}
+        alike = [member for member, text in described.items() if text == _ALIKE]
+        rows += [(member, text) for member, text in described.items() if member not in alike]
+        rows += [(", ".join(alike), _ALIKE)] if alike else []
     return _table(("name", ""), rows)
 
 
 def _summary(held: Any) -> str:
     """The first sentence of a docstring, without the type that stands before it."""
+    if isinstance(held, bool):  # Its docstring is that of all bools.
+        return "Constant, a bool."
     text = " ".join(inspect.cleandoc(held.__doc__ or "").split("\n\n")[0].split())
     text = re.sub(r"^(?:float|int|str|bool|dict of \w+): ", "", text)
     sentence = re.split(r"(?<=[.:]) (?=[A-Z])", text)[0].rstrip(":")
@@ -288,21 +297,35 @@ def _flags_table() -> str:
     return "\n".join(parts)
 
 
+#: Commands that many options have in common: those that read a log, and those that make a map of one.
+_READ_A_LOG = ("demo", "map", "align", "clean", "live", "compare", "calibrate", "view", "info")
+_MAKE_A_MAP = ("demo", "map", "clean", "live", "fleet", "compare")
+
+
 def _takers(commands: str) -> str:
-    return "all" if commands == ", ".join(every()) else commands
+    """The commands that take an option, in as few words as say it."""
+    if commands == ", ".join(every()):
+        return "all"
+    left = commands.split(", ")
+    for group, words in ((_READ_A_LOG, "all that read a log"), (_MAKE_A_MAP, "all that make a map")):
+        if set(group) <= set(left):
+            return ", ".join([words, *(one for one in left if one not in group)])
+    return commands
 
 
 def _commands() -> str:
-    """A section for each command: what it does, its arguments, and examples."""
+    """A section for each command: what it does, examples, and arguments other than logs."""
     parts: list[str] = []
     for name, command in every().items():
         examples = [line for line in (command.epilog or "").splitlines() if line.startswith("ndtree")]
         paragraphs = map(_plain, (command.help or "").split("\n\n"))
         parts += [f"## ndtree {name}", *paragraphs, "\n".join(["```bash", *examples, "```"])]
-        arguments = [one for one in command.params if one.param_type_name == "argument"]
-        parts.append(
-            _table(("argument", ""), ((_shown(one), _plain(one.help)) for one in arguments)).rstrip()
-        )
+        named = [one for one in command.params if one.param_type_name == "argument"]
+        arguments = [one for one in named if not _plain(one.help).startswith(("File or folder:", "Files or"))]
+        if arguments:
+            parts.append(
+                _table(("argument", ""), ((_shown(one), _plain(one.help)) for one in arguments)).rstrip()
+            )
     return "\n\n".join(parts)
 
 
@@ -316,7 +339,20 @@ def _plain(text: str | None) -> str:
     return " ".join((text or "").replace("\\[", "[").split())
 
 
+# --- Trials -----------------------------------------------------------------------------------------
+
+
+def _trials_table() -> str:
+    """How the last committed trials in random worlds ended, the most often wrong without a word first."""
+    counted = json.loads((ROOT / "tools" / "trials_table.json").read_text())
+    rows = []
+    for name, found in sorted(counted.items(), key=lambda item: -item[1]["counts"][3] / item[1]["trials"]):
+        rows.append((f"`{name}`", str(found["trials"]), *map(str, found["counts"])))
+    return _table(("answer", "trials", "right", "doubted", "refused", "wrong without saying so"), rows)
+
+
 TABLES: dict[str, Callable[[], str]] = {
+    "trials": _trials_table,
     "options": _options_table,
     "readers": _readers_table,
     "reader_options": _reader_options_table,

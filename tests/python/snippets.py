@@ -31,6 +31,13 @@ def links(text: str) -> list[str]:
     return re.findall(r"\]\((?!http)([^)#]+)(?:#[^)]*)?\)", prose)
 
 
+def anchors(text: str) -> set[str]:
+    """What links to headings end with, on code hosts and on the site alike."""
+    prose = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
+    headings = re.findall(r"^#+ (.*)$", prose, re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
 def run_cpp(codes: Iterable[str], folder: Path, end: str = "return 0;") -> int:
     """Compile blocks, each as statements in a scope of its own, run them there, and return the exit status.
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from snippets import ROOT, blocks, fenced, links, run_cpp
+from snippets import ROOT, anchors, blocks, fenced, links, run_cpp
 
 import ndtree
 
@@ -182,10 +182,15 @@ def test_headers_that_the_reference_leads_to_exist() -> None:
         assert (DOCS / name).exists(), name
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_links_lead_to_files(page: str) -> None:
-    for link in links((DOCS / page).read_text()):
-        assert (DOCS / link).exists(), f"{page}: {link}"
+@pytest.mark.parametrize("page", ["../README.md", *PAGES])
+def test_links_lead_to_files_and_headings(page: str) -> None:
+    path = DOCS / page
+    text = path.read_text()
+    for link in links(text):
+        assert (path.parent / link).exists(), f"{page}: {link}"
+    for link, anchor in re.findall(r"\]\((?!http)([^)#]*)#([^)]+)\)", text):
+        target = path.parent / link if link else path
+        assert anchor in anchors(target.read_text()), f"{page}: {link}#{anchor}"
 
 
 @pytest.mark.long

@@ -29,7 +29,7 @@ def run(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, *arguments: st
 
 def test_examples_are_short_and_shown() -> None:
     assert EXAMPLES == ["explore", "follow", "localise", "plan", "timetable"]
-    page = (ROOT / "docs" / "examples.md").read_text()
+    page = (ROOT / "docs" / "plan.md").read_text()
     for name in EXAMPLES:
         assert len((ROOT / "examples" / f"{name}.py").read_text().splitlines()) < 80, name
         assert f"gallery/{name}.png" in page and f"examples/{name}.py" in page
@@ -38,7 +38,7 @@ def test_examples_are_short_and_shown() -> None:
 
 def test_the_cpp_examples_are_short_and_shown() -> None:
     """tests/cpp compiles and runs them."""
-    page = (ROOT / "docs" / "examples.md").read_text()
+    page = (ROOT / "docs" / "cpp.md").read_text()
     programs = sorted((ROOT / "examples" / "cpp").glob("*.cpp"))
     assert [path.stem for path in programs] == ["insert_and_ask", "layer", "sensor", "sensor_default"]
     for path in programs:
@@ -112,7 +112,7 @@ def test_a_map_by_time_of_day_knows_the_next_day(tmp_path, monkeypatch) -> None:
     (one, one_changing), (hourly, hourly_changing), (timed, timed_changing) = left["accuracy"]
     assert timed > hourly - 0.002 > one + 0.04
     assert timed_changing > hourly_changing - 0.005 > one_changing + 0.1
-    page = (ROOT / "docs" / "examples.md").read_text()
+    page = (ROOT / "docs" / "benchmarks.md").read_text()
     for right, count in zip(left["accuracy"], left["cells"]):
         row = f"| {100 * right[0]:.1f} % | {100 * right[1]:.1f} % | {count:,} |"
         assert row in page, "the table of the page"

@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 
-from snippets import ROOT, blocks, links, run_cpp
+from snippets import ROOT, blocks, run_cpp
 
 README = (ROOT / "README.md").read_text()
 
@@ -35,8 +35,7 @@ def test_programs_run(tmp_path):
     """All but the page, which has tests of its own."""
     commands = [line.split("#")[0].split() for line in blocks(README, "sh")[1].splitlines()]
     assert [command[:2] for command in commands] == [
-        ["ndtree", name]
-        for name in ("simulate", "map", "view", "convert", "align", "clean", "live", "compare")
+        ["ndtree", name] for name in ("simulate", "map", "view", "convert", "clean", "live", "compare")
     ]
     for command in commands:
         if command[1] == "view":
@@ -45,23 +44,20 @@ def test_programs_run(tmp_path):
         call = [sys.executable, "-m", "ndtree", *command[1:], *more]
         done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True)
         assert done.returncode == 0, (command, done.stderr)
-        if command[1] == "convert":  # What is compared next is another's map.
-            for made, other in (("office.yaml", "other.yaml"), ("office.pgm", "other.pgm")):
-                (tmp_path / other).write_bytes((tmp_path / made).read_bytes())
     assert "100" in done.stdout
 
 
-def test_commands_and_links_exist():
+def test_commands_exist():
     for line in blocks(README, "sh")[0].splitlines():
         command = ROOT / line.split()[0]
         assert os.access(command, os.X_OK), command
-    assert len(links(README)) > 4
-    for link in links(README):
-        assert (ROOT / link).exists(), link
 
 
 def test_figures_were_measured():
-    pages = {"README.md": ["summary", "machine"], "docs/benchmarks.md": ["comparison", "machine"]}
+    pages = {
+        "README.md": ["summary", "machine", "losses"],
+        "docs/benchmarks.md": ["comparison", "machine", "losses"],
+    }
     for page, expected in pages.items():
         text = (ROOT / page).read_text()
         names = re.findall(r"<!-- figures: (\w+) -->", text)
@@ -87,3 +83,20 @@ def test_the_summary_s_figures_are_those_of_the_whole_table():
     assert len(small) == 6 and len(large) == 24
     for key, cells in small.items():
         assert all(cell in large[key] for cell in cells), key
+    losses = re.findall(r"^\| [\w ]+ \| \d of 8 \| (.*?) \| (.*?) \| (.*?) \|$", README, re.MULTILINE)
+    assert len(losses) >= 3
+    for log, adaptive, fixed in losses:
+        assert adaptive in large[log, "adaptive"] and fixed in large[log, "fixed"], log
+
+
+def test_speeds_beside_others_are_those_of_the_page_of_peers():
+    """Each number of the README's table stands in the row of the same work of the page's."""
+    pages = [(ROOT / page).read_text() for page in ("README.md", "docs/peers.md")]
+    small, large = (
+        re.findall(r"^\| ((?:7-Scenes|Intel|Livox Avia),.*?) \|(.*)\|$", page, re.M) for page in pages
+    )
+    assert len(small) == 3
+    for work, cells in small:
+        (row,) = [found for name, found in large if name.partition(",")[0] == work.partition(",")[0]]
+        for number in re.findall(r"[\d.,]*\d", cells):
+            assert re.search(rf"(?<![\d.]){re.escape(number)}(?![\d.])", row), (work, number)

@@ -77,7 +77,7 @@ def test_packages_get_the_address_and_links_that_work_anywhere(repository: Path)
         found = re.fullmatch(rf"https://example.org/us/ndtree/(raw|blob)/v{OTHER}/([^#]*)(#.*)?", target)
         assert found, target
         assert (ROOT / found[2]).exists()
-        assert (found[1] == "raw") == found[2].endswith(".png")
+        assert (found[1] == "raw") == found[2].endswith((".png", ".gif"))
     tomllib = pytest.importorskip("tomllib")  # Python 3.11.
     urls = tomllib.loads((repository / "pyproject.toml").read_text())["project"]["urls"]
     assert urls["Homepage"] == "https://example.org/us/ndtree"

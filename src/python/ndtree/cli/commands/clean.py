@@ -98,9 +98,11 @@ def clean(
         print(f"{opened.name}: {number_of(cleaned.scans, 'scan')}, {cleaned.points} points that returned")
         for line in settings.lines():
             print(f"  {line}")
-        print(f"  {cleaned.moved} moved ({100 * share:.1f} %), of {cleaned.unknown} no scan can tell")
+        moved = f"{number_of(cleaned.moved, 'point')} moved ({100 * share:.1f} %)"
+        print(f"  {moved}; for {cleaned.unknown} others no scan can tell")
         if cleaned.truth:
-            print(f"  by the log's own field moving: {moved_scores(np.concatenate(cleaned.removed), truth)}")
+            scores = moved_scores(np.concatenate(cleaned.removed), truth)
+            print(f"  judged by the log's array 'moving': {scores}")
         print(f"in {figures['seconds']:.3f} s; wrote {output}{f' and {picture}' if picture else ''}")
     write_json(figures, json_file)
     warn_of_skipped(opened)

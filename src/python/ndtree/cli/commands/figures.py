@@ -59,7 +59,9 @@ def print_map(figures: dict[str, Any]) -> None:
             f"to {point(figures['observed_bounds']['upper'])} m"
         )
     if figures["disputed"] is not None:
-        print(f"  disputed: {100 * figures['disputed']:.2g} % of the observed {_SPACES[figures['dim']]}")
+        percent = 100 * figures["disputed"]
+        shown = "less than 0.01" if 0 < percent < 0.01 else f"{percent:.2g}"
+        print(f"  disputed: {shown} % of the observed {_SPACES[figures['dim']]}")
     for row in figures["cell_sizes"]:
         print(f"  cells of {row['size']:g} m: {row['observed']}")
 

@@ -64,7 +64,7 @@ def fleet(
 ) -> None:
     """Map logs of several robots into tiles: by time, then by name, as one machine would, byte for byte.
 
-    What the options leave open is chosen for the first log. A run that was killed goes on where it was.
+    Options that are not given are chosen by the first log. A run that was killed goes on where it was.
     """
     limit = limit_of(max_range)
     sources = named([str(log) for log in logs])

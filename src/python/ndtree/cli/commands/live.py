@@ -14,6 +14,7 @@ import typer
 from ndtree.alignment.writing import is_trajectory
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.files import replaced
+from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import map_figures, print_map
 from ndtree.cli.commands.flags import Reading, in_flags, map_options, reading_options
@@ -395,8 +396,9 @@ def _report_places(
         print(f"{name}: {figures.summary()}")
         for line in mapper.intake.said():
             print(f"  {line}")
+        lost = f"lost {number_of(localizer.times_lost, 'time')}" if localizer.times_lost else "never lost"
         print(
-            f"{len(known)} of {len(found)} scans found, lost {localizer.times_lost} times; from arrival to "
+            f"{len(known)} of {len(found)} scans found, {lost}; from arrival to "
             f"pose {1e3 * figures.delay(0.5):.1f} ms, and 99 % within {1e3 * figures.delay(0.99):.1f} ms"
             + (f"; wrote {output}" if output else "")
         )
