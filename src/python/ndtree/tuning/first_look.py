@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,8 +16,9 @@ from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.base.typing import MapOptions
 from ndtree.evaluation.no_returns import NoReturns, judge
-from ndtree.evaluation.sampling import skipping_unmappable, spread
+from ndtree.evaluation.sampling import skipping_unmappable, some_of, spread
 from ndtree.logs.core.log import Log, require_log
+from ndtree.logs.core.silence import CutOff, CutOffSearch
 from ndtree.tuning.agreement import Disagreement, disagreement
 from ndtree.tuning.calibration import range_noise
 from ndtree.tuning.revisits import Drift, drift
@@ -55,6 +57,10 @@ class FirstLook:
         That was looked at.
     cut_off : float or None
         The log's largest range, where readings are taken for beams without return [m].
+    limit : CutOff or None
+        The same with its tolerance, of a log that is no join of several.
+    zeros : int
+        Beams with a range of 0.
     disagreement : Disagreement or None
         From when on the poses of a 2-D log do not fit its scans.
     drift : Drift or None
@@ -73,6 +79,8 @@ class FirstLook:
     read_seconds: float
     sample: list[Scan] = field(repr=False, compare=False)
     cut_off: float | None = None
+    limit: CutOff | None = None
+    zeros: int = 0
     disagreement: Disagreement | None = None
     drift: Drift | None = None
 
@@ -133,8 +141,8 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
     require_log(log)
     begin = time.perf_counter()
     report = progress or no_progress
-    total = len(log) if hasattr(log, "__len__") else 0
-    runs, scans, beams = spread(log, lambda done: report("looking at the log", done, total))
+    looked = _Looked.at(log, report)
+    runs, beams = looked.runs, looked.beams
     read_seconds = time.perf_counter() - begin
     sample = [scan for run in runs for scan in run]
     if not sample:
@@ -157,7 +165,7 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         limit = _rounded(BELIEVED * longest)
     return FirstLook(
         dim=log.dim,
-        scans=scans,
+        scans=looked.scans,
         beams=beams,
         range_sigma=sigma,
         range_sigma_quadratic=quadratic,
@@ -167,10 +175,47 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         seconds=time.perf_counter() - begin,
         read_seconds=read_seconds,
         sample=sample,
-        cut_off=log.cut_off,
+        cut_off=looked.cut_off,
+        limit=looked.limit,
+        zeros=looked.zeros,
         disagreement=disagreement(runs) if log.dim == 2 else None,
         drift=drift(runs) if log.dim == 2 else None,
     )
+
+
+@dataclass(frozen=True)
+class _Looked:
+    """A sample of a log, and what was seen on the way: where its ranges end is found in the same pass."""
+
+    runs: list[list[Scan]]
+    scans: int
+    beams: int
+    zeros: int
+    cut_off: float | None
+    limit: CutOff | None
+
+    @staticmethod
+    def at(log: Log, report: Progress) -> _Looked:
+        total = len(log) if hasattr(log, "__len__") else 0
+
+        def show(done: int) -> None:
+            report("looking at the log", done, total)
+
+        if not log.needs_search:
+            runs, scans, beams = spread(log, show)
+            return _Looked(runs, scans, beams, log.zeros, log.cut_off, log.limit())
+        search = CutOffSearch(says_itself=log.marks_no_returns)
+        whole = log.ruled(cut_off=None)
+
+        def searched() -> Iterator[Scan]:
+            for scan in whole:
+                search.add(scan)
+                yield scan
+
+        runs, scans, beams = spread(searched(), show, lambda scan: scan)
+        limit = search.found()
+        runs = [[some_of(scan if limit is None else limit.applied(scan)) for scan in run] for run in runs]
+        return _Looked(runs, scans, beams, whole.zeros, None if limit is None else limit.at, limit)
 
 
 def _rounded(value: float) -> float:
