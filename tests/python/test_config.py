@@ -16,6 +16,7 @@ import ndtree
 from ndtree.cli.commands import app
 from ndtree.live.ros.parameters import ROWS, config_of
 from ndtree.logs.core.rules import GIVEN, MEASURED, USUAL
+from ndtree.logs.ros.reading import MessageReader
 from ndtree.study.config import load
 from ndtree.study.jobs import jobs_of, opened
 from ndtree.tuning.config import Config
@@ -99,6 +100,28 @@ def test_looking_changes_no_log(log: Path) -> None:
     config = inspect(source)
     assert source.rules is before and not source.skipped
     assert config.ruled(source).rules != before
+
+
+def test_a_look_decodes_a_sample_and_sees_what_all_scans_show(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = ndtree.read(robot(tmp_path, "mcap", stands=1.0, rate=0.01))
+    decoded = []
+    measured = MessageReader.measured
+    monkeypatch.setattr(MessageReader, "measured", lambda *one: decoded.append(1) or measured(*one))
+    look = ndtree.first_look(source)
+    assert len(source) > 800 and len(decoded) < 0.7 * len(source)
+    monkeypatch.setattr(type(source), "sampled", lambda log: log)
+    whole = ndtree.first_look(source)
+    assert len(decoded) > len(source) and look.scans == whole.scans
+    assert look.beams == pytest.approx(whole.beams, rel=0.01)
+    assert (look.options, look.no_returns, look.max_range) == (
+        whole.options,
+        whole.no_returns,
+        whole.max_range,
+    )
+    for one, other in zip(look.sample, whole.sample, strict=True):
+        np.testing.assert_array_equal(one.endpoints, other.endpoints)
 
 
 @pytest.mark.parametrize("text, message", [

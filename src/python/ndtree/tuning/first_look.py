@@ -141,9 +141,9 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
     require_log(log)
     begin = time.perf_counter()
     report = progress or no_progress
-    looked = _Looked.at(log, report)
-    runs, beams = looked.runs, looked.beams
-    read_seconds = time.perf_counter() - begin
+    looked = _Looked(log, report)
+    runs, beams = looked.runs, round(looked.times * looked.beams)
+    read_seconds = looked.times * (time.perf_counter() - begin)
     sample = [scan for run in runs for scan in run]
     if not sample:
         raise ValueError(f"{log.name}: no scans, expected at least one")
@@ -177,45 +177,42 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         sample=sample,
         cut_off=looked.cut_off,
         limit=looked.limit,
-        zeros=looked.zeros,
+        zeros=round(looked.times * looked.zeros),
         disagreement=disagreement(runs) if log.dim == 2 else None,
         drift=drift(runs) if log.dim == 2 else None,
     )
 
 
-@dataclass(frozen=True)
 class _Looked:
     """A sample of a log, and what was seen on the way: where its ranges end is found in the same pass."""
 
-    runs: list[list[Scan]]
-    scans: int
-    beams: int
-    zeros: int
-    cut_off: float | None
-    limit: CutOff | None
-
-    @staticmethod
-    def at(log: Log, report: Progress) -> _Looked:
+    def __init__(self, log: Log, report: Progress) -> None:
         total = len(log) if hasattr(log, "__len__") else 0
+        search = CutOffSearch(says_itself=log.marks_no_returns) if log.needs_search else None
+        source = log.sampled() if search is None else log.ruled(cut_off=None)
+        decoded = 0
 
-        def show(done: int) -> None:
-            report("looking at the log", done, total)
-
-        if not log.needs_search:
-            runs, scans, beams = spread(log, show)
-            return _Looked(runs, scans, beams, log.zeros, log.cut_off, log.limit())
-        search = CutOffSearch(says_itself=log.marks_no_returns)
-        whole = log.ruled(cut_off=None)
-
-        def searched() -> Iterator[Scan]:
-            for scan in whole:
-                search.add(scan)
+        def scans() -> Iterator[Scan]:
+            nonlocal decoded
+            for scan in source:
+                decoded += len(scan) > 0
+                if search is not None:
+                    search.add(scan)
                 yield scan
 
-        runs, scans, beams = spread(searched(), show, lambda scan: scan)
-        limit = search.found()
-        runs = [[some_of(scan if limit is None else limit.applied(scan)) for scan in run] for run in runs]
-        return _Looked(runs, scans, beams, whole.zeros, None if limit is None else limit.at, limit)
+        self.runs, self.scans, self.beams = spread(
+            scans(),
+            lambda done: report("looking at the log", done, total),
+            some_of if search is None else lambda scan: scan,
+        )
+        self.zeros, self.limit = source.zeros, log.limit() if search is None else search.found()
+        if search is not None:
+            limit = self.limit
+            cut = (lambda scan: scan) if limit is None else limit.applied
+            self.runs = [[some_of(cut(scan)) for scan in run] for run in self.runs]
+        self.cut_off = log.cut_off if search is None else None if self.limit is None else self.limit.at
+        #: Of the scans, how many times as many there are as were decoded.
+        self.times = self.scans / decoded if decoded else 1.0
 
 
 def _rounded(value: float) -> float:

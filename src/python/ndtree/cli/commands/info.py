@@ -2,7 +2,7 @@
 """``ndtree info``: what is in a map or a log, and what another file is."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Optional
 
 import typer
 
@@ -24,7 +24,7 @@ from ndtree.cli.commands.messages import laid_out
 from ndtree.cli.commands.options import Json, WriteConfig
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.progress import progress
-from ndtree.logs import NotALog
+from ndtree.logs import Log, NotALog
 from ndtree.maps.open import is_map
 from ndtree.tuning.config import Config
 
@@ -75,23 +75,19 @@ def info(
             write_json({"log": str(path), "format": "rosbag", "contents": held}, json_file)
             return
         log = opened(given, path)
+        prospect = _prospect(log, given, write_config) if (log.is_raw and look) or write_config else None
         figures = {**log_figures(log, most=None if look else FIRST_BEAMS), "contents": held}
         figures["skipped"] = skipped(log)
         if says:
             print_log(figures)
         if log.is_raw and not look and says:
             print(_LOOK_CLOSER.format(path))
-        if (log.is_raw and look) or write_config is not None:
-            from ndtree.tuning.prospect import prospect_of  # Loads much; and most calls do not look.
-
-            with progress() as advance:
-                prospect = prospect_of(log, given, progress=advance)
-            if write_config is not None:
-                prospect.config.save(write_config)
+        if prospect is not None:
             figures["prospect"] = prospect.figures()
-            if says:
-                for line in prospect.lines():
-                    print(indented(line))
+            for line in prospect.lines() if says else ():
+                print(indented(line))
+            for line in prospect.config.toml().splitlines() if says else ():
+                print(f"  {line}".rstrip())
         warn_of_skipped(log)
     except NotALog as found:
         held = _points_of(path, given) if found.has_points else {}
@@ -104,6 +100,17 @@ def info(
             for way in found.help:
                 print(f"  try {in_flags(way)}")
     write_json(figures, json_file)
+
+
+def _prospect(log: Log, given: Config, write_config: Optional[Path]) -> Any:
+    """What mapping will choose and cost; what is decided is written."""
+    from ndtree.tuning.prospect import prospect_of  # Loads much; and most calls do not look.
+
+    with progress() as advance:
+        prospect = prospect_of(log, given, progress=advance)
+    if write_config is not None:
+        prospect.config.save(write_config)
+    return prospect
 
 
 def _points_of(path: Path, given: Config) -> dict[str, Any]:

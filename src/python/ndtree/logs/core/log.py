@@ -11,8 +11,10 @@ from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from ndtree._native import _core
 from ndtree.base.files import require_no_input
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
@@ -20,7 +22,7 @@ from ndtree.logs.core.archive import save_archive
 from ndtree.logs.core.failures import NoPose, readable
 from ndtree.logs.core.padding import without_padding
 from ndtree.logs.core.plain_file import DamagedStream, open_plain
-from ndtree.logs.core.rules import NO_ECHO, UNSEARCHED, Decision, Rules
+from ndtree.logs.core.rules import UNSEARCHED, Decision, Rules
 from ndtree.logs.core.selection import Selection
 from ndtree.logs.core.silence import CutOff, CutOffSearch
 
@@ -45,6 +47,12 @@ def require_log(log: object) -> None:
     if isinstance(log, (str, os.PathLike)):
         name = os.fspath(log)
         raise TypeError(f"log = {name!r}: expected a Log, as of:\n  ndtree.read({name!r})")
+
+
+def is_sampled(number: int) -> bool:
+    """Whether `spread` looks at a scan, of those from 0 on, before it knows how many there are."""
+    run = number // _core.sample_run
+    return run % _core.sample_step(run * _core.sample_run + 1) == 0
 
 
 class Log(ABC):
@@ -107,8 +115,8 @@ class Log(ABC):
         self.rules = Rules()
         self._decided: list[str] = []
         self._begin()
-        #: By the rule for zeros, what a search has found, also for those with other rules.
-        self._found: dict[str | None, CutOff | None] = {}
+        self._found: list[CutOff | None] = []  # Once it was searched, also for those with other rules.
+        self._is_sampled = False
 
     def _begin(self) -> None:
         """Forget what earlier loops have seen."""
@@ -134,6 +142,18 @@ class Log(ABC):
         other._decided = list(self._decided)
         other._begin()
         return other
+
+    def sampled(self) -> Self:
+        """The same log for `spread`: scans that it passes over may come without beams, as not decoded."""
+        other = self.ruled()
+        other._is_sampled = True
+        return other
+
+    def _passed_over(self) -> Scan | None:
+        """What stands for the next scan if it need not be decoded."""
+        if not self._is_sampled or is_sampled(self._done):
+            return None
+        return Scan(np.empty((0, self.dim)), np.zeros(self.dim))
 
     def noted(self, line: str) -> Self:
         """The same log with a note that it was opened with."""
@@ -178,11 +198,9 @@ class Log(ABC):
             return None
         if self.rules.cut_off is not UNSEARCHED:
             return self.rules.cut_off
-        known = self.rules.zero_is if self.rules.zero_is in self._found else NO_ECHO
-        if known not in self._found:
-            known = self.rules.zero_is
-            self._found[known] = self._search()
-        return self._found[known]
+        if not self._found:
+            self._found.append(self._search())
+        return self._found[0]
 
     def _search(self) -> CutOff | None:
         search = CutOffSearch(says_itself=self.marks_no_returns)
@@ -196,9 +214,7 @@ class Log(ABC):
     @property
     def needs_search(self) -> bool:
         """Whether a loop over all of it will find where its ranges end, and nothing else says it."""
-        return (
-            self.may_be_cut_off and self.rules.cut_off is UNSEARCHED and self.rules.zero_is not in self._found
-        )
+        return self.may_be_cut_off and self.rules.cut_off is UNSEARCHED and not self._found
 
     @property
     def cut_off(self) -> float | None:
@@ -419,6 +435,18 @@ class DerivedLog(Log):
         other = super().ruled(**changes)
         other._log = self._log.ruled(**changes)
         return other
+
+    def sampled(self) -> Self:
+        """The same log for `spread`: scans that it passes over may come without beams, as not decoded."""
+        other = self.ruled()
+        other._is_sampled = True
+        return other
+
+    def _passed_over(self) -> Scan | None:
+        """What stands for the next scan if it need not be decoded."""
+        if not self._is_sampled or is_sampled(self._done):
+            return None
+        return Scan(np.empty((0, self.dim)), np.zeros(self.dim))
 
     def noted(self, line: str) -> Self:
         """The same log with a note that it was opened with."""

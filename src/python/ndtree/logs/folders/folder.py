@@ -66,6 +66,10 @@ class FolderLog(SizedLog):
             except (ValueError, OSError) as error:
                 self._skip("scans without a pose", error)
                 continue
+            nothing = self._passed_over()
+            if nothing is not None:
+                yield nothing
+                continue
             try:
                 points = self._points(i)
             except (ValueError, OSError) as error:

@@ -100,6 +100,10 @@ class MessageReader:
             if self._places[name].stands
         }
 
+    def pass_over(self, raw: Raw) -> None:
+        """Count a message that is not decoded."""
+        self._numbers[raw.connection.topic] += 1
+
     def measured(self, raw: Raw) -> Measured:
         """What a message measured.
 

@@ -107,6 +107,11 @@ class RosbagLog(SizedLog):
         if len(topics) > 1:
             messages = in_order(messages, self.plan.clock)
         for raw in messages:
+            nothing = self._passed_over()
+            if nothing is not None:
+                reader.pass_over(raw)
+                yield nothing
+                continue
             try:
                 measured = reader.measured(raw)
             except OtherFrame as error:
