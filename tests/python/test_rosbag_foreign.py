@@ -167,7 +167,7 @@ def test_a_largest_range_that_is_none_counts_as_not_given(ros2: Messages, tmp_pa
         assert (np.linalg.norm(scan.endpoints, axis=1) > 0).tolist() == valid
     note = next(one for one in log.notes if "5 of 5 messages the largest range" in one)
     assert "range_max = 0 m, expected more than 0.1 m" in note
-    log.no_return_range = 12.0
+    log = log.ruled(no_return_range=12.0)
     for scan in log:
         length = np.linalg.norm(scan.endpoints, axis=1)
         assert length[3] == pytest.approx(12) and not scan.returned[3] and scan.returned[[1, 2, 6]].all()

@@ -142,8 +142,7 @@ def read(
     _require_taken(source, chosen, given)
     with readable(source.path, f"cannot be read as {chosen.description}"):
         log = chosen.open(source, dim=dim, **given)
-    log.keep_going, log.strict = keep_going, strict
-    return log
+    return log.ruled(keep_going=keep_going, strict=strict)
 
 
 def contents(

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 from ndtree.base.progress import Progress
-from ndtree.evaluation.no_returns import AUTO
 from ndtree.logs.core.log import Log
-from ndtree.tuning.settings import BEYOND_MEMORY, Settings, settle
+from ndtree.tuning.config import Config
+from ndtree.tuning.inspection import BEYOND_MEMORY, inspect
 
 
 @dataclass(frozen=True)
@@ -19,24 +18,24 @@ class Prospect:
 
     Parameters
     ----------
-    settings : Settings
-        Without any option given.
+    config : Config
+        What was decided.
     spans : dict of str to (float, float)
         Of scans and poses [s].
     cost : (float, float) or None
         Time [s] and memory [bytes] that mapping will take, about; None where no look was taken.
     """
 
-    settings: Settings
+    config: Config
     spans: dict[str, tuple[float, float]]
     cost: tuple[float, float] | None
 
     def figures(self) -> dict[str, Any]:
         """All of it as plain numbers, ready for JSON."""
-        look = self.settings.look
+        look = self.config.look
         return {
             "chosen": None if look is None else look.figures(),
-            "flags": list(self.settings.chosen),
+            "flags": self.config.chosen,
             "spans": {name: list(span) for name, span in self.spans.items()},
             "cost": None if self.cost is None else dict(zip(("seconds", "memory_bytes"), self.cost)),
         }
@@ -51,21 +50,21 @@ class Prospect:
                 f"poses from {poses[0]:.3f} to {poses[1]:.3f} s "
                 f"(scans begin {_away(scans[0] - poses[0])} and end {_away(scans[1] - poses[1])})"
             )
-        lines += self.settings.lines()
+        lines += self.config.notes
         if self.cost is not None:
             seconds, memory = self.cost
             lines.append(f"mapping will take about {_rounded(seconds)} s, and {_rounded(memory / 2**20)} MiB")
         return lines
 
 
-def prospect_of(log: Log, *, progress: Progress | None = None) -> Prospect:
-    """Look at a log as `settle` does where nothing was given."""
-    settings = settle(log, options={}, max_range=math.inf, no_return=AUTO, with_sigma=True, progress=progress)
+def prospect_of(log: Log, given: Config | None = None, *, progress: Progress | None = None) -> Prospect:
+    """What `inspect` decides of a log, and what that will cost."""
+    config = inspect(log, given, progress=progress)
     try:
-        cost = None if settings.look is None else settings.look.cost()
+        cost = None if config.look is None else config.look.cost()
     except MemoryError:
         raise ValueError(f"{log.name}: {BEYOND_MEMORY}") from None
-    return Prospect(settings, log.spans, cost)
+    return Prospect(config, log.spans, cost)
 
 
 def _away(seconds: float) -> str:

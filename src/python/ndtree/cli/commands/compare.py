@@ -10,15 +10,11 @@ import typer
 from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.comparing import compared
-from ndtree.cli.commands.flags import map_options, reading_options
+from ndtree.cli.commands.flags import map_options
 from ndtree.cli.commands.logs import open_log, warn_of_skipped
 from ndtree.cli.commands.options import (
-    Dim,
     HeldOut,
     Json,
-    MaxRange,
-    NoReturnKind,
-    NoReturnOption,
     Repeat,
     Scans,
     Seed,
@@ -41,7 +37,6 @@ from ndtree.maps.open import is_map
     ),
 )
 @reports_errors
-@reading_options
 @map_options
 def compare_(
     context: typer.Context,
@@ -66,9 +61,6 @@ def compare_(
     ] = None,
     held_out: HeldOut = 10,
     repeat: Repeat = 1,
-    dim: Dim = None,
-    max_range: MaxRange = None,
-    no_return: NoReturnOption = NoReturnKind.auto,
     scans: Scans = None,
     seed: Seed = 1,
     json_file: Json = None,
@@ -89,8 +81,7 @@ def compare_(
     certify: Annotated[
         bool, typer.Option("--certify", help="Bound how much of what is called free is occupied.")
     ] = False,
-    options: Any = None,
-    reading: Any = None,
+    given: Any = None,
 ) -> None:
     """Compare maps of the same log: cells, updates, time, memory, and truth on scans held out.
 
@@ -101,7 +92,7 @@ def compare_(
         return
     if (log is None) == (world is None):
         raise WrongCall("compare: expected either LOG or --world")
-    opened = open_log(log, world, dim, reading, scans, seed, max_range)
+    opened = open_log(log, world, given, scans, seed)
     names = [name.strip() for name in maps.split(",")] if maps is not None else None
     plot = plotting() if picture or reliability else None
     for path in (picture, reliability):
@@ -113,9 +104,7 @@ def compare_(
     comparison = compared(
         opened,
         names,
-        options,
-        max_range=max_range,
-        no_return=no_return.value,
+        given,
         held_out=held_out,
         repeat=repeat,
         json_file=json_file or csv_file,

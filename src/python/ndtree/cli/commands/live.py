@@ -17,18 +17,9 @@ from ndtree.base.files import replaced
 from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import map_figures, print_map
-from ndtree.cli.commands.flags import Reading, in_flags, map_options, reading_options
-from ndtree.cli.commands.logs import limit_of, load_map, made, new_map, open_log, settled
-from ndtree.cli.commands.options import (
-    Dim,
-    Json,
-    LogArgument,
-    MaxRange,
-    NoReturnKind,
-    NoReturnOption,
-    Port,
-    World,
-)
+from ndtree.cli.commands.flags import in_flags, map_options, require_taken
+from ndtree.cli.commands.logs import inspected, load_map, made, new_map, open_log
+from ndtree.cli.commands.options import Json, LogArgument, Port, World
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.shows import (
     FoxgloveOption,
@@ -63,6 +54,7 @@ from ndtree.logs.ros.files.bag import Bag, open_bag
 from ndtree.logs.ros.messages.beams import short
 from ndtree.logs.ros.sensors import listed
 from ndtree.logs.ros.survey import PATH
+from ndtree.tuning.config import Config
 
 #: How often a page is drawn anew, and a line on a terminal [s].
 PAGE, LINE = 0.5, 0.5
@@ -82,7 +74,6 @@ PAGE, LINE = 0.5, 0.5
     ),
 )
 @reports_errors
-@reading_options
 @map_options
 def live(
     log: LogArgument = None,
@@ -157,12 +148,8 @@ def live(
     ] = None,
     foxglove: FoxgloveOption = None,
     rerun: RerunOption = None,
-    dim: Dim = None,
-    max_range: MaxRange = None,
-    no_return: NoReturnOption = NoReturnKind.auto,
     json_file: Json = None,
-    options: Any = None,
-    reading: Any = None,
+    given: Any = None,
 ) -> None:
     """Map a recording as a robot would: message by message, at its own pace, and say what was dropped.
 
@@ -182,36 +169,34 @@ def live(
     if guess is not None and localize is None:
         raise WrongCall("--guess: expected --localize, too")
     others = {"window": window, "fade": fade, "resume": resume, "follow": follow, "save-every": save_every}
-    for flag, other in (*others.items(), ("fixed", fixed or None), *((name, name) for name in options)):
+    for flag, other in (*others.items(), ("fixed", fixed or None), *((name, name) for name in given.options)):
         if localize is not None and other is not None:
             raise WrongCall(f"--{flag.replace('_', '-')}: not with --localize, which makes no map")
     if rate < 0:
         raise WrongCall(f"--rate {rate:g}: must be >= 0; 0 is as fast as it goes")
     target = None
     if resume is not None:
-        if options or fixed:
-            flag = "fixed" if fixed else next(iter(options)).replace("_", "-")
+        if given.options or fixed:
+            flag = "fixed" if fixed else next(iter(given.options)).replace("_", "-")
             raise WrongCall(f"--{flag}: the map of --resume has its own options")
         target = load_map(resume)
-        options = dict(target.options)
+        given = given.overridden(Config.of(**target.options).values)
+    given = given.overridden(Config.of(fixed=fixed or None).values)
     localizer = None
     if localize is not None:
         target = load_map(localize)
         place = None if guess is None else made(lambda: place_of(guess))
         localizer = made(lambda: Localizer(target, place))
-        dim = 2
+        given = Config.of(fixed_frame=ODOMETRY).overridden({**given.values, **Config.of(dim=2).values})
     found: list[Localization] = []
-    made(lambda: new_map(dim or 2, fixed, options) if target is None else None)
+    made(lambda: new_map(given.get("dim", 2), given) if target is None else None)
     sinks: list[Any] = [made(lambda: Saver(output, save_every))] if save_every is not None else []
     kept = None if window is None else made(lambda: Window(window))
     corrections = None if follow is None else made(lambda: Corrections(memory=int(follow_memory * 2**20)))
     fading = None if fade is None else made(lambda: Fading(fade))
     with ExitStack() as stack:
-        intake, items = _source(
-            log, world, dim, reading, stack,
-            options=options, max_range=max_range, no_return=no_return.value, look=look_for,
-            follow=follow or "", body=follow_frame or "", localizes=localize is not None,
-        )  # fmt: skip
+        how = {"look": look_for, "follow": follow or "", "body": follow_frame or ""}
+        intake, items = _source(log, world, given, stack, how, localizes=localize is not None)
         sinks += [_served(serve, stack)] if serve is not None else []
         page = _Page(port) if watch else None
         sinks += [page] if page is not None else []
@@ -224,7 +209,7 @@ def live(
         mapper = LiveMapper(
             intake,
             target=target,
-            make=lambda dim, chosen: new_map(dim, fixed, chosen),
+            make=lambda dim, options: new_map(dim, Config.of(**options, fixed=fixed or None)),
             queue=queue,
             patience=patience,
             window=kept,
@@ -246,7 +231,7 @@ def live(
         except ValueError as error:
             raise ValueError(in_flags(str(error))) from error
         seconds = time.perf_counter() - begin
-        if reading.strict and mapper.figures.left_out.keys() - {NOT_SELECTED}:
+        if given.get("strict") and mapper.figures.left_out.keys() - {NOT_SELECTED}:
             raise ValueError(f"{log}: {mapper.figures.summary()}; expected none with --strict")
         if localizer is not None:
             _report_places(mapper, localizer, found, output, json_file, str(log))
@@ -261,47 +246,25 @@ def live(
 def _source(
     path: Optional[Path],
     world: Optional[World],
-    dim: Optional[int],
-    reading: Reading,
+    given: Config,
     stack: ExitStack,
+    how: dict[str, Any],
     *,
-    options: dict[str, Any],
-    max_range: Optional[float],
-    no_return: str,
-    look: float,
-    follow: str,
-    body: str,
     localizes: bool,
 ) -> tuple[Intake, Iterator[tuple[Any, float]]]:
     """How a recording is judged, and what is in it."""
-    limit = limit_of(max_range)
-    if path is not None and recognised(path, format=reading.format) == "rosbag":
-        reading.require_taken(path)
+    follow = how["follow"]
+    if path is not None and recognised(path, format=given.get("format")) == "rosbag":
+        require_taken(given, path)
         bag = stack.enter_context(open_bag(str(path.parent if path.name == "metadata.yaml" else path)))
         _check_followed(bag, follow)
-        frames = {"fixed_frame": ODOMETRY} if localizes else {}
-        intake = made(
-            lambda: MessagesIntake(
-                str(path),
-                options=options,
-                reading={**frames, **reading.options},
-                dim=dim,
-                max_range=limit,
-                no_return=no_return,
-                look=look,
-                follow=follow,
-                body=body,
-                parts=reading.parts if reading.selection else None,
-            )
-        )
-        return intake, messages_of(bag)
+        return made(lambda: MessagesIntake(str(path), given, **how)), messages_of(bag)
     if localizes:
         raise WrongCall("--localize: expected a ROS bag, whose transforms have the odometry")
     if follow:
         raise WrongCall("--follow: expected a ROS bag, which has the poses that a SLAM corrects")
-    opened = open_log(path, world, dim, reading, max_range=max_range)
-    settings = settled(opened, options, limit, no_return, with_sigma=True)
-    return ScansIntake(settings, opened.dim), scans_of(opened)
+    log, config = inspected(open_log(path, world, given), given)
+    return ScansIntake(config, log.dim), scans_of(log)
 
 
 def _check_followed(bag: Bag, follow: str) -> None:

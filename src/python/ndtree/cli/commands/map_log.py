@@ -12,26 +12,23 @@ import typer
 
 from ndtree.base.exit_status import BAD_INPUT, WrongCall
 from ndtree.cli.commands.app import command, examples, print_error, reason_of, reports_errors
-from ndtree.cli.commands.flags import Reading, map_options, reading_options
-from ndtree.cli.commands.logs import limit_of, made, new_map, settled, skipped, warn_of_skipped
+from ndtree.cli.commands.flags import map_options, opened
+from ndtree.cli.commands.logs import inspected, made, new_map, skipped, warn_of_skipped
 from ndtree.cli.commands.map_tiles import is_tiled, map_into_tiles, print_tiled
 from ndtree.cli.commands.mapping import Mapped, mapped, written
 from ndtree.cli.commands.options import (
-    Dim,
     GivenLogs,
     Json,
-    MaxRange,
-    NoReturnKind,
-    NoReturnOption,
     Port,
     StyleOption,
+    WriteConfig,
 )
 from ndtree.cli.commands.output import check_output, check_picture, fits_map, is_stdout, write_json
 from ndtree.cli.commands.pictures import observers_of, plotting, stay
 from ndtree.cli.commands.shows import FoxgloveOption, RerunOption, showing, wait_at
 from ndtree.logs import JoinedLog, Log
 from ndtree.maps.open import is_map
-from ndtree.tuning.settings import Settings
+from ndtree.tuning.config import Config
 
 
 @command(
@@ -49,7 +46,6 @@ from ndtree.tuning.settings import Settings
     ),
 )
 @reports_errors
-@reading_options
 @map_options
 def map_(
     logs: GivenLogs,
@@ -104,12 +100,9 @@ def map_(
             help="Least edge of its tiles \\[m]; else that of 16 largest cells.", show_default=False
         ),
     ] = None,
-    dim: Dim = None,
-    max_range: MaxRange = None,
-    no_return: NoReturnOption = NoReturnKind.auto,
+    write_config: WriteConfig = None,
     json_file: Json = None,
-    options: Any = None,
-    reading: Any = None,
+    given: Any = None,
 ) -> None:
     """Build a map from a log, and write it to a file. Several logs give a map each, or with --merge one.
 
@@ -117,9 +110,7 @@ def map_(
     """
     if style is not None and picture is None:
         raise WrongCall("--style: is for --picture")
-    wanted = _Wanted(
-        fixed, static, align, options, dim, max_range, limit_of(max_range), no_return.value, reading
-    )
+    wanted = _Wanted(given.overridden(Config.of(fixed=fixed or None).values), static, align, write_config)
     if align and merge:
         raise WrongCall("--align: makes a frame for each log, expected no --merge")
     if len(logs) > 1 and not merge:
@@ -140,7 +131,7 @@ def map_(
         output = _named_as(logs[0])
         check_output("-o", output, logs, fits_map)
     begin = time.perf_counter()
-    opened = wanted.open(logs)
+    log = wanted.open(logs)
     read_seconds = time.perf_counter() - begin
     plot = plotting() if picture else None
     tiled = is_tiled(output)
@@ -160,22 +151,22 @@ def map_(
     )
     check_picture(plot, picture)
     if tiled:
-        settings = wanted.settings(opened)
+        log, config = wanted.config(log)
         figures = {
-            "format": opened.format,
-            "uses": opened.uses,
-            "skipped": skipped(opened),
-            **map_into_tiles(opened, output, settings, fixed, tile_size, max_resident),
+            "format": log.format,
+            "uses": log.uses,
+            "skipped": skipped(log),
+            **map_into_tiles(log, output, config, tile_size, max_resident),
         }
         if not is_stdout(json_file):
-            print_tiled(figures, settings, output)
+            print_tiled(figures, config, output)
         write_json(figures, json_file)
-        warn_of_skipped(opened)
+        warn_of_skipped(log)
         return
     with ExitStack() as stack:
         shown = showing(foxglove, rerun, stack)
         with observers_of(watch, port, record, record_every) as observers:
-            done = wanted.map(opened, read_seconds, [*observers, *filter(None, [shown])])
+            done = wanted.map(log, read_seconds, [*observers, *filter(None, [shown])])
         if shown is not None:
             shown.end(done.target)
         written(done, output, plot, picture, style)
@@ -184,7 +175,7 @@ def map_(
             done.print(output, picture, record)
             print(f"look at it: ndtree view {output} --open")
         write_json(figures, json_file)
-        warn_of_skipped(opened)
+        warn_of_skipped(done.log)
         if watch:
             stay(observers[0], done.target, json_file)
         elif shown is not None and shown.url:
@@ -195,38 +186,28 @@ def map_(
 class _Wanted:
     """How logs are mapped."""
 
-    fixed: bool
+    given: Config
     static: bool
     align: bool
-    options: dict[str, Any]
-    dim: Optional[int]
-    max_range: Optional[float]  # As it was given.
-    limit: float
-    no_return: str
-    reading: Reading
+    write_config: Optional[Path]
 
     def open(self, logs: Sequence[Path]) -> Log:
-        opened = [self.reading.open(log, self.dim, self.max_range) for log in logs]
+        found = [opened(self.given, log) for log in logs]
         if self.align:
-            opened = [_aligned(log) for log in opened]
-        return opened[0] if len(opened) == 1 else JoinedLog(opened)
+            found = [_aligned(log) for log in found]
+        return found[0] if len(found) == 1 else JoinedLog(found)
 
-    def settings(self, log: Log) -> Settings:
-        """What is chosen for a log."""
-        made(lambda: new_map(log.dim, self.fixed, self.options))
-        return settled(log, self.options, self.limit, self.no_return, with_sigma=True)
+    def config(self, log: Log) -> tuple[Log, Config]:
+        """What is decided for a log, and the log as it is read then."""
+        made(lambda: new_map(log.dim, self.given))
+        log, config = inspected(log, self.given)
+        if self.write_config is not None:
+            config.save(self.write_config)
+        return log, config
 
     def map(self, log: Log, read_seconds: float, observers: Sequence[Any] = ()) -> Mapped:
-        return mapped(
-            log,
-            self.fixed,
-            self.options,
-            max_range=self.limit,
-            no_return=self.no_return,
-            read_seconds=read_seconds,
-            observers=observers,
-            static=self.static,
-        )
+        log, config = self.config(log)
+        return mapped(log, config, read_seconds=read_seconds, observers=observers, static=self.static)
 
 
 def _aligned(log: Log) -> Log:
@@ -234,8 +215,7 @@ def _aligned(log: Log) -> Log:
     from ndtree.cli.commands.align import aligned  # Not for all other maps.
 
     found = aligned(log)
-    log.notes.append(f"aligned: {found}")
-    return found.log
+    return found.log.noted(f"aligned: {found}")
 
 
 def _map_each(
@@ -247,8 +227,7 @@ def _map_each(
     for log, output in zip(logs, outputs):
         begin = time.perf_counter()
         try:
-            opened = wanted.open([log])
-            done = wanted.map(opened, time.perf_counter() - begin)
+            done = wanted.map(wanted.open([log]), time.perf_counter() - begin)
             written(done, output)
         except (OSError, ValueError, MemoryError, RuntimeError) as error:
             failed += 1
@@ -258,7 +237,7 @@ def _map_each(
         figures.append({**done.figures(), "map": str(output)})
         if not is_stdout(json_file):
             done.print(output)
-        warn_of_skipped(opened)
+        warn_of_skipped(done.log)
     write_json({"maps": figures}, json_file)
     if failed:
         raise typer.Exit(BAD_INPUT)

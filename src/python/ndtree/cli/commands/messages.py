@@ -39,7 +39,7 @@ _OPTION = re.compile(
 )
 #: These are words, too: they are options where a message begins with them.
 _WORD = re.compile(
-    r"^(?P<name>every|stride|start|stop|min_range|height|states|faces|window|format|branching|refinement|seed|scans|dim)"
+    r"^(?P<name>box|origin|every|stride|start|stop|min_range|height|states|faces|window|format|branching|refinement|seed|scans|dim)"
     r"(?:(?P<set> = )|(?=: ))"
 )
 _FLAGS = {"start": "--from", "stop": "--to"}

@@ -77,8 +77,11 @@ MaxRange = Annotated[
 
 
 NoReturnOption = Annotated[
-    NoReturnKind,
-    typer.Option(help="What a beam without return says: free up to its end point, or nothing; auto: see."),
+    Optional[NoReturnKind],
+    typer.Option(
+        help="What a beam without return says: free up to its end point, or nothing; auto: see.",
+        show_default=False,
+    ),
 ]
 
 
@@ -90,6 +93,12 @@ Port = Annotated[
 
 Json = Annotated[
     Optional[Path], typer.Option("--json", metavar="FILE", help="Write all figures; - for standard output.")
+]
+
+
+WriteConfig = Annotated[
+    Optional[Path],
+    typer.Option(metavar="FILE", help="Write what was decided, and why, as TOML.", show_default=False),
 ]
 
 

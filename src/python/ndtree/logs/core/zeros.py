@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
+from ndtree.logs.core.rules import INVALID, NO_ECHO
 from ndtree.logs.core.source import ReaderOption, WrongOption
 
-NO_ECHO, INVALID = "no-echo", "invalid"
 ZERO_IS = ReaderOption(
     "zero_is", str, "Of lasers: what range 0 is, no-echo or invalid; else the log decides."
 )

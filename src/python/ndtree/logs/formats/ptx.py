@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.base.scan import Scan
-from ndtree.logs.core.decimals import decimals
 from ndtree.logs.core.log import Log
 from ndtree.logs.core.plain_file import PlainFile, open_plain, split_lines
 from ndtree.logs.core.source import Format, Source, require_dim
@@ -73,10 +72,8 @@ class PtxLog(Log):
             width = width or len(start.split())
             if width not in _POINT:
                 raise _wrong(self.path, begin, start, "x y z intensity of a point, with r g b or not")
-            table = decimals(text, None, tuple(range(width)), count=width)
-            if table is None:
-                block = split_lines(text)
-                table = _table(block, width)
+            block = split_lines(text)
+            table = _table(block, width)
             if table is None:
                 at = next((i for i, line in enumerate(block) if _table([line], width) is None), 0)
                 raise _wrong(self.path, begin + at, block[at], f"{width} numbers of a point")
