@@ -12,6 +12,7 @@ import pytest
 
 import ndtree
 from ndtree.logs.core.log import Log
+from ndtree.logs.core.silence import noise_below
 
 LIMIT = 50.0
 
@@ -128,6 +129,31 @@ def test_ranges_in_whole_steps_come_twice_without_being_a_limit(tmp_path: Path) 
     ranges = [2 + 0.01 * ((i * np.arange(60)) % 50) for i in range(20)]
     for log in (carmen(tmp_path / "a.log", ranges), npz(tmp_path / "a.npz", ranges)):
         assert ndtree.read(log).cut_off is None
+
+
+def noisy(ranges: list[np.ndarray], seed: int = 5, sigma: float = 0.04) -> list[np.ndarray]:
+    """Noise on top of all, cut off at the limit: what a simulator makes of it."""
+    generator = np.random.default_rng(seed)
+    return [np.minimum(some + generator.normal(0, sigma, len(some)), LIMIT) for some in ranges]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_at_the_largest_range_is_no_surface_either(seed: int, tmp_path: Path) -> None:
+    ranges = ranges_of(scans=40, seed=seed)
+    log = ndtree.read(npz(tmp_path / "a.npz", noisy(ranges, seed)))
+    found, right = np.concatenate(silent(log)), np.concatenate(ranges) == LIMIT
+    assert not found[~right].any() and np.count_nonzero(right & ~found) <= 2
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("depth", [0.5, 2.0, 5.0])
+def test_a_wall_just_below_the_largest_range_is_no_noise(depth: float, seed: int) -> None:
+    """At right angles so far below the limit, or equally dense up to it."""
+    generator = np.random.default_rng(seed)
+    turned = np.tan(generator.uniform(0, math.acos((LIMIT - depth) / LIMIT), 300))
+    wall = LIMIT - (LIMIT - depth) * np.hypot(1, turned)
+    for below in (wall, generator.uniform(0, depth, 300)):
+        assert all(noise_below(below[:n], there) == 0 for n in (100, 300) for there in (70, 150, 300))
 
 
 def test_marks_of_the_file_say_it_all(tmp_path: Path) -> None:

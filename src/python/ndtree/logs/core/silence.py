@@ -4,11 +4,16 @@
 Strategy: the log is read once for its largest range, and for whether several readings of one scan are exactly
 there, and more than just below. What is measured does not come twice to the last bit; a limit does. In every
 scan with several of them, these readings did not return.
+
+Simulators add noise to the limit, and cut it off there: half of the readings are at it, the others are half
+of a bell below it (`noise_below`).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +28,42 @@ _NEAR = 0.01
 _MOST_DECIMALS = 6
 #: Points that are looked at for these.
 _MOST_POINTS = 1000
+#: Of the largest range: noise that reaches farther is none of a sensor.
+NOISE_REACH = 0.1
+#: Half of the values of a bell are nearer to its middle than this many standard deviations, and all but one
+#: in 16,000 than that many.
+_HALF, _ALL = 0.6745, 4.0
+#: Fewer readings do not tell a bell from a surface that is there by chance.
+_LEAST_NOISY = 64
+#: Kolmogorov's limit at 95 % for the square root of the readings times their distance from a bell's shares;
+#: a distance of _BESIDE is left to surfaces that are there, too.
+_KOLMOGOROV, _BESIDE = 1.36, 0.1
+#: As many readings tell all there is to know.
+MOST_NOISY = 20_000
+
+
+def noise_below(below: NDArray[np.floating[Any]], there: int) -> float:
+    """How far noise reaches below a limit at which `there` readings are, its other half [m]; 0 if none does.
+
+    Parameters
+    ----------
+    below : ndarray, (n,)
+        Distances of other readings from the limit, up to `NOISE_REACH` of it [m].
+    there : int
+        Readings at the limit, and above.
+    """
+    half = (there + 1) // 2
+    if len(below) < max(half, _LEAST_NOISY) or there < _LEAST_NOISY // 2:
+        return 0.0
+    below = np.sort(below.astype(np.float64))
+    noisy = below[below <= _ALL * float(below[half - 1]) / _HALF]
+    n = len(noisy)
+    sigma = float(noisy[n // 2]) / _HALF
+    if not (sigma > 0 and max(half, _LEAST_NOISY) <= n <= 2 * there):
+        return 0.0
+    shares = np.array([math.erf(value) for value in (noisy / (math.sqrt(2) * sigma)).tolist()])
+    apart = np.abs(shares - (np.arange(n) + 0.5) / n).max()
+    return _ALL * sigma if apart < max(_KOLMOGOROV / math.sqrt(n), _BESIDE) else 0.0
 
 
 @dataclass(frozen=True)
@@ -34,7 +75,7 @@ class CutOff:
     at : float
         Their largest [m].
     tolerance : float
-        What is as near to it is there: end points are rounded [m].
+        What is as near to it is there: end points are rounded, or the limit has noise [m].
     """
 
     at: float
@@ -70,6 +111,7 @@ class CutOffSearch:
         self._largest = self._tolerance = 0.0
         self._has_shorter = self.is_said = False
         self._cut = self._there = self._below = 0
+        self._near = np.empty(0)  # Ranges that noise may have made of the largest.
 
     def add(self, scan: Scan) -> None:
         """Look at the next scan."""
@@ -92,13 +134,22 @@ class CutOffSearch:
                 self._cut += 1
                 self._there += count
                 self._below += int(np.count_nonzero(ranges >= (1 - _NEAR) * self._largest)) - count
+        if len(self._near) < MOST_NOISY:
+            near = np.concatenate([self._near, ranges])
+            self._near = near[near >= (1 - NOISE_REACH) * self._largest]
         shorter = (ranges > 0) & (ranges < self._largest - self._tolerance)
         self._has_shorter = self._has_shorter or bool(shorter.any())
 
     def found(self) -> CutOff | None:
         """Where they are cut off by what was added; None if they are not."""
-        is_cut = self._cut >= self._least_scans and self._has_shorter and self._there > self._below
-        return CutOff(self._largest, self._tolerance) if is_cut and not self.is_said else None
+        if self.is_said or self._cut < self._least_scans or not self._has_shorter:
+            return None
+        below = self._largest - self._near
+        is_there = below <= self._tolerance
+        noise = noise_below(below[~is_there], int(np.count_nonzero(is_there)))
+        if noise > 0:
+            return CutOff(self._largest, max(noise, self._tolerance))
+        return CutOff(self._largest, self._tolerance) if self._there > self._below else None
 
 
 def _ranges(scan: Scan) -> NDArray[np.float64]:

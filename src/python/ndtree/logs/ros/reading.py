@@ -16,6 +16,7 @@ from ndtree.logs.core.rules import NO_ECHO, Rules
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files.bag import Bag
 from ndtree.logs.ros.messages.beams import SENSOR_NAMES, SENSORS, Beams, Floats, stamp_of
+from ndtree.logs.ros.messages.laser import NoiseAtLimit
 from ndtree.logs.ros.placement.placement import Placement
 from ndtree.logs.ros.placement.standing import Standing
 from ndtree.logs.ros.plan import BagPlan
@@ -94,6 +95,7 @@ class MessageReader:
         self._numbers = dict.fromkeys(self._sensors, -1)
         self._endless = self.zeros = self._own = 0
         self._told: dict[tuple[str, str], tuple[int, str]] = {}
+        self._noise = {name: NoiseAtLimit() for name in self._sensors}
         self._watched = {
             name: Standing(sensor.is_planar)
             for name, sensor in self._sensors.items()
@@ -124,7 +126,8 @@ class MessageReader:
             message = self._bag.decoded(raw)
             own = plain(message.header.frame_id)
             stamp = self._clock.stamp((name, own), 1e-9 * raw.received, stamp_of(message))
-            beams = sensor.beams(message, stamp, self._rules.no_return_range, self._rules.zero_is == NO_ECHO)
+            silent = (self._rules.no_return_range, self._rules.zero_is == NO_ECHO)
+            beams = sensor.beams(message, stamp, *silent, self._noise[name])
             beams = self._plan.sweeps[name].applied(beams)
         except ValueError as error:
             raise ValueError(f"{where}: {error}") from None
@@ -209,6 +212,11 @@ class MessageReader:
             )
         if self._own:
             lines.append(f"{self._own} beams ended in the robot's own body, and are left out")
+        lines += [
+            f"{name}: readings within {noise.reach:.2g} m of range_max are noise where nothing was hit"
+            for name, noise in self._noise.items()
+            if noise.reach
+        ]
         for (name, what), (count, first) in self._told.items():
             lines.append(
                 f"{name}: in {count} of {self._numbers[name] + 1} messages {what}; the first: {first}"

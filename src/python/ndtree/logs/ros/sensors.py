@@ -30,7 +30,7 @@ from ndtree.logs.ros.messages.beams import (
 )
 from ndtree.logs.ros.messages.cloud import cloud_beams
 from ndtree.logs.ros.messages.head import head_of
-from ndtree.logs.ros.messages.laser import laser_beams, multi_echo_beams, range_beams
+from ndtree.logs.ros.messages.laser import NoiseAtLimit, laser_beams, multi_echo_beams, range_beams
 from ndtree.logs.ros.storage import Raw
 from ndtree.logs.ros.survey import Survey
 from ndtree.logs.ros.units import recorded_unit
@@ -131,15 +131,16 @@ class Sensor:
         stamp: float,
         no_return_range: float | None = None,
         zero_is_silent: bool = False,
+        noise: NoiseAtLimit | None = None,
     ) -> Beams:
         """What a message measured; ValueError if it contradicts itself.
 
         `no_return_range` is up to where a beam without return is free if the message does not say [m];
-        `zero_is_silent`, whether a LaserScan's range of 0 is one.
+        `zero_is_silent`, whether a LaserScan's range of 0 is one; `noise` has seen its earlier messages.
         """
         kind = self.topic.type
         if kind == LASER:
-            return laser_beams(message, no_return_range, zero_is_silent)
+            return laser_beams(message, no_return_range, zero_is_silent, noise)
         if kind == MULTI_ECHO_LASER:
             return multi_echo_beams(message, no_return_range)
         if kind == RANGE:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.logs.core.silence import MOST_NOISY, NOISE_REACH, noise_below
 from ndtree.logs.ros.messages.beams import LONGEST_SWEEP, Beams, Floats
 
 #: A laser that turns this far [rad] looks all around.
@@ -19,13 +20,45 @@ FULL_TURN = math.radians(350)
 LEAST_CUT_OFF = 2
 
 
-def laser_beams(message: Any, no_return_range: float | None = None, zero_is_silent: bool = False) -> Beams:
+class NoiseAtLimit:
+    """Whether the ranges of a topic's messages have noise where nothing was hit, by those so far.
+
+    Simulators add it to range_max: about as many readings are a little below as at it and above.
+    """
+
+    def __init__(self) -> None:
+        self._limit, self._there = 0.0, 0
+        self._below = np.empty(0)
+        self.reach = 0.0  # How far it reaches to both sides of range_max [m].
+
+    def add(self, ranges: NDArray[np.floating[Any]], limit: float) -> float:
+        """Look at the next message's ranges, up to a largest one [m]; how far noise reaches."""
+        if not 0 < limit < math.inf:
+            return 0.0
+        if limit != self._limit:
+            self._limit, self._there, self._below, self.reach = limit, 0, np.empty(0), 0.0
+        if self._there < MOST_NOISY:
+            apart = np.float64(np.float32(limit)) - ranges[np.isfinite(ranges)].astype(np.float64)
+            apart = apart[np.abs(apart) <= NOISE_REACH * limit]
+            self._there += int(np.count_nonzero(apart <= 0))
+            self._below = np.concatenate([self._below, apart[apart > 0]])[-MOST_NOISY:]
+            self.reach = noise_below(self._below, self._there)
+        return self.reach
+
+
+def laser_beams(
+    message: Any,
+    no_return_range: float | None = None,
+    zero_is_silent: bool = False,
+    noise: NoiseAtLimit | None = None,
+) -> Beams:
     """Beams of a LaserScan by the rules of REP 117.
 
     A range within [range_min, range_max] is a surface. +inf is no return: free up to range_max, and where
     that is no length above range_min, up to `no_return_range` [m] if it is given. NaN, -inf (too close to be
     measured) and other ranges are invalid. Several beams of a message at exactly range_max did not return
-    either: a driver cut them off there. With `zero_is_silent`, 0 counts as +inf.
+    either: a driver cut them off there. Nor did those around range_max of which `noise` says that they are
+    noise there. With `zero_is_silent`, 0 counts as +inf.
 
     A beam's time is that of the message and its number times time_increment. Of a laser that looks all
     around and has no time_increment, but a scan_time, the beams may be spread over that: it is a guess, for
@@ -35,6 +68,9 @@ def laser_beams(message: Any, no_return_range: float | None = None, zero_is_sile
     zeros = ranges == 0
     if zero_is_silent:
         ranges = np.where(zeros, np.float32(np.inf), ranges)
+    reach = 0.0 if noise is None else noise.add(ranges, float(message.range_max))
+    if reach:
+        ranges = np.where(np.abs(ranges - message.range_max) <= reach, np.float32(np.inf), ranges)
     beams = _planar_beams(message, ranges, no_return_range)
     return replace(beams, zeros=int(np.count_nonzero(zeros)))
 
