@@ -227,6 +227,27 @@ def test_each_file_can_have_its_pose_beside_it(tmp_path: Path, ending: str, rows
     check(read(tmp_path, trajectory=str(tmp_path / "elsewhere" / "poses.txt")), [0, 2, 4])
 
 
+def ply_with_camera(path: Path, points: np.ndarray, order: str, pose: np.ndarray) -> Path:
+    axes = [f"view_p{axis}" for axis in "xyz"] + [f"{row}_axis{axis}" for row in "xyz" for axis in "xyz"]
+    lines = ["ply", f"format {order} 1.0", f"element vertex {len(points)}"]
+    lines += [f"property float {axis}" for axis in "xyz"] + ["element camera 1"]
+    lines += [f"property float {name}" for name in (*axes, "focal")] + [
+        "property int viewportx",
+        "end_header",
+        "",
+    ]
+    camera = [*pose[:3, 3], *pose[:3, :3].ravel(), 0.0]
+    if order == "ascii":
+        rows = [" ".join(f"{float(value):.9g}" for value in row) for row in points]
+        body = "\n".join([*rows, " ".join(f"{value:.9g}" for value in camera) + " 3\n"]).encode()
+    else:
+        end = "<" if "little" in order else ">"
+        body = np.asarray(points, f"{end}f4").tobytes() + np.asarray(camera, f"{end}f4").tobytes()
+        body += np.asarray([3], f"{end}i4").tobytes()
+    path.write_bytes("\n".join(lines).encode() + body)
+    return path
+
+
 def test_the_pose_can_stand_in_the_pcd(tmp_path: Path) -> None:
     numbered(tmp_path)
     for i in (0, 2, 4):
@@ -246,13 +267,30 @@ def test_points_in_the_map_take_only_origins(tmp_path: Path) -> None:
         read(tmp_path, points_in="world")
 
 
-def test_a_cloud_alone_is_a_scan_from_its_viewpoint(tmp_path: Path) -> None:
+def test_a_cloud_alone_that_does_not_say_from_where_is_refused(tmp_path: Path) -> None:
+    """What a program writes that was told no VIEWPOINT is none: the points may be those of a map."""
+    ways = r"; try\n  ndtree map .* --points-only (.|\n)*--origin-of-scan (.|\n)*--trajectory FILE"
     path = BINARY(tmp_path / "table", cloud(0))
-    (scan,) = read(path)
+    with pytest.raises(ValueError, match=rf"table.pcd: a PCD .* \(VIEWPOINT is the identity\){ways}"):
+        read(path)
+    (scan,) = read(path, origin_of_scan="0,0,0")
     np.testing.assert_array_equal(scan.endpoints, cloud(0))
-    np.testing.assert_array_equal(scan.origin, np.zeros(3))
-    with pytest.raises(ValueError, match=r"table.ply: a PLY of points without a pose; try\n  ndtree map "):
+    with pytest.raises(ValueError, match=rf"table.ply: a PLY of points without a pose{ways}"):
         read(ply_by_trimesh(tmp_path / "table", cloud(0)))
+
+
+@pytest.mark.parametrize("order", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_the_pose_can_stand_in_the_element_camera_of_a_ply(order: str, tmp_path: Path) -> None:
+    """As PCL writes it behind the points; its identity says as little as that of VIEWPOINT."""
+    pose = pose_matrix(2)
+    path = ply_with_camera(tmp_path / "a.ply", cloud(2), order, pose)
+    check(read(path), [2])
+    path = ply_with_camera(path, cloud(2), order, np.eye(4))
+    with pytest.raises(ValueError, match="a PLY of points without a pose"):
+        read(path)
+    path = ply_with_camera(path, cloud(2), order, pose * 2)
+    with pytest.raises(ValueError, match=r"a\.ply: element camera: expected a position and a rotation"):
+        list(read(path))
 
 
 def test_far_away_las_points_keep_their_last_digit(tmp_path: Path) -> None:
@@ -331,7 +369,7 @@ def test_pcd_is_recognised_however_its_header_begins(start: str, end: str, by: s
     lines = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n1 2 3\n4 5 6\n"
     path = tmp_path / "cloud.pcd"
     path.write_bytes((start + lines.replace(" ", by)).replace("\n", end).encode())
-    (scan,) = read(path)
+    (scan,) = read(path, origin_of_scan="0,0,0")
     np.testing.assert_array_equal(scan.endpoints, [[1, 2, 3], [4, 5, 6]])
 
 
@@ -343,11 +381,11 @@ def test_compressed_pcd_may_hold_what_lzf_cannot_shorten(tmp_path: Path) -> None
     plain = np.frombuffer(data, "<f4").reshape(-1, 3).T.tobytes()
     sizes = struct.pack("<II", len(plain), len(plain))
     path.write_bytes(head + b"DATA binary_compressed\n" + sizes + plain)
-    (scan,) = read(path)
+    (scan,) = read(path, origin_of_scan="0,0,0")
     np.testing.assert_array_equal(scan.endpoints.astype(np.float32), points)
     path.write_bytes(head + b"DATA binary_compressed\n" + struct.pack("<II", 10, 1 << 30) + plain)
     with pytest.raises(ValueError, match="found 360 compressed bytes, expected 10 for 1073741824"):
-        list(read(path))
+        list(read(path, origin_of_scan="0,0,0"))
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "ascii with tabs and CRLF", "binary", "binary_compressed"])
@@ -381,14 +419,14 @@ def test_headers_of_every_version_of_pcd(case: str, encoding: str, tmp_path: Pat
         content = head.encode() + struct.pack("<II", len(packed), len(plain)) + packed
     path = tmp_path / "000000.pcd"
     path.write_bytes(content)
-    (scan,) = read(path)
+    (scan,) = read(path, origin_of_scan="0,0,0")
     np.testing.assert_array_equal(scan.endpoints.astype(np.float32), TABLE[:, :3].astype(np.float32))
     for cut in (len(content) - 3 * len(rows[0]), len(content) - 30, len(head) + 5):
         path.write_bytes(content[:cut])
         with pytest.raises(
             ValueError, match=r"000000.pcd: (found \d+ points, expected 40|cannot be read as PCD)"
         ):
-            list(read(path))
+            list(read(path, origin_of_scan="0,0,0"))
 
 
 PLY_VERTEX = "property float x\nproperty float y\nproperty float z\nproperty uchar r\n"
@@ -483,7 +521,7 @@ def test_far_away_pcd_points_keep_their_digits(tmp_path: Path) -> None:
     points = cloud(0).astype(np.float64) + np.array([500000, 5400000, 100])
     made = pypcd4.PointCloud.from_points(points, ("x", "y", "z"), (np.float64,) * 3)
     made.save(tmp_path / "utm.pcd")
-    (scan,) = read(tmp_path / "utm.pcd")
+    (scan,) = read(tmp_path / "utm.pcd", points_only=True)
     np.testing.assert_array_equal(scan.endpoints, points)
 
 
@@ -491,14 +529,14 @@ def test_a_pcd_cut_off_behind_a_point_is_noticed(tmp_path: Path) -> None:
     path = BINARY(tmp_path / "table", cloud(0))
     path.write_bytes(path.read_bytes()[:-160])
     with pytest.raises(ValueError, match=r"table\.pcd: found 20 points, expected 30 as its header says"):
-        list(read(path))
+        list(read(path, origin_of_scan="0,0,0"))
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])
 def test_clouds_of_one_point_or_none(tmp_path: Path, encoding: str) -> None:
     for n in (1, 0):
         path = pcd(encoding)(tmp_path / f"cloud{n}", cloud(0, n))
-        (scan,) = read(path)
+        (scan,) = read(path, origin_of_scan="0,0,0")
         np.testing.assert_allclose(scan.endpoints, cloud(0, n), rtol=1e-6)
 
 
@@ -765,6 +803,7 @@ def two_kinds(folder: Path) -> Path:
 def without_x(folder: Path) -> Path:
     made = pypcd4.PointCloud.from_points(cloud(0), ("x", "b", "c"), (np.float32,) * 3)
     made.save(folder / "000000.pcd")
+    np.savetxt(folder / "000000.pose.txt", np.eye(4))
     return folder
 
 

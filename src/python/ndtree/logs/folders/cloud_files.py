@@ -18,7 +18,7 @@ from ndtree.logs.folders import text_clouds
 from ndtree.logs.folders.bin_files import bin_points, floats_a_point
 from ndtree.logs.folders.las_files import las_points
 from ndtree.logs.folders.pcd_files import pcd_columns
-from ndtree.logs.folders.ply_files import ply_columns
+from ndtree.logs.folders.ply_files import ply_camera, ply_columns
 from ndtree.logs.folders.text_clouds import text_points
 from ndtree.logs.poses.pose import Pose
 
@@ -30,13 +30,15 @@ class CloudFile:
     """One kind of file: its endings, how its content begins, and how its points are read.
 
     ``points`` makes (n, 3) of a path, float32 where the file has no more [m]; it raises ValueError that says
-    what is wrong with the file.
+    what is wrong with the file. ``viewpoint`` makes the pose of the sensor, the identity where the file says
+    none; None: such files never do.
     """
 
     name: str
     endings: tuple[str, ...]
     magic: tuple[bytes, ...]
     points: Callable[[str], Points]
+    viewpoint: Callable[[str], Pose] | None = None
 
 
 def pcd_points(path: str) -> Points:
@@ -65,6 +67,20 @@ def pcd_viewpoint(path: str) -> Pose:
     return Pose.identity()
 
 
+def ply_viewpoint(path: str) -> Pose:
+    """Pose of the sensor in a PLY's element camera, as PCL writes it; the identity where there is none."""
+    found = ply_camera(path)
+    if found is None:
+        return Pose.identity()
+    position, rotation = found
+    try:
+        if not np.isfinite(position).all():
+            raise ValueError("not finite")
+        return Pose.from_matrix(np.column_stack([rotation, position]))
+    except ValueError as error:
+        raise ValueError(f"{path}: element camera: expected a position and a rotation ({error})") from None
+
+
 def ply_points(path: str) -> Points:
     """Vertices of a PLY, ascii or binary, with or without faces."""
     return _columns(*ply_columns(path))
@@ -77,8 +93,10 @@ def points_of_numbers(path: str) -> Points:
 
 #: Those without first bytes of their own come last, and only their names tell them.
 CLOUD_FILES = (
-    CloudFile("PCD", (".pcd",), (b"# .PCD", b"# .pcd", b"VERSION", b"FIELDS", b"COLUMNS"), pcd_points),
-    CloudFile("PLY", (".ply",), (b"ply\n", b"ply\r"), ply_points),
+    CloudFile(
+        "PCD", (".pcd",), (b"# .PCD", b"# .pcd", b"VERSION", b"FIELDS", b"COLUMNS"), pcd_points, pcd_viewpoint
+    ),
+    CloudFile("PLY", (".ply",), (b"ply\n", b"ply\r"), ply_points, ply_viewpoint),
     CloudFile("LAS", (".las", ".laz"), (b"LASF",), las_points),
     CloudFile("text", text_clouds.ENDINGS, (), text_points),
     CloudFile("bin", (".bin",), (), points_of_numbers),

@@ -26,6 +26,8 @@ _TYPES = {
     **dict.fromkeys(("float", "float32"), "f4"),
     **dict.fromkeys(("double", "float64"), "f8"),
 }
+_CAMERA = (*(f"view_p{axis}" for axis in "xyz"), *(f"{row}_axis{axis}" for row in "xyz" for axis in "xyz"))
+_PLURALS = {"vertex": "vertices", "camera": "cameras"}
 
 
 @dataclass(frozen=True)
@@ -54,20 +56,42 @@ def ply_columns(path: str) -> list[NDArray[Any]]:
     with open_regular(path) as file:
         order, elements = _header(path, file)
         data = file.read()
-    vertices = [one for one in elements if one.name == "vertex"]
-    if len(vertices) != 1:
-        raise _damaged(path, f"{len(vertices)} elements 'vertex', expected one")
-    names = [one.name.lower() if one.count is None else "" for one in vertices[0].properties]
-    missing = [axis for axis in "xyz" if names.count(axis) != 1]
+    return _columns(path, (order, elements), data, "vertex", tuple("xyz"))
+
+
+def ply_camera(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Position (3,) and rotation (3, 3) of the sensor in the map, from the element camera that PCL writes.
+
+    None where the file has none. Its rows are what PCL calls axes.
+    """
+    with open_regular(path) as file:
+        order, elements = _header(path, file)
+        if [one.count for one in elements if one.name == "camera"] != [1]:
+            return None
+        data = file.read()
+    found = np.concatenate(_columns(path, (order, elements), data, "camera", _CAMERA)).astype(np.float64)
+    return found[:3], found[3:].reshape(3, 3)
+
+
+def _columns(
+    path: str, header: tuple[str, list[_Element]], data: bytes, name: str, wanted: tuple[str, ...]
+) -> list[NDArray[Any]]:
+    """Properties of the only element of a name."""
+    order, elements = header
+    found = [one for one in elements if one.name == name]
+    if len(found) != 1:
+        raise _damaged(path, f"{len(found)} elements {name!r}, expected one")
+    names = [one.name.lower() if one.count is None else "" for one in found[0].properties]
+    missing = [axis for axis in wanted if names.count(axis) != 1]
     if missing:
         raise ValueError(
-            f"{path}: no property {' and no '.join(missing)} of vertices, "
+            f"{path}: no property {' and no '.join(missing)} of {_PLURALS[name]}, "
             f"found {', '.join(filter(None, names))}"
         )
-    axes = [names.index(axis) for axis in "xyz"]
-    return (
-        _of_text(path, elements, data, axes) if not order else _of_binary(path, order, elements, data, axes)
-    )
+    axes = [names.index(axis) for axis in wanted]
+    if order:
+        return _of_binary(path, (order, elements), data, name, axes)
+    return _of_text(path, elements, data, name, axes)
 
 
 def _header(path: str, file: Any) -> tuple[str, list[_Element]]:
@@ -110,7 +134,9 @@ def _header(path: str, file: Any) -> tuple[str, list[_Element]]:
     raise _damaged(path, "no line end_header")
 
 
-def _of_text(path: str, elements: list[_Element], data: bytes, axes: list[int]) -> list[NDArray[Any]]:
+def _of_text(
+    path: str, elements: list[_Element], data: bytes, name: str, axes: list[int]
+) -> list[NDArray[Any]]:
     """An instance a line."""
     lines = [line for line in data.splitlines() if line.strip()]
     start, found = 0, None
@@ -119,7 +145,7 @@ def _of_text(path: str, elements: list[_Element], data: bytes, axes: list[int]) 
         start += one.count
         if len(part) < one.count:
             raise _fewer(path, one, len(part))
-        if one.name == "vertex":
+        if one.name == name:
             found = _columns_of(path, one, part, axes)
     assert found is not None
     return found
@@ -127,7 +153,7 @@ def _of_text(path: str, elements: list[_Element], data: bytes, axes: list[int]) 
 
 def _columns_of(path: str, vertex: _Element, lines: list[bytes], axes: list[int]) -> list[NDArray[Any]]:
     has_lists = any(one.count for one in vertex.properties)
-    columns: list[list[bytes]] = [[], [], []]
+    columns: list[list[bytes]] = [[] for _ in axes]
     for i, line in enumerate(lines):
         values, places = line.split(), axes
         try:
@@ -146,7 +172,7 @@ def _columns_of(path: str, vertex: _Element, lines: list[bytes], axes: list[int]
             at = -1
         if at != len(values):
             wanted = "as many as its lists say" if has_lists else str(len(vertex.properties))
-            raise _damaged(path, f"vertex {i} has {len(values)} values, expected {wanted}")
+            raise _damaged(path, f"{vertex.name} {i} has {len(values)} values, expected {wanted}")
         for column, place in zip(columns, places):
             column.append(values[place])
     kinds = [np.dtype(vertex.properties[axis].kind) for axis in axes]
@@ -162,15 +188,16 @@ def _columns_of(path: str, vertex: _Element, lines: list[bytes], axes: list[int]
 
 
 def _of_binary(
-    path: str, order: str, elements: list[_Element], data: bytes, axes: list[int]
+    path: str, header: tuple[str, list[_Element]], data: bytes, name: str, axes: list[int]
 ) -> list[NDArray[Any]]:
+    order, elements = header
     at, found = 0, None
     for one in elements:
         if all(p.count is None for p in one.properties):
             columns, at = _fixed(path, order, one, data, at)
         else:
             columns, at = _with_lists(path, order, one, data, at)
-        if one.name == "vertex":
+        if one.name == name:
             found = [columns(axis) for axis in axes]
     assert found is not None
     return found
@@ -191,7 +218,7 @@ def _with_lists(path: str, order: str, one: _Element, data: bytes, at: int) -> t
     """As `_fixed`, of an element whose instances differ in length; runs of equal ones are read at once."""
     counts = [None if p.count is None else np.dtype(order + p.count) for p in one.properties]
     kinds = [np.dtype(order + p.kind) for p in one.properties]
-    keeps = one.name == "vertex"
+    keeps = one.name in _PLURALS
     parts: list[list[NDArray[Any]]] = [[] for _ in kinds]
     done, run = 0, 1
     while done < one.count:

@@ -22,7 +22,6 @@ from ndtree.logs.folders.cloud_files import (
     CloudFile,
     kind_of_file,
     kind_of_name,
-    pcd_viewpoint,
     points_of_file,
 )
 from ndtree.logs.folders.folder import FolderLog, PosesOfFiles, number_in, stamps_in, stem_of
@@ -57,7 +56,8 @@ class PointCloudLog(FolderLog):
       folder ``poses``;
     - the only trajectory file beside the files, above them, or in a folder for poses there, whatever its name
       (``times.txt`` has the times of numbered files); see `PosesOfFiles` for which pose is whose;
-    - VIEWPOINT of PCD files, unless it is the identity in all of several;
+    - VIEWPOINT of PCD files, or the element camera that PCL writes to PLY files, unless it is the identity in
+      all: so it is where nobody has said it;
     - poses in the folder above.
 
     Points without poses need `origin_of_scan` or `points_only`.
@@ -130,34 +130,35 @@ class PointCloudLog(FolderLog):
         return not self._unplaced.points_only and super().knows_no_returns
 
     def _have_viewpoints(self) -> bool:
-        """Several identities are no poses: the header has them where none was given."""
-        if self._kind is not _PCD:
+        """Identities are no poses: the header has them where none was given."""
+        if self._kind.viewpoint is None:
             return False
         for path in self._files:
             try:
-                pose = pcd_viewpoint(path)
+                pose = self._kind.viewpoint(path)
             except ValueError:
                 return True  # Said by somebody; the error is that of the scan.
-            if len(self) == 1 or pose.position.any() or not np.array_equal(pose.rotation, np.eye(3)):
+            if pose.position.any() or not np.array_equal(pose.rotation, np.eye(3)):
                 return True
         return False
 
     def _said(self) -> str:
         """What the files are, for the error of those without poses."""
         kind = self._kind.name
+        why = " (VIEWPOINT is the identity{})" if self._kind is _PCD else ""
         if len(self) > 1:
             kinds = {
                 "text": "files of points in text",
                 "bin": "files of bare float32 numbers, as KITTI's scans",
             }
-            why = " (VIEWPOINT is the identity in all)" if self._kind is _PCD else ""
-            return f"{len(self)} {kinds.get(kind, f'{kind} files')} without poses{why}"
+            return f"{len(self)} {kinds.get(kind, f'{kind} files')} without poses{why.format(' in all')}"
         if self._kind is BIN_CLOUD:
             return f"a laser scan as KITTI's (.bin, {self._width} float32 numbers a point) without its pose"
         if self._kind is TEXT_CLOUD:
             why = _why_points(source_of(self._files[0], "points"))
             return "points in text without a pose" + (f" ({why})" if why else "")
-        return f"a {'LAZ' if self._files[0].lower().endswith('z') else kind} of points without a pose"
+        kind = "LAZ" if self._files[0].lower().endswith("z") else kind
+        return f"a {kind} of points without a pose{why.format('')}"
 
     def _more(self) -> list[str]:
         ways = ["--trajectory FILE (poses of the sensor)"]
@@ -171,7 +172,8 @@ class PointCloudLog(FolderLog):
         if self._unplaced:
             return Pose.identity()
         if not self._beside:
-            return pcd_viewpoint(self._files[i])
+            assert self._kind.viewpoint is not None
+            return self._kind.viewpoint(self._files[i])
         beside = self._beside[i]
         if beside is None:
             wanted = f"{stem_of(self._files[i])}.pose.txt"
