@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ndtree.logs.core.plain_file import open_regular
 from ndtree.logs.folders import text_clouds
 from ndtree.logs.folders.bin_files import bin_points, floats_a_point
-from ndtree.logs.folders.las_files import las_points
+from ndtree.logs.folders.las_files import las_note, las_points
 from ndtree.logs.folders.pcd_files import pcd_columns
 from ndtree.logs.folders.ply_files import ply_camera, ply_columns
 from ndtree.logs.folders.text_clouds import text_points
@@ -31,7 +31,7 @@ class CloudFile:
 
     ``points`` makes (n, 3) of a path, float32 where the file has no more [m]; it raises ValueError that says
     what is wrong with the file. ``viewpoint`` makes the pose of the sensor, the identity where the file says
-    none; None: such files never do.
+    none; None: such files never do. ``note`` makes a line that a user should know of a file, or none.
     """
 
     name: str
@@ -39,6 +39,7 @@ class CloudFile:
     magic: tuple[bytes, ...]
     points: Callable[[str], Points]
     viewpoint: Callable[[str], Pose] | None = None
+    note: Callable[[str], str] | None = None
 
 
 def pcd_points(path: str) -> Points:
@@ -97,7 +98,7 @@ CLOUD_FILES = (
         "PCD", (".pcd",), (b"# .PCD", b"# .pcd", b"VERSION", b"FIELDS", b"COLUMNS"), pcd_points, pcd_viewpoint
     ),
     CloudFile("PLY", (".ply",), (b"ply\n", b"ply\r"), ply_points, ply_viewpoint),
-    CloudFile("LAS", (".las", ".laz"), (b"LASF",), las_points),
+    CloudFile("LAS", (".las", ".laz"), (b"LASF",), las_points, note=las_note),
     CloudFile("text", text_clouds.ENDINGS, (), text_points),
     CloudFile("bin", (".bin",), (), points_of_numbers),
 )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ndtree.logs.core.failures import readable
 from ndtree.logs.core.plain_file import open_regular
+from ndtree.logs.folders.coordinate_system import METRES, Units, units_of_keys, units_of_wkt
 
 INSTALL = "install it with:\n  pip install 'ndtree-mapping[clouds]'"
 _POINTS_AT_ONCE = 1 << 20
@@ -23,10 +24,14 @@ _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 _EXTRA_BYTES = 14
 _VARIABLE = 2**32 - 1
 _LARGE_CHUNK = 1 << 22
+_DOUBLES = 34736  # The record with GeoTIFF's numbers of floating point.
 
 
 def las_points(path: str) -> NDArray[np.float64]:
-    """Points of a LAS or LAZ: its integers times its scale, plus its offset."""
+    """Points of a LAS or LAZ [m]: its integers times its scale, plus its offset, in the unit that it names.
+
+    Raises ValueError also if they are degrees.
+    """
     try:
         import laspy
     except ImportError as error:
@@ -41,6 +46,12 @@ def las_points(path: str) -> NDArray[np.float64]:
                     largest = _checked_chunks(path, file, reader.header)
                     if largest > _LARGE_CHUNK:  # Threads would make room for several at once.
                         reader.laz_backend = laspy.LazBackend.Lazrs
+            units = _units(path, reader)
+            if units.are_degrees:
+                raise ValueError(
+                    f"{path}: coordinates are degrees of longitude and latitude, expected metres, as of UTM: "
+                    "pdal translate IN OUT reprojection --filters.reprojection.out_srs=EPSG:CODE"
+                )
             expected = reader.header.point_count
             parts = [np.empty((0, 3))]
             for points in reader.chunk_iterator(_POINTS_AT_ONCE):
@@ -50,7 +61,61 @@ def las_points(path: str) -> NDArray[np.float64]:
     found = np.concatenate(parts)
     if len(found) != expected:
         raise ValueError(f"{path}: found {len(found)} points, expected {expected} as its header says")
-    return found.astype(np.float64, copy=False)
+    found = found.astype(np.float64, copy=False)
+    is_metric = (units.across, units.height) == (1.0, 1.0)
+    return found if is_metric else found * (units.across, units.across, units.height)
+
+
+def las_note(path: str) -> str:
+    """What a user should know of the unit of a LAS or LAZ, in one line, or nothing."""
+    try:
+        import laspy
+    except ImportError:
+        return ""
+    with open_regular(path) as file, readable(path, "cannot be read as LAS", foreign=True):
+        _check_header(path, file)
+        with laspy.open(file, closefd=False) as reader:
+            return _units(path, reader).note
+
+
+def _units(path: str, reader: Any) -> Units:
+    """Of a file's coordinates, by the records of its coordinate system."""
+    header = reader.header
+    records = [*header.vlrs, *(reader.evlrs or ())]
+    by_kind = {type(record).__name__: record for record in records}
+    wkt, keys = by_kind.get("WktCoordinateSystemVlr"), by_kind.get("GeoKeyDirectoryVlr")
+    if wkt is not None and wkt.string.strip("\0 ") and (header.global_encoding.wkt or keys is None):
+        try:
+            found = units_of_wkt(wkt.string)
+        except ValueError:
+            found = Units(unknown="its coordinate system")
+    elif keys is not None:
+        found = units_of_keys(_values(keys, by_kind.get("GeoDoubleParamsVlr")))
+    else:
+        return METRES
+    if found.are_degrees and not (_within(header, 0, 360) and _within(header, 1, 90)):
+        return Units(unknown="a coordinate system of degrees, which its coordinates are not,")
+    return found
+
+
+def _within(header: Any, axis: int, largest: float) -> bool:
+    """Whether coordinates along an axis are degrees up to a largest number."""
+    return bool(-largest <= header.mins[axis] <= header.maxs[axis] <= largest)
+
+
+def _values(keys: Any, doubles: Any) -> dict[int, float]:
+    """Values of GeoTIFF's keys: in their place, or among the numbers of another record."""
+    found: dict[int, float] = {}
+    for key in keys.geo_keys:
+        if key.tiff_tag_location == 0:
+            found[key.id] = float(key.value_offset)
+        elif (
+            key.tiff_tag_location == _DOUBLES
+            and doubles is not None
+            and key.value_offset < len(doubles.doubles)
+        ):
+            found[key.id] = float(doubles.doubles[key.value_offset].value)
+    return found
 
 
 def _check_header(path: str, file: IO[bytes]) -> None:

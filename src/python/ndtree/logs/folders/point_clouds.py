@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Sequence
 from dataclasses import replace
@@ -102,6 +103,10 @@ class PointCloudLog(FolderLog):
         self._stamps = stamps_in([stem_of(file) for file in self._files])
         self._beside: tuple[str | None, ...] = ()
         self._trajectory: PosesOfFiles | None = None
+        if self._kind.note is not None:
+            with contextlib.suppress(ValueError, OSError):  # Reading says it.
+                said = self._kind.note(self._files[0])
+                self._decided += [said] if said else []
         if unplaced:
             self.may_be_cut_off = unplaced.origin is not None
             return
