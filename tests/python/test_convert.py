@@ -165,7 +165,7 @@ def nav2_state(pixel: list[int], mode: str, has_alpha: bool) -> int:
         return -1
     if mode == "raw" and occupied > 1:
         return -1
-    return 1 if occupied > 0.65 else 0 if occupied < 0.196 else -1
+    return 1 if occupied >= 0.65 else 0 if occupied <= 0.196 else -1
 
 
 @pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
@@ -202,6 +202,48 @@ def test_a_yaw_that_turns_nothing_is_harmless(tmp_path: Path, yaw: str) -> None:
     np.testing.assert_array_equal(opened.state(np.array([[0.1, 0.1], [0.6, 0.1]])), [1, 0])
 
 
+@pytest.mark.parametrize("size, origin", [(0.05, -0.025), (0.03, -15.1), (0.1, 1234.55), (0.05, -10.0249999)])
+def test_moving_to_whole_pixels_loses_and_doubles_none(tmp_path: Path, size: float, origin: float) -> None:
+    """Half a pixel away, too, where rounding of single cells would go to either side."""
+    pytest.importorskip("yaml")
+    pixels = np.where(np.indices((37, 41)).sum(axis=0) % 2, 0, 254).astype(np.uint8)
+    path = write_image(tmp_path, pixels, origin=f"[{origin}, {-origin}, 0]", resolution=size)
+    leaves = open_map(path).resampled().leaves()
+    states = leaves.state[leaves.observed]
+    assert np.bincount(states).tolist() == [(37 * 41 + 1) // 2, 37 * 41 // 2]
+
+
+@pytest.mark.parametrize("mode", ["trinary", "scale"])
+def test_thresholds_are_reached_as_in_nav2(tmp_path: Path, mode: str) -> None:
+    pytest.importorskip("yaml")
+    pixels = np.array([[0, 100, 255]], dtype=np.uint8)
+    more = {"mode": mode, "occupied_thresh": 1.0, "free_thresh": 0.0}
+    opened = open_map(write_image(tmp_path, pixels, **more))
+    assert opened.state(np.array([[0.25, 0.25], [0.75, 0.25], [1.25, 0.25]])).tolist() == [1, -1, 0]
+    said = [
+        note for note in opened.notes if note.startswith("1 pixel between free_thresh and occupied_thresh")
+    ]
+    assert len(said) == (mode == "scale")
+
+
+def test_the_grey_of_unknown_that_is_free_is_counted(tmp_path: Path) -> None:
+    pytest.importorskip("yaml")
+    pixels = np.array([[0, 205, 205, 254]], dtype=np.uint8)
+    opened = open_map(write_image(tmp_path, pixels, free_thresh=0.25))
+    assert opened.state(np.array([[0.75, 0.25]])).tolist() == [0]
+    (note,) = opened.notes
+    assert note.startswith("2 pixels of grey 205") and "0.196" in note
+    assert not open_map(write_image(tmp_path, pixels, free_thresh=0.196)).notes
+    assert not open_map(write_image(tmp_path, np.array([[0, 254]], dtype=np.uint8), free_thresh=0.25)).notes
+
+
+def test_an_image_of_unknown_pixels_is_an_empty_map(tmp_path: Path) -> None:
+    pytest.importorskip("yaml")
+    grey = np.full((3, 3), 205, dtype=np.uint8)
+    ndtree.convert(write_image(tmp_path, grey, origin="[0.013, 0, 0]"), tmp_path / "map.ndt")
+    assert ndtree.load(tmp_path / "map.ndt").stats().observed_leaves == 0
+
+
 def test_origins_between_pixels_are_kept_until_they_are_sampled(tmp_path: Path) -> None:
     pytest.importorskip("yaml")
     random = np.random.default_rng(1)
@@ -213,8 +255,11 @@ def test_origins_between_pixels_are_kept_until_they_are_sampled(tmp_path: Path) 
     points = np.stack([-3.21 + (column + 0.5) * 0.2, 4.56 + (19 - row + 0.5) * 0.2], axis=-1)
     expected = np.array([1, -1, 0])[np.searchsorted([0, 205, 254], pixels)]
     np.testing.assert_array_equal(opened.state(points.reshape(-1, 2)), expected.ravel())
-    with pytest.raises(ValueError, match=r"map.yaml: origin \(-3.21, 4.56\) m is no whole number of pixels"):
-        ndtree.convert(path, tmp_path / "map.ndt")
+    ndtree.convert(path, tmp_path / "map.ndt")
+    moved = points.reshape(-1, 2) + [0.01, 0.04]  # To -3.2 and 4.6 m.
+    np.testing.assert_array_equal(ndtree.load(tmp_path / "map.ndt").state(moved), expected.ravel())
+    assert "(-3.21, 4.56) m is no whole number of pixels of 0.2 m" in opened.moved_note
+    assert "moved by (0.01, 0.04) m" in opened.moved_note
     sampled = opened.resampled(0.05)
     centres = np.random.default_rng(2).integers(-100, 200, (3000, 2)) * 0.05 + 0.025
     np.testing.assert_array_equal(sampled.state(centres), opened.state(centres))
@@ -227,7 +272,8 @@ def test_origins_between_pixels_are_kept_until_they_are_sampled(tmp_path: Path) 
     [
         ({"image": None}, "map.yaml: no 'image', expected the YAML"),
         ({"resolution": "wide"}, "map.yaml: resolution: found 'wide', expected a number"),
-        ({"resolution": -0.1}, "map.yaml: resolution: found -0.1, expected a number > 0 m"),
+        ({"resolution": -0.1}, "map.yaml: resolution: found -0.1, expected metres a pixel"),
+        ({"resolution": 1e-300}, "map.yaml: resolution: found 1e-300, expected metres a pixel"),
         ({"resolution": None}, "map.yaml: resolution: found None"),
         ({"origin": "[0, 0]"}, r"map.yaml: origin: found \[0, 0\], expected \[x, y, yaw\]"),
         ({"origin": None}, "map.yaml: origin: found None"),

@@ -10,12 +10,12 @@ from typing import Any
 
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import require_no_input
-from ndtree.maps.open import open_map
+from ndtree.maps.open import PlacedMap, open_map
 from ndtree.maps.writers import format_of
 
 
 def convert(
-    source: OccupancyMap | str | os.PathLike[str],
+    source: OccupancyMap | PlacedMap | str | os.PathLike[str],
     path: str | os.PathLike[str],
     *,
     format: str | None = None,
@@ -28,8 +28,9 @@ def convert(
 
     Parameters
     ----------
-    source : map, str or path
-        A map, or a file: ours, OctoMap's (.bt, .ot) or map_server's (.yaml).
+    source : map, PlacedMap, str or path
+        A map, or a file: ours, OctoMap's (.bt, .ot) or map_server's (.yaml). An image that begins at no whole
+        number of pixels from 0 is moved to the nearest.
     path : str or path
         Its ending says what is written: .ndt, a map of ours; .bt and .ot, OctoMap's; .yaml, .pgm and .png, an
         image for map_server and nav2, and its .yaml; .bag, .mcap and .db3, a ROS bag with an Octomap or an
@@ -75,6 +76,7 @@ def convert(
     if isinstance(source, OccupancyMap):
         m = source
     else:
-        require_no_input(target, [source])
-        m = open_map(source).resampled(cell_size)
+        placed = source if isinstance(source, PlacedMap) else open_map(source)
+        require_no_input(target, [placed.name])
+        m = placed.resampled(cell_size)
     chosen.write(m, target, **options)

@@ -7,11 +7,13 @@ import math
 import os
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.base.words import number_of
 from ndtree.logs.core.failures import one_line, shown
 from ndtree.logs.core.plain_file import open_regular
 
@@ -19,30 +21,47 @@ _NEEDS = "map_server's files need {} ({}); install them with: pip install 'ndtre
 #: Far more than anybody's file about an image has.
 _MOST_YAML = 1 << 16
 _MOST_NESTED = 8
+#: Edge of a pixel [m]: anything else is another unit, or damage.
+_SMALLEST, _LARGEST = 1e-4, 1e3
 #: Pillow reads others, too, some of them by calling programs.
 _IMAGES = ("PPM", "PNG", "BMP", "GIF", "JPEG", "TIFF")
 _ROWS_AT_ONCE = 256
 _WITH_ALPHA = ("RGBA", "LA", "PA", "La", "RGBa")
 #: Yaws of less turn no image by as much as a pixel [rad].
 _STRAIGHT = 1e-6
+#: The grey of unknown pixels in images of ROS 1, and the threshold above which they are not free.
+_UNKNOWN, _UNKNOWN_ABOVE = 205, 0.196
 
 
-def states_of_image(name: str) -> tuple[NDArray[np.int8], NDArray[np.float64], float]:
+@dataclass(frozen=True)
+class MapImage:
     """What an image says.
 
-    Parameters
+    Attributes
     ----------
-    name : str
-        Its YAML file.
-
-    Returns
-    -------
     states : (columns, rows) int8
         -1 unknown, 0 free, 1 occupied; the first axis is x, the second y.
     lower : (2,) float64
         Lower corner of the first [m].
     cell_size : float
         [m]
+    notes : tuple of str
+        What a user should know of how it was read, a line each.
+    """
+
+    states: NDArray[np.int8]
+    lower: NDArray[np.float64]
+    cell_size: float
+    notes: tuple[str, ...]
+
+
+def map_image(name: str) -> MapImage:
+    """Read an image of map_server's by the thresholds of its YAML file, which count as reached.
+
+    Parameters
+    ----------
+    name : str
+        Its YAML file.
 
     Raises
     ------
@@ -56,8 +75,10 @@ def states_of_image(name: str) -> tuple[NDArray[np.int8], NDArray[np.float64], f
     if not isinstance(image, str) or not image or "\0" in image:
         raise ValueError(f"{name}: image: found {shown(repr(image))}, expected the name of a file")
     size = _number(name, entries, "resolution")
-    if not size > 0:
-        raise ValueError(f"{name}: resolution: found {size}, expected a number > 0 m")
+    if not _SMALLEST <= size <= _LARGEST:
+        raise ValueError(
+            f"{name}: resolution: found {size:g}, expected metres a pixel, {_SMALLEST:g} to {_LARGEST:g}"
+        )
     occupied = _number(name, entries, "occupied_thresh", 0.65)
     free = _number(name, entries, "free_thresh", 0.196)
     negate = bool(_number(name, entries, "negate", 0))
@@ -79,12 +100,24 @@ def states_of_image(name: str) -> tuple[NDArray[np.int8], NDArray[np.float64], f
         else:
             share = (grey if negate else 255.0 - grey) / 255.0
         states = np.full(grey.shape, -1, dtype=np.int8)
-        states[share < free] = 0
-        states[share > occupied] = 1
+        states[share <= free] = 0
+        states[share >= occupied] = 1
         return states
 
-    states = _pixels(os.path.join(os.path.dirname(name), image), state, mode)
-    return states[::-1].T, np.array([x, y]), size
+    states, counts = _pixels(os.path.join(os.path.dirname(name), image), state, mode)
+    channels = len(counts) // 255
+    notes = []
+    doubtful = int(counts[_UNKNOWN * channels]) if channels < 4 else 0
+    if doubtful and mode != "raw" and not negate and state(np.array([float(_UNKNOWN)]))[0] == 0:
+        notes.append(
+            f"{number_of(doubtful, 'pixel')} of grey {_UNKNOWN}, ROS 1's unknown: free by "
+            f"free_thresh = {free:g}: {_UNKNOWN_ABOVE} would make it unknown"
+        )
+    if mode == "scale" and (between := int(counts[state(np.arange(len(counts)) / channels) == -1].sum())):
+        notes.append(
+            f"{number_of(between, 'pixel')} between free_thresh and occupied_thresh: unknown, in nav2 a cost"
+        )
+    return MapImage(states[::-1].T, np.array([x, y]), size, tuple(notes))
 
 
 def _entries(name: str) -> dict[Any, Any]:
@@ -145,8 +178,8 @@ def _number(name: str, entries: dict[Any, Any], key: str, default: float | None 
 
 def _pixels(
     path: str, state: Callable[[NDArray[np.float64]], NDArray[np.int8]], mode: str
-) -> NDArray[np.int8]:
-    """(rows, columns) states of an image's greys, which are the means of a pixel's colors.
+) -> tuple[NDArray[np.int8], NDArray[np.intp]]:
+    """(rows, columns) states of an image's greys, means of a pixel's colors; how many have each sum of these.
 
     As nav2 has it, the opaqueness of an image that has one counts as a fourth color where `mode` is trinary;
     where it is scale, pixels that are not opaque are unknown; where it is raw, it says nothing.
@@ -168,17 +201,20 @@ def _pixels(
                 image = image.convert("RGBA")
             channels = 1 if grey else 4 if has_alpha and mode == "trinary" else 3
             states = state(np.arange(channels * 255 + 1) / channels)  # By the sum of a pixel's channels.
+            counts = np.zeros(len(states), dtype=np.intp)
             columns, rows = image.size
             found = np.empty((rows, columns), dtype=np.int8)
             for first in range(0, rows, _ROWS_AT_ONCE):
                 last = min(first + _ROWS_AT_ONCE, rows)
                 part = np.asarray(image.crop((0, first, columns, last)))
                 if grey:
-                    found[first:last] = states[part.astype(np.uint8) * (255 if image.mode == "1" else 1)]
+                    sums = part.astype(np.uint8) * (255 if image.mode == "1" else 1)
                 else:
-                    found[first:last] = states[part[..., :channels].sum(axis=2, dtype=np.uint16)]
-                    if mode == "scale":
-                        found[first:last][part[..., 3] < 255] = -1
+                    sums = part[..., :channels].sum(axis=2, dtype=np.uint16)
+                found[first:last] = states[sums]
+                counts += np.bincount(sums.ravel(), minlength=len(counts))
+                if not grey and mode == "scale":
+                    found[first:last][part[..., 3] < 255] = -1
         except UnidentifiedImageError:
             raise ValueError(f"{path}: not an image, expected PGM or PNG") from None
         except Image.DecompressionBombError:
@@ -187,4 +223,4 @@ def _pixels(
             ) from None
         except (OSError, SyntaxError, EOFError) as error:
             raise ValueError(f"{path}: a damaged image: {one_line(error)}") from None
-    return found
+    return found, counts

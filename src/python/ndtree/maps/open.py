@@ -18,7 +18,7 @@ from ndtree._native._core import OccupancyMap
 from ndtree.logs import MAP_MAGIC, OCTOMAP_MAGIC, kind_of
 from ndtree.logs.core.failures import readable
 from ndtree.logs.core.plain_file import open_regular
-from ndtree.maps.images import states_of_image
+from ndtree.maps.images import map_image
 from ndtree.tiles import MANIFEST, open_tiles
 
 #: Of files of before OctoMap 1.0: a number that other files may begin with, too, so that the name counts.
@@ -42,11 +42,14 @@ class PlacedMap:
         [m]; 0 but for images that do not begin at a whole number of pixels from 0.
     name : str
         The file's name as it was given, for messages.
+    notes : tuple of str
+        What a user should know of how it was read, a line each.
     """
 
     map: OccupancyMap
     offset: NDArray[np.float64]
     name: str
+    notes: tuple[str, ...] = ()
 
     @property
     def cell_size(self) -> float:
@@ -57,29 +60,51 @@ class PlacedMap:
         """(n,) states at points (n, dim) of the common frame."""
         return np.asarray(self.map.state(points - self.offset))
 
-    def resampled(self, cell_size: float | None) -> OccupancyMap:
+    @property
+    def moved_note(self) -> str:
+        """What `resampled` does without a cell size, in one line; empty where nothing is shifted."""
+        if not self.offset.any():
+            return ""
+        at, by = (
+            ", ".join(f"{value:g}" for value in one) for one in (self.offset, self._whole - self.offset)
+        )
+        return (
+            f"origin ({at}) m is no whole number of pixels of {self.cell_size:g} m from 0: "
+            f"the map is moved by ({by}) m to the nearest"
+        )
+
+    @property
+    def _whole(self) -> NDArray[np.float64]:
+        """The shift to the nearest whole number of cells [m], free of the last bits."""
+        cells = np.rint(self.offset / self.cell_size)
+        return np.asarray(np.round(cells * self.cell_size, 9))
+
+    def resampled(self, cell_size: float | None = None) -> OccupancyMap:
         """The map without its shift: itself where there is none, else in other cells, see `to_grid`.
+
+        Without a cell size its own cells are moved by half of one at most, all alike.
 
         Raises
         ------
         ValueError
-            If there is a shift, and no cell size.
+            If the cell size is none.
         """
+        if cell_size is not None and not (cell_size > 0 and math.isfinite(cell_size)):
+            raise ValueError(f"cell_size = {cell_size} m: must be > 0 and finite")
         if not self.offset.any():
             return self.map
-        if cell_size is None:
-            at = ", ".join(f"{value:g}" for value in self.offset)
-            raise ValueError(
-                f"{self.name}: origin ({at}) m is no whole number of pixels of {self.cell_size:g} m from 0: "
-                "give a cell size to sample it anew"
-            )
-        if not (cell_size > 0 and math.isfinite(cell_size)):
-            raise ValueError(f"cell_size = {cell_size} m: must be > 0 and finite")
         leaves = self.map.leaves()
-        lower = leaves.lower[leaves.observed].min(axis=0) + self.offset
-        upper = (leaves.lower + leaves.size[:, None])[leaves.observed].max(axis=0) + self.offset
-        first = np.floor(lower / cell_size)
-        shape = (np.ceil(upper / cell_size) - first).astype(int)
+        if not leaves.observed.any():
+            return self.map
+        lower = leaves.lower[leaves.observed].min(axis=0)
+        upper = (leaves.lower + leaves.size[:, None])[leaves.observed].max(axis=0)
+        size = self.cell_size
+        if cell_size is None:
+            shape = np.rint((upper - lower) / size).astype(int)
+            states = self.map.to_grid([lower, lower + (shape - 0.5) * size], size)
+            return _core.from_grid(states, lower + self._whole, size)
+        first = np.floor((lower + self.offset) / cell_size)
+        shape = (np.ceil((upper + self.offset) / cell_size) - first).astype(int)
         corner = first * cell_size
         states = self.map.to_grid(
             [corner - self.offset, corner + (shape - 0.5) * cell_size - self.offset], cell_size
@@ -180,7 +205,8 @@ def no_map(name: str, expected: str, in_python: str = "") -> ValueError:
 
 
 def _map_server(name: str) -> PlacedMap:
-    states, lower, size = states_of_image(name)
+    image = map_image(name)
+    lower, size = image.lower, image.cell_size
     on_lattice = np.all(np.abs(lower / size - np.rint(lower / size)) <= _ON_LATTICE)
     offset = np.zeros(2) if on_lattice else lower
-    return PlacedMap(_core.from_grid(states, lower - offset, size), offset, name)
+    return PlacedMap(_core.from_grid(image.states, lower - offset, size), offset, name, image.notes)

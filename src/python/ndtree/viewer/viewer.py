@@ -238,7 +238,7 @@ def view(
     name = "ndtree"
     if isinstance(m, (str, os.PathLike)):
         placed = open_map(m)
-        m, name = placed.resampled(placed.cell_size), os.path.basename(os.path.normpath(m))
+        m, name = placed.resampled(), os.path.basename(os.path.normpath(m))
     page = Viewer(m, port=port, look=look, name=name)
     if browser:
         webbrowser.open(page.url)

@@ -11,7 +11,7 @@ from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.comparing import compared
 from ndtree.cli.commands.flags import map_options
-from ndtree.cli.commands.logs import open_log, warn_of_skipped
+from ndtree.cli.commands.logs import open_log, placed_map, warn_of_skipped
 from ndtree.cli.commands.options import (
     HeldOut,
     Json,
@@ -133,7 +133,7 @@ def _compare_two(
         raise WrongCall(f"compare: {a} is a map, expected a second one")
     _refuse_others(context, ("log", "other", "json_file", "picture"), f"is for a LOG, and {a} is a map")
     check_picture(plotting() if picture else None, picture)
-    comparison = compare_maps(a, b)
+    comparison = compare_maps(placed_map(a, is_moved=False), placed_map(b, is_moved=False))
     if picture:
         comparison.draw(picture)
     if not is_stdout(json_file):

@@ -6,8 +6,9 @@ from typing import Annotated, Any, Optional
 
 import typer
 
+from ndtree.base.files import require_no_input
 from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.logs import made
+from ndtree.cli.commands.logs import made, placed_map
 from ndtree.maps.conversion import convert
 from ndtree.maps.writers import FORMATS as MAP_FORMATS
 from ndtree.maps.writers import STATES as CELL_STATES
@@ -65,5 +66,6 @@ def convert_(
     }
     options = {name: value for name, value in given.items() if value is not None}
     made(lambda: format_of(output, format, options))
-    convert(source, output, format=format, **options)
+    require_no_input(output, [source])
+    convert(placed_map(source, is_moved=cell_size is None), output, format=format, **options)
     print(f"{source}: wrote {output}")

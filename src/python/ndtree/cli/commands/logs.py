@@ -16,14 +16,21 @@ from ndtree.cli.commands.messages import laid_out
 from ndtree.cli.commands.options import World
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log, simulate
-from ndtree.maps.open import open_map
+from ndtree.maps.open import PlacedMap, open_map
 from ndtree.tuning.config import Config
 
 
 def load_map(path: Path) -> OccupancyMap:
-    """A map of any kind; an image that does not begin at a whole number of pixels from 0 is sampled anew."""
+    """A map of any kind; an image that begins at no whole number of pixels from 0 is moved to the nearest."""
+    return placed_map(path).resampled()
+
+
+def placed_map(path: Path, *, is_moved: bool = True) -> PlacedMap:
+    """A map of any kind; what a user should know of it is said, also where it `is_moved`."""
     placed = open_map(path)
-    return placed.resampled(placed.cell_size)
+    for note in (*placed.notes, *([placed.moved_note] if is_moved and placed.moved_note else [])):
+        print(laid_out(f"{path}: {note}"), file=sys.stderr)
+    return placed
 
 
 def open_log(

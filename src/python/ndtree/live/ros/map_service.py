@@ -339,4 +339,4 @@ def _corrections(value: Callable[[str], Any]) -> Corrections | None:
 
 def _loaded(path: str) -> OccupancyMap:
     placed = open_map(path)
-    return placed.resampled(placed.cell_size)
+    return placed.resampled()
