@@ -94,6 +94,39 @@ def test_the_folder_of_scans_alone_finds_the_poses_above_it(tmp_path: Path) -> N
     assert any("poses.csv" in note for note in log.notes), "poses from elsewhere are said"
 
 
+def test_poses_above_that_need_not_be_of_the_scans_are_only_named(tmp_path: Path) -> None:
+    """More poses than scans, fewer, at other times, or a file that is damaged: the way on is in the error."""
+    for i in range(3):
+        (tmp_path / "clouds").mkdir(exist_ok=True)
+        rooms.as_text(tmp_path / "clouds" / f"{i:06d}.xyz", SCANS[i].points)
+    for count in (2, len(SCANS)):
+        rooms.kitti(tmp_path / "poses.txt", SCANS[:count])
+        with pytest.raises(
+            NotALog, match=rf"3 .* without poses(.|\n)*--trajectory .*poses\.txt \(has {count} poses\)"
+        ):
+            read(tmp_path / "clouds")
+    rooms.kitti(tmp_path / "poses.txt", SCANS[:3])
+    assert_same(list(read(tmp_path / "clouds")), SCANS[:3], MICROMETRE)
+    for i in range(3):
+        (tmp_path / "clouds" / f"{i:06d}.xyz").rename(tmp_path / "clouds" / f"{1700000000 + i}.000.xyz")
+    rows = [f"{1600000000 + i}.0 {i} 0 0 0 0 0 1" for i in range(9)]
+    (tmp_path / "poses.txt").write_text("\n".join(rows))
+    with pytest.raises(NotALog, match=r"--trajectory .*poses\.txt \(has 9 poses\)"):
+        read(tmp_path / "clouds")
+    (tmp_path / "poses.txt").write_text("\n".join([*rows, *rows]))
+    with pytest.raises(NotALog, match=r"--trajectory .*poses\.txt \(cannot be read\)"):
+        read(tmp_path / "clouds")
+
+
+def test_the_map_beside_a_graph_is_no_scan_of_it(tmp_path: Path) -> None:
+    rooms.as_text(tmp_path / "map.xyz", SCANS[0].points)
+    (tmp_path / "pose_graph.g2o").write_text("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\n")
+    with pytest.raises(
+        NotALog, match=r"without a pose(.|\n)*--points-only(.|\n)*pose_graph.g2o \(has 2 poses\)"
+    ):
+        read(tmp_path)
+
+
 def test_poses_in_the_clouds_come_before_those_above(tmp_path: Path) -> None:
     """Stray trajectories in the folder above are not taken where the clouds have poses of their own."""
     (tmp_path / "clouds").mkdir()

@@ -167,6 +167,21 @@ class PosesOfFiles:
             )
         return trajectory.pose_at(self.stamp(i) + self._time_offset)
 
+    @property
+    def count(self) -> int:
+        """Of all poses of the trajectory."""
+        return len(self._trajectory.stamps)
+
+    def fit(self) -> bool:
+        """Whether they are surely of these files: one for each, or at all their times."""
+        trajectory = self._trajectory
+        if trajectory.is_numbered:
+            return self.count == len(self._files)
+        if not self._named_by_stamps and self._times is None:
+            return False
+        times = [self.stamp(i) + self._time_offset for i in range(len(self._files))]
+        return bool(trajectory.stamps[0] <= min(times) and max(times) <= trajectory.stamps[-1])
+
     def stamp(self, i: int) -> float:
         """Time of file i [s]; 0 where there is none."""
         if self._named_by_stamps:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.base.scan import Scan
+from ndtree.base.words import number_of
 from ndtree.logs.core.padding import without_zeros
 from ndtree.logs.core.source import TIME_OFFSET, Format, ReaderOption, Source, require_dim, source_of
 from ndtree.logs.core.unplaced import ORIGIN_OF_SCAN, POINTS_ONLY, Unplaced, without_sensor
@@ -59,7 +61,7 @@ class PointCloudLog(FolderLog):
       (``times.txt`` has the times of numbered files); see `PosesOfFiles` for which pose is whose;
     - VIEWPOINT of PCD files, or the element camera that PCL writes to PLY files, unless it is the identity in
       all: so it is where nobody has said it;
-    - poses in the folder above.
+    - poses in the folder above, if there is one for each file, or they are there at all its times.
 
     Points without poses need `origin_of_scan` or `points_only`.
 
@@ -110,18 +112,30 @@ class PointCloudLog(FolderLog):
         if unplaced:
             self.may_be_cut_off = unplaced.origin is not None
             return
-        if trajectory is None:
-            found = poses_of(source.path, scans) if source.is_folder else _beside_file(scans)
-            if not found and not self._have_viewpoints():
-                found = poses_above(scans) if source.is_folder else found
-                if not found:
-                    raise without_sensor(source.path, self._said(), more=self._more())
-            self._beside, trajectory = found.beside, found.trajectory
-            self._say_where(found, scans.folder)
         if trajectory is not None:
-            self._trajectory = PosesOfFiles(
-                trajectory, self._files, times_of(scans.folder, scans), time_offset
-            )
+            self._trajectory = self._poses_in(trajectory, scans, time_offset)
+        else:
+            self._find_poses(source, scans, time_offset)
+
+    def _poses_in(self, trajectory: str, scans: Scans, time_offset: float) -> PosesOfFiles:
+        return PosesOfFiles(trajectory, self._files, times_of(scans.folder, scans), time_offset)
+
+    def _find_poses(self, source: Source, scans: Scans, time_offset: float) -> None:
+        """Poses by where they are; raises the error of points without any."""
+        found = poses_of(source.path, scans) if source.is_folder else _beside_file(scans)
+        # Those above may be of other scans, and those beside one map of the scans that it was made of.
+        must_fit = len(self) == 1 and number_in(stem_of(self._files[0])) is None
+        if not found and not self._have_viewpoints() and source.is_folder:
+            found, must_fit = poses_above(scans), True
+        others = ""
+        if found.trajectory is not None:
+            poses = self._poses_in(found.trajectory, scans, time_offset)
+            others = _misfit(poses, found.trajectory) if must_fit else ""
+            self._trajectory, found = (None, FoundPoses()) if others else (poses, found)
+        if not found and not self._have_viewpoints():
+            raise without_sensor(source.path, self._said(), more=self._more(others))
+        self._beside = found.beside
+        self._say_where(found, scans.folder)
 
     def _say_where(self, found: FoundPoses, folder: str) -> None:
         """Note poses that are not in the folder of the scans."""
@@ -165,8 +179,9 @@ class PointCloudLog(FolderLog):
         kind = "LAZ" if self._files[0].lower().endswith("z") else kind
         return f"a {kind} of points without a pose{why.format('')}"
 
-    def _more(self) -> list[str]:
-        ways = ["--trajectory FILE (poses of the sensor)"]
+    def _more(self, others: str) -> list[str]:
+        """Further ways to say the poses; `others` are in a file that need not be of these scans."""
+        ways = [f"--trajectory {others or 'FILE (poses of the sensor)'}"]
         if self._kind is TEXT_CLOUD and len(self) == 1 and _may_be_beams(source_of(self._files[0], "")):
             ways.append("--format text (each line is a beam: origin and end point)")
         return ways
@@ -207,6 +222,14 @@ class PointCloudLog(FolderLog):
 
     def _in_map(self, points: NDArray[np.floating], T_map_sensor: Pose) -> NDArray[np.floating]:
         return T_map_sensor.apply(points) if self._points_in == "sensor" else without_zeros(points)
+
+
+def _misfit(poses: PosesOfFiles, path: str) -> str:
+    """A file of poses and why they need not be of these scans; empty where they fit."""
+    try:
+        return "" if poses.fit() else f"{shlex.quote(path)} (has {number_of(poses.count, 'pose')})"
+    except ValueError:
+        return f"{shlex.quote(path)} (cannot be read)"
 
 
 def _scans_of(source: Source) -> Scans | None:
