@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-laspy = pytest.importorskip("laspy", reason="no laspy: no LAS can be written")
-
 import ndtree
 from ndtree.logs.folders.coordinate_system import Units, units_of_keys, units_of_wkt
+
+laspy = pytest.importorskip("laspy", reason="no laspy: no LAS can be written")
 
 SURVEY, FOOT = 1200 / 3937, 0.3048
 DEGREES = 'GEOGCS["WGS 84",DATUM["W",SPHEROID["W",6378137,298.2]],UNIT["degree",0.0174532925199433]]'

@@ -16,6 +16,7 @@ from ndtree.logs.core.rules import NO_ECHO, Rules
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files.bag import Bag
 from ndtree.logs.ros.messages.beams import SENSOR_NAMES, SENSORS, Beams, Floats, stamp_of
+from ndtree.logs.ros.messages.byte_order import SWAPPED
 from ndtree.logs.ros.messages.laser import NoiseAtLimit
 from ndtree.logs.ros.placement.placement import Placement
 from ndtree.logs.ros.placement.standing import Standing
@@ -165,6 +166,8 @@ class MessageReader:
             self._tell(one, _SENSELESS, beams.senseless)
         if beams.unlimited:
             self._tell(one, _UNLIMITED, beams.unlimited)
+        if beams.swapped:
+            self._tell(one, SWAPPED, f"{len(beams.points)} points")
         self.zeros += beams.zeros
         if one.topic in self._watched:
             if place.stands:

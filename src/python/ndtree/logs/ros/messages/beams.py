@@ -60,6 +60,8 @@ class Beams:
         Beams with a range of 0.
     endless : int
         Beams that met nothing, but of which the message does not say up to where: they are invalid.
+    swapped : bool
+        The message's bytes are in the other order than it says.
     """
 
     points: NDArray[np.floating[Any]]
@@ -70,6 +72,7 @@ class Beams:
     senseless: str = ""
     unlimited: str = ""
     zeros: int = 0
+    swapped: bool = False
 
 
 def stamp_of(message: Any) -> float:

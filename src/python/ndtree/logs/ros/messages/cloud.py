@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ndtree.logs.core.padding import without_padding
 from ndtree.logs.ros.messages.beams import LONGEST_SWEEP, Beams, Floats, pitch_of
+from ndtree.logs.ros.messages.byte_order import LOOKED_AT, is_swapped
 
 _FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
@@ -57,15 +58,21 @@ def cloud_beams(message: Any, stamp: float) -> Beams:
         )
     layout = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
     table = np.ndarray((height, width), layout, np.ascontiguousarray(data), strides=(row_step, step))
+    swapped = all(kind[1] == "f" for kind in formats[:3]) and is_swapped(
+        np.concatenate([table[axis].ravel()[:LOOKED_AT] for axis in "xyz"])
+    )
+    if swapped:
+        table = table.view(layout.newbyteorder())
     kind = np.float32 if all(kind[1:] == "f4" for kind in formats[:3]) else np.float64
     points = np.empty((height, width, 3), dtype=kind)
     for axis, name in enumerate(("x", "y", "z")):
         points[:, :, axis] = table[name]
     flat = without_padding(points.reshape(-1, 3))
     if len(names) < 4:
-        return Beams(flat)
+        return Beams(flat, swapped=swapped)
     times, wrong = times_of(table[names[3]].ravel(), stamp, np.isfinite(flat).all(axis=1))
-    return Beams(flat, times=times, senseless=f"{names[3]} {wrong}" if wrong else "")
+    senseless = f"{names[3]} {wrong}" if wrong else ""
+    return Beams(flat, times=times, senseless=senseless, swapped=swapped)
 
 
 def times_of(values: NDArray[Any], stamp: float, measured: NDArray[np.bool_]) -> tuple[Floats | None, str]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ndtree.logs.folders.depth_image import Camera, points_of
 from ndtree.logs.ros.messages import rvl
 from ndtree.logs.ros.messages.beams import COMPRESSED_IMAGE, Beams, pitch_of
+from ndtree.logs.ros.messages.byte_order import is_swapped
 
 #: Images that hold depths: type of a pixel, and its values in a metre.
 DEPTH_ENCODINGS = {
@@ -33,7 +34,8 @@ _BITS, _GREY_OF_16_BITS = slice(24, 26), bytes([16, 0])
 
 def depth_beams(message: Any, camera: Camera, pixel_stride: int) -> Beams:
     """Points of a depth image; pixels without depth are no beams."""
-    return Beams(points_of(depth_of(message), camera, pixel_stride=pixel_stride))
+    image, swapped = _pixels(message)
+    return Beams(points_of(image, camera, pixel_stride=pixel_stride), swapped=swapped)
 
 
 def encoding_of(message: Any) -> str:
@@ -85,9 +87,14 @@ def size_of(message: Any) -> tuple[int, int]:
 
 def depth_of(message: Any) -> NDArray[Any]:
     """The pixels of a depth image, (rows, columns), in its own unit."""
+    return _pixels(message)[0]
+
+
+def _pixels(message: Any) -> tuple[NDArray[Any], bool]:
+    """The same, and whether the message's bytes are in the other order than it says."""
     scale_of(message)
     if message.__msgtype__ == COMPRESSED_IMAGE:
-        return _unpacked(message)
+        return _unpacked(message), False
     kind = np.dtype((">" if message.is_bigendian else "<") + DEPTH_ENCODINGS[encoding_of(message)][0])
     height, width, step = int(message.height), int(message.width), int(message.step)
     data = np.ascontiguousarray(message.data, dtype=np.uint8)
@@ -100,7 +107,11 @@ def depth_of(message: Any) -> NDArray[Any]:
             f"and {width} pixels of {kind.itemsize}"
         )
     image = np.ndarray((height, width), kind, data, strides=(step, kind.itemsize))
-    return image if kind.isnative else image.astype(kind.newbyteorder("="))
+    swapped = is_swapped(image)
+    if swapped:
+        kind = kind.newbyteorder()
+        image = image.view(kind)
+    return image if kind.isnative else image.astype(kind.newbyteorder("=")), swapped
 
 
 def _unpacked(message: Any) -> NDArray[Any]:
