@@ -144,6 +144,41 @@ def test_tum_takes_another_trajectory(tmp_path: Path) -> None:
         list(read(tmp_path))
 
 
+def counted(folder: Path, listed: str) -> Path:
+    """As ICL-NUIM: poses with times 1, 2, 3, images with numbers from 0."""
+    (folder / "depth").mkdir()
+    for i in range(4):
+        save_png(folder / "depth" / f"{i}.png", depth_image(i))
+    poses = [f"{i} {i} 0 0 0 0 0 1\n" for i in range(1, 4)]
+    (folder / "room.gt.freiburg").write_text("".join(poses))
+    if listed:
+        lines = [listed.format(i) for i in range(4)]
+        (folder / "associations.txt").write_text("\n".join(lines))
+    return folder
+
+
+@pytest.mark.parametrize(
+    "listed", ["", "{0} depth/{0}.png {0} rgb/{0}.png", "{0}.0 ./rgb/{0}.png {0} depth/{0}.png"]
+)
+def test_times_that_are_numbers_of_images_find_their_poses(listed: str, tmp_path: Path) -> None:
+    log = read(counted(tmp_path, listed))
+    assert [scan.origin[0] for scan in log] == [1, 2, 3]
+    assert log.skipped["scans without a pose"].count == 1
+
+
+def test_a_list_says_other_times_than_the_names(tmp_path: Path) -> None:
+    folder = counted(tmp_path, "{0} depth/{0}.png")
+    (folder / "associations.txt").write_text("".join(f"{3 - i}.25 depth/{i}.png\n" for i in range(4)))
+    assert [scan.origin[0] for scan in read(folder)] == [2.25, 1.25]
+
+
+def test_a_negative_focal_length_turns_the_image_over() -> None:
+    image = depth_image(1).astype(np.float64)
+    upright = points_of(image, Camera(10, 10, 8, 5.5))
+    over = points_of(image, Camera(10, -10, 8, 5.5))
+    np.testing.assert_array_equal(over, upright * [1, -1, 1])
+
+
 def test_floats_are_metres_and_what_is_not_finite_is_no_depth() -> None:
     image = np.array([[1.5, np.nan, np.inf], [0.0, -1.0, 2.0]], dtype=np.float32)
     points = points_of(image, Camera(2, 4, 1, 1))
@@ -264,6 +299,8 @@ def test_damaged_frames_can_be_passed_over(case: str, kind: str, tmp_path: Path)
         ({"camera": "1,2,3"}, "camera = '1,2,3': expected fx,fy,cx,cy or fx,fy,cx,cy,scale"),
         ({"camera": "a,b,c,d"}, "camera = 'a,b,c,d': expected"),
         ({"camera": "0,1,2,3"}, "fx = 0 of the camera: must be > 0"),
+        ({"camera": "1,0,2,3"}, "fy = 0 of the camera: must be not 0 and finite"),
+        ({"camera": "-1,1,2,3"}, "fx = -1 of the camera: must be > 0"),
         ({"camera": "1,1,nan,3"}, "cx = nan of the camera: must be finite"),
         ({"camera": "1,1,2,3,-5"}, "scale = -5 of the camera: must be > 0"),
         ({"pixel_stride": 0}, "pixel_stride = 0: must be >= 1"),

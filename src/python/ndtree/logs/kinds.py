@@ -25,6 +25,19 @@ _SHEET = "saving it as CSV, with a header that names x, y and z"
 _POINTS_ON = "sampling points on it: CloudCompare saves them as PLY"
 _OF_VTK = "saving it as PLY in ParaView"
 _FRAMES = "COLMAP on its frames, then ndtree map on its text model"
+_OF_KARTO = (
+    "its map as map_server's (map_saver_cli -f MAP): ndtree info MAP.yaml; or the bag that it was made from"
+)
+#: Of programs that make models of photographs: a file of theirs, words in it, what it is, and what helps.
+_MODELS = (
+    ("transforms.json", '"transform_matrix"', "cameras of Nerfstudio or instant-ngp", _FRAMES),
+    (
+        "reconstruction.json",
+        '"shots"',
+        "a reconstruction of OpenSfM",
+        "opensfm export_colmap FOLDER, then ndtree map on the text model that it writes",
+    ),
+)
 _UNPACK = "unpacking it, then ndtree map on the folder or the log in it"
 _EXPORT = "exporting E57 or PTX from {program}: these have a pose for each scan"
 _TO_CLOUDS = "ouster-cli source {path} save scans.csv (pip install ouster-sdk), then their folder"
@@ -54,7 +67,10 @@ _KINDS = (
     _Kind("a JPEG image", _DEPTH, (b"\xff\xd8\xff",)),
     _Kind("a TIFF image", _DEPTH, (b"II*\0", b"MM\0*")),
     _Kind(
-        "an image of map_server's", "ndtree info on the .yaml beside it", (b"P5", b"P2"), endings=(".pgm",)
+        "an image of map_server's or a depth image",
+        "ndtree info on the .yaml beside it, or ndtree map on a folder of depth images and their poses",
+        (b"P5", b"P2"),
+        endings=(".pgm",),
     ),
     _Kind("a picture of portable graymap kind", _DEPTH, (b"P5\n", b"P2\n", b"P6\n")),
     _Kind("a BMP image", _DEPTH, (b"BM",), endings=(".bmp",)),
@@ -73,6 +89,8 @@ _KINDS = (
     _Kind("a file packed by zstd", "zstd -d {path}", (b"\x28\xb5\x2f\xfd",)),
     _Kind("a file packed by lz4", "lz4 -d {path}", (b"\x04\x22\x4d\x18",)),
     _Kind("a PX4 or other ULog", "its poses as a CSV with a header, for --trajectory", (b"ULog",)),
+    _Kind("a log of ArduPilot", "its poses as a CSV with a header, for --trajectory", (b"\xa3\x95\x80",)),
+    _Kind("a pose graph of slam_toolbox", _OF_KARTO, (b"serialization::archive",), 8),
     _Kind("an HDF5", _NPZ, (b"\x89HDF",)),
     _Kind("an array of NumPy", _NPZ, (b"\x93NUMPY",)),
     _Kind("a table of Parquet", _NPZ, (b"PAR1",)),
@@ -209,6 +227,9 @@ def before_formats(source: Source) -> NotALog | None:
 
 
 def _of_folder(source: Source, path: str) -> NotALog | None:
+    for name, _, what, helps in _MODELS:
+        if name in source.names:
+            return NotALog(source.path, what, [helps])
     endings = Counter(os.path.splitext(name)[1].lower() for name in source.names)
     found = [(count, ending) for ending, count in endings.items() if ending in _LOGS]
     if found:
@@ -237,6 +258,9 @@ def _of_text(source: Source, path: str) -> NotALog | None:
         what = "poses with times" if kind == "tum" else "poses by their number"
         return NotALog(source.path, f"a trajectory, {what}", [f"ndtree map LOG --trajectory {path}"])
     start = head.lstrip()
+    for name, word, what, helps in _MODELS:
+        if start.startswith(("{", "[")) and (word in head or os.path.basename(source.path) == name):
+            return NotALog(source.path, what, [helps])
     if start.startswith(("{", "[")) and _is_json(head, source):
         return NotALog(source.path, "text in JSON, and none of the kinds that are read")
     if start.startswith("<"):

@@ -58,8 +58,6 @@ def pcd_viewpoint(path: str) -> Pose:
                 fields = line.decode("ascii", "replace").split()[1:]
                 try:
                     x, y, z, qw, qx, qy, qz = (float(field) for field in fields)
-                    if not np.isfinite((x, y, z)).all():
-                        raise ValueError("not finite")
                     return Pose.from_quaternion((x, y, z), (qx, qy, qz, qw))
                 except ValueError as error:
                     raise ValueError(
@@ -75,8 +73,6 @@ def ply_viewpoint(path: str) -> Pose:
         return Pose.identity()
     position, rotation = found
     try:
-        if not np.isfinite(position).all():
-            raise ValueError("not finite")
         return Pose.from_matrix(np.column_stack([rotation, position]))
     except ValueError as error:
         raise ValueError(f"{path}: element camera: expected a position and a rotation ({error})") from None

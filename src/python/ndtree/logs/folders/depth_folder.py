@@ -3,22 +3,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import math
 import os
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.logs.core.failures import NotALog, one_line
-from ndtree.logs.core.plain_file import open_regular
+from ndtree.logs.core.plain_file import open_regular, text_lines
 from ndtree.logs.core.source import TIME_OFFSET, Format, Source, require_dim
 from ndtree.logs.folders.depth_image import (
     CAMERA,
+    ENDINGS,
     PIXEL_STRIDE,
     Camera,
     camera_of,
     check_stride,
-    load_png,
+    load_depth,
     points_of,
 )
 from ndtree.logs.folders.folder import FolderLog, PosesOfFiles, number_in, stem_of
@@ -35,13 +39,15 @@ DEFAULT_CAMERA = Camera(525.0, 525.0, 319.5, 239.5, scale=1000.0)
 #: The largest value is what drivers write where they have none.
 NO_DEPTH = 65535
 _CAMERA_FILE = 1 << 20
+#: Lists of images with their times.
+_LISTS = ("associations.txt", "association.txt", "associate.txt", "associated.txt", "assoc.txt")
 
 
 class DepthFolderLog(FolderLog):
-    """``depth/*.png`` (16 bits, millimetres; 0 and 65535 are no depth) and ``trajectory.log``.
+    """``depth/*.png`` or ``.pgm`` (16 bits, millimetres; 0 and 65535 are no depth) and ``trajectory.log``.
 
-    The camera is `camera`, else the intrinsic matrix in a JSON of the folder, as Open3D writes it, else
-    Open3D's default, with a note.
+    Times of images are their names, or in a list ``associations.txt``. The camera is `camera`, else the
+    intrinsic matrix in a JSON of the folder, as Open3D writes it, else Open3D's default, with a note.
     """
 
     is_depth_camera = True
@@ -59,7 +65,7 @@ class DepthFolderLog(FolderLog):
         self._pixel_stride = pixel_stride
         folder = source.inside(IMAGES)
         names = sorted(
-            (name for name in os.listdir(folder) if name.lower().endswith(".png")),
+            (name for name in os.listdir(folder) if name.lower().endswith(ENDINGS)),
             key=lambda name: (number_in(stem_of(name)) or 0, name),
         )
         super().__init__(source.path, [os.path.join(folder, name) for name in names])
@@ -80,13 +86,13 @@ class DepthFolderLog(FolderLog):
             self._decided.append(
                 "the camera is taken for a PrimeSense: 525,525,319.5,239.5,1000; --camera says another"
             )
-        self._poses = PosesOfFiles(trajectory, self._files, None, time_offset)
+        self._poses = PosesOfFiles(trajectory, self._files, None, time_offset, _times_in(source, names))
 
     def _pose(self, i: int) -> Pose:
         return self._poses.pose(i)
 
     def _points(self, i: int) -> NDArray[np.floating]:
-        image = load_png(self._files[i])
+        image = load_depth(self._files[i])
         return points_of(image, self._camera, pixel_stride=self._pixel_stride, no_depth=(NO_DEPTH,))
 
     def _stamp(self, i: int) -> float:
@@ -106,6 +112,26 @@ def _trajectory_in(source: Source) -> str | None:
     if len(found) > 1:
         raise several_trajectories(source.path, found)
     return source.inside(found[0]) if found else None
+
+
+def _times_in(source: Source, names: Sequence[str]) -> list[float]:
+    """Times of images [s] by a list as of TUM's tools, ``time depth/name time rgb/name`` in either order.
+
+    None where there is no such list, or it leaves some out.
+    """
+    for name in _LISTS:
+        if name not in source.names:
+            continue
+        times: dict[str, float] = {}
+        for _, line in text_lines(source.inside(name)):
+            fields = line.split("#", 1)[0].split()
+            for time, image in zip(fields[::2], fields[1::2]):
+                with contextlib.suppress(ValueError):
+                    times[os.path.normpath(image)] = float(time)
+        found = [times.get(os.path.join(IMAGES, image), math.nan) for image in names]
+        if all(map(math.isfinite, found)):
+            return found
+    return []
 
 
 def _camera_in(source: Source) -> Camera | None:
@@ -137,7 +163,7 @@ def _camera_in(source: Source) -> Camera | None:
 def _recognises(source: Source) -> bool:
     if IMAGES not in source.names or not os.path.isdir(source.inside(IMAGES)):
         return False
-    return any(name.lower().endswith(".png") for name in os.listdir(source.inside(IMAGES)))
+    return any(name.lower().endswith(ENDINGS) for name in os.listdir(source.inside(IMAGES)))
 
 
 def _open(

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -15,6 +16,12 @@ from ndtree.logs.core.plain_file import open_regular
 from ndtree.logs.core.source import ReaderOption
 
 CAMERA = ReaderOption("camera", str, "Of depth images: fx,fy,cx,cy[,image values per metre].")
+ENDINGS = (".png", ".pgm")
+#: More pixels are no depth camera's.
+_MOST_PIXELS = 1 << 25
+_PGM_HEADER = 1 << 12
+_GAP = rb"(?:\s|#[^\n]*\n)+"
+_PGM = re.compile(rb"P5" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})\s")
 PIXEL_STRIDE = ReaderOption("pixel_stride", int, "Use each n-th row and column of depth images.")
 
 
@@ -25,7 +32,7 @@ class Camera:
     Attributes
     ----------
     fx, fy : float
-        Focal lengths [px], > 0.
+        Focal lengths [px], fx > 0; fy < 0 where the first row of the image is its lowest.
     cx, cy : float
         Principal point [px]; the middle of the first pixel is (0, 0).
     scale : float
@@ -41,8 +48,9 @@ class Camera:
     def __post_init__(self) -> None:
         for name in ("fx", "fy", "scale"):
             value = getattr(self, name)
-            if not (value > 0 and math.isfinite(value)):
-                raise ValueError(f"{name} = {value:g} of the camera: must be > 0 and finite")
+            if not ((value > 0 or (name == "fy" and value < 0)) and math.isfinite(value)):
+                limit = "not 0" if name == "fy" else "> 0"
+                raise ValueError(f"{name} = {value:g} of the camera: must be {limit} and finite")
         for name in ("cx", "cy"):
             if not math.isfinite(getattr(self, name)):
                 raise ValueError(f"{name} = {getattr(self, name):g} of the camera: must be finite")
@@ -125,6 +133,36 @@ def _rays(
     return x / camera.scale, (y / camera.scale)[:, None]
 
 
+def load_depth(path: str) -> NDArray[np.unsignedinteger[Any]]:
+    """A depth image of one channel of 16 bits, PGM or PNG, as `load_png`."""
+    return _load_pgm(path) if path.lower().endswith(".pgm") else load_png(path)
+
+
+def _load_pgm(path: str) -> NDArray[np.unsignedinteger[Any]]:
+    """A binary PGM with its own values, whatever the largest is said to be."""
+    with open_regular(path) as file:
+        content = file.read(2 * _MOST_PIXELS + _PGM_HEADER)
+    header = _PGM.match(content[:_PGM_HEADER])
+    if header is None:
+        raise ValueError(f"{path}: not a binary PGM, expected one of 16 bits")
+    columns, rows, largest = (int(number) for number in header.groups())
+    _check_size(path, columns, rows)
+    if not 255 < largest < 65536:
+        raise ValueError(f"{path}: found a PGM of values up to {largest}, expected one of 16 bits")
+    if len(content) - header.end() < 2 * rows * columns:
+        raise ValueError(f"{path}: the PGM is cut off, expected {columns} x {rows} pixels")
+    return (
+        np.frombuffer(content, ">u2", rows * columns, header.end()).reshape(rows, columns).astype(np.uint16)
+    )
+
+
+def _check_size(path: str, columns: int, rows: int) -> None:
+    """Refuses images that no depth camera makes, and whose points would take gigabytes."""
+    if columns * rows > _MOST_PIXELS:
+        found, most = (f"{pixels / 1e6:.0f} megapixels" for pixels in (columns * rows, _MOST_PIXELS))
+        raise ValueError(f"{path}: an image of {found}, expected at most {most}")
+
+
 def load_png(path: str) -> NDArray[np.unsignedinteger[Any]]:
     """A depth image of one channel.
 
@@ -155,6 +193,7 @@ def load_png(path: str) -> NDArray[np.unsignedinteger[Any]]:
     with open_regular(path) as file:
         try:
             with Image.open(file, formats=["PNG"]) as image:
+                _check_size(path, *image.size)
                 # Pillow names 16 bits "I;16", and before version 10.3 widened them to "I".
                 if image.mode not in ("I;16", "I;16B", "I"):
                     raise ValueError(f"{path}: found an image of mode {image.mode}, {expected}")

@@ -23,6 +23,8 @@ from ndtree.logs.poses.trajectory_files import read_times, read_trajectory
 
 #: Files that are looked at for where the ranges of all end.
 _SAMPLE = 8
+#: Larger times are seconds since 1970.
+_MOST_FILES = 10_000_000
 
 
 class FolderLog(SizedLog):
@@ -118,8 +120,9 @@ class PosesOfFiles:
     Of poses with numbers (KITTI's lines count from 0, a graph's vertices as it says), the pose of the number
     at the end of the file's name; where there are as many poses as files, and a number has none, all count by
     their order. Of a TUM trajectory (poses with times), the pose at the file's time, which is its whole name
-    (see `stamps_in`), or the time on the line of its number. Files without a number are counted in their
-    order, and there must be a line for each.
+    (see `stamps_in`), or the time on the line of its number; where nothing says times, and those of the poses
+    are whole numbers, they are the files' numbers. Files without a number are counted in their order, and
+    there must be a line for each.
 
     Parameters
     ----------
@@ -160,6 +163,8 @@ class PosesOfFiles:
         trajectory = self._trajectory
         if trajectory.is_numbered:
             return trajectory.pose_at(self._number(i, trajectory))
+        if self._are_counted:
+            return trajectory.pose_at(float(self._lines[i]))
         if not self._named_by_stamps and self._times is None:
             raise ValueError(
                 f"{self._files[i]}: has no time to find its pose in {self._path}, "
@@ -222,6 +227,14 @@ class PosesOfFiles:
     def _are_known(self) -> bool:
         """Whether there is a pose for each number, or not one for each file in their order either."""
         return len(self._known) != len(self._files) or all(float(line) in self._known for line in self._lines)
+
+    @cached_property
+    def _are_counted(self) -> bool:
+        """Whether times of poses are numbers of files: whole, small, and nothing else tells."""
+        if self._named_by_stamps or self._times is not None or not self._numbered:
+            return False
+        stamps = self._trajectory.stamps
+        return bool((stamps == np.rint(stamps)).all() and 0 <= stamps[0] and stamps[-1] < _MOST_FILES)
 
     @cached_property
     def _known(self) -> frozenset[float]:

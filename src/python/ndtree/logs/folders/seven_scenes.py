@@ -17,7 +17,7 @@ from ndtree.logs.folders.depth_image import (
     Camera,
     camera_of,
     check_stride,
-    load_png,
+    load_depth,
     points_of,
 )
 from ndtree.logs.folders.folder import FolderLog
@@ -61,7 +61,7 @@ class SevenScenesLog(FolderLog):
         return read_pose(self._files[i][: -len("depth.png")] + "pose.txt")
 
     def _points(self, i: int) -> NDArray[np.floating]:
-        image = load_png(self._files[i])
+        image = load_depth(self._files[i])
         return points_of(image, self._camera, pixel_stride=self._pixel_stride, no_depth=(NO_DEPTH,))
 
 

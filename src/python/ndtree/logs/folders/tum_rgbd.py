@@ -17,7 +17,7 @@ from ndtree.logs.folders.depth_image import (
     Camera,
     camera_of,
     check_stride,
-    load_png,
+    load_depth,
     points_of,
 )
 from ndtree.logs.folders.folder import FolderLog
@@ -75,7 +75,7 @@ class TumRgbdLog(FolderLog):
         return self._trajectory.pose_at(self._stamps[i] + self._time_offset)
 
     def _points(self, i: int) -> NDArray[np.floating]:
-        return points_of(load_png(self._files[i]), self._camera, pixel_stride=self._pixel_stride)
+        return points_of(load_depth(self._files[i]), self._camera, pixel_stride=self._pixel_stride)
 
     def _stamp(self, i: int) -> float:
         return self._stamps[i]

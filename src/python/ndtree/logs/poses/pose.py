@@ -41,17 +41,17 @@ class Pose:
 
     @staticmethod
     def from_matrix(matrix: ArrayLike) -> Pose:
-        """From a (3, 4) or (4, 4) matrix; ValueError if its left part is no rotation."""
+        """From a (3, 4) or (4, 4) matrix; ValueError if its left part is no rotation, or it is not finite."""
         values = np.asarray(matrix, dtype=np.float64)
         if values.shape not in ((3, 4), (4, 4)):
             raise ValueError(f"a pose has shape {values.shape}: must be (3, 4) or (4, 4)")
-        return Pose(nearest_rotations(values[None, :3, :3])[0], values[:3, 3])
+        return Pose(nearest_rotations(values[None, :3, :3])[0], _finite(values[:3, 3]))
 
     @staticmethod
     def from_quaternion(position: ArrayLike, quaternion: ArrayLike) -> Pose:
         """From (3,) metres and a quaternion (x, y, z, w); ValueError if its length is not 1."""
         rotation = matrices_of(unit_quaternions(np.asarray(quaternion, dtype=np.float64)[None]))[0]
-        return Pose(rotation, np.asarray(position, dtype=np.float64))
+        return Pose(rotation, _finite(np.asarray(position, dtype=np.float64)))
 
     def apply(self, points: ArrayLike) -> Floats:
         """Points (n, 3) in the map frame, float64 whatever they were [m]; not finite where they were not."""
@@ -137,6 +137,12 @@ def nearest_rotations(matrices: Floats) -> Floats:
         )
     left, _, right = np.linalg.svd(matrices)
     return left @ right
+
+
+def _finite(position: Floats) -> Floats:
+    if not np.isfinite(position).all():
+        raise ValueError(f"a pose is at {position.tolist()}: must be finite")
+    return position
 
 
 def _pose(i: int, among: NDArray[np.bool_]) -> str:
