@@ -146,7 +146,7 @@ def test_a_client_of_foxglove_has_the_map(world: str, n: int, height: Any) -> No
     assert np.allclose(sorted(boxes), sorted(zip(cells["x"].tolist(), cells["size"].tolist())), atol=1e-6)
     assert len(scene.deletions) == 1 and scene.deletions[0].type == 1  # Boxes of before are gone.
     found = np.array([[p.position.x, p.position.y] for p in last["/frontiers"][1].poses])
-    expected = np.array([one.center[:2] for one in m.frontiers()])
+    expected = np.array([one.goal[:2] for one in m.frontiers()])
     assert np.allclose(*(rows[np.lexsort(np.round(rows, 6).T)] for rows in (found, expected)), atol=1e-6)
     passed = [[p.position.x, p.position.y, p.position.z] for p in last["/way"][1].poses]
     assert passed == way.points().tolist() and len(passed) > 1
@@ -232,7 +232,7 @@ def test_a_file_for_rerun_has_the_map_at_each_time(tmp_path: Path) -> None:
         at, row = rows[f"/map/cells/{size:g}m"][-1]
         assert at == pytest.approx(200.0) and row["Clear:is_recursive"] == [False]
     frontiers = next(row for at, row in rows["/map/frontiers"] if abs(at - 111.0) < 1e-3)
-    expected = np.array([[*one.center, 0.0] for one in maps[-1].frontiers()])
+    expected = np.array([[*one.goal, 0.0] for one in maps[-1].frontiers()])
     order = [np.lexsort(np.round(rows, 4).T) for rows in (np.array(frontiers["Arrows3D:origins"]), expected)]
     assert np.allclose(np.array(frontiers["Arrows3D:origins"])[order[0]], expected[order[1]], atol=1e-5)
     assert np.allclose(np.linalg.norm(frontiers["Arrows3D:vectors"], axis=1), 0.5, atol=1e-5)

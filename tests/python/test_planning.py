@@ -191,6 +191,20 @@ def test_frontiers_lie_where_free_space_ends(any_room):
     assert len(large) == sum(f.area > 20 * 0.1 ** (any_room.dim - 1) * (1 - 1e-9) for f in frontiers)
 
 
+def test_the_goal_of_a_frontier_is_a_cell_of_it(any_room):
+    """Also of one that surrounds the robot, whose center is where the robot is."""
+    way = np.random.default_rng(0).normal(size=(3000, any_room.dim))
+    around = ndtree.AdaptiveMap(dim=any_room.dim, min_cell_size=0.1)
+    origin = np.zeros(any_room.dim)
+    around.insert(3 * way / np.linalg.norm(way, axis=1)[:, None], origin, returned=np.zeros(3000, bool))
+    for m in (around, any_room):
+        for frontier in m.frontiers(min_cells=5):
+            apart = np.linalg.norm(frontier.cell_centers - frontier.goal, axis=1)
+            assert apart.min() == 0 and m.state(frontier.goal[None])[0] == 0
+    largest = around.frontiers(min_cells=5)[0]
+    assert np.linalg.norm(largest.center) < 0.3 and np.linalg.norm(largest.goal) > 1
+
+
 def test_bodies_collide_as_the_field_says():
     m = room(2)
     poses = np.c_[RNG.uniform(-2.3, 2.3, (400, 2)), RNG.uniform(-3, 3, 400)]

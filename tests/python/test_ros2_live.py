@@ -129,7 +129,7 @@ def test_the_office_is_mapped_as_from_a_recording(tmp_path: Path) -> None:
     boxes = received.arrays["boxes"]
     assert len(boxes) == len(occupied)
     assert np.allclose(np.sort(boxes[:, 3]), np.sort(occupied.size))
-    frontiers = np.array([one.center for one in m.frontiers()])
+    frontiers = np.array([one.goal for one in m.frontiers()])
     found = received.arrays["frontiers"]  # Of those of one size the order may be another one.
     assert np.allclose(*(rows[np.lexsort(np.round(rows, 6).T)] for rows in (found, frontiers)), atol=1e-6)
     assert received.text["diagnostics"]["mapped"] == "120" and received.text["frame"] == "map"

@@ -57,7 +57,7 @@ class Frontiers:
         except ValueError:  # Another kind of map.
             self._search = FrontierSearch(m)
         return [
-            FrontierPose(_in_space(one.center), _looking(_in_space(one.direction)))
+            FrontierPose(_in_space(one.goal), _looking(_in_space(one.direction)))
             for one in self._search.frontiers(min_cells=self._min_cells)
         ]
 

@@ -203,7 +203,7 @@ class Frontier:
     Attributes
     ----------
     center : (dim,) float64
-        Of the border [m].
+        Mean of the border [m], which need not lie on it; see `goal`.
     direction : (dim,) float64
         Into the unknown, of length 1; 0 if it is on all sides alike.
     area : float
@@ -224,6 +224,16 @@ class Frontier:
     def cell_centers(self) -> NDArray[np.float64]:
         """(k, dim) float64: centres of the cells [m]."""
         return self.cells + 0.5 * self.size[:, None]
+
+    @property
+    def goal(self) -> NDArray[np.float64]:
+        """(dim,) float64: where to drive, the centre of its cell nearest to `center` [m].
+
+        `center` need not be on the border: of one that surrounds the robot it is where the robot is.
+        """
+        centers = self.cell_centers
+        nearest: NDArray[np.float64] = centers[np.linalg.norm(centers - self.center, axis=1).argmin()]
+        return nearest
 
     def __len__(self) -> int:
         """Number of cells."""
