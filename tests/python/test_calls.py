@@ -22,8 +22,15 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: M.cast_rays(ORIGIN, POINTS, far=3),
         "cast_rays(): no argument far, expected origins, directions, max_range",
     ),
-    "too many": (lambda: M.stats(1), "stats(): 1 arguments without names, expected none"),
-    "not by name": (lambda: ndtree.AdaptiveMap(3), "AdaptiveMap(): 1 arguments without names, expected none"),
+    "too many": (lambda: M.stats(1), "stats(): 1 argument without a name, expected none"),
+    "not by name": (
+        lambda: ndtree.AdaptiveMap(0.05),
+        "AdaptiveMap(): 1 argument without a name, expected none: did you mean min_cell_size = 0.05?",
+    ),
+    "fixed, not by name": (
+        lambda: ndtree.FixedMap(0.1, 2),
+        "FixedMap(): 2 arguments without names, expected none: did you mean cell_size = 0.1?",
+    ),
     "no number": (
         lambda: M.insert(POINTS, ORIGIN, max_range="x"),
         "insert(): max_range = 'x': must be a number",

@@ -65,6 +65,10 @@ def error_of(text: str, arguments: tuple[Any, ...], keywords: dict[str, Any]) ->
         return error.with_traceback(None)
 
 
+#: What the one argument of OctoMap's constructor is called here.
+_FIRST = {"AdaptiveMap": "min_cell_size", "FixedMap": "cell_size", "OctoMap": "cell_size"}
+
+
 def require_known(name: str, given: Collection[str], known: Collection[str]) -> None:
     """Refuse an option that a map does not take, and name the one that is probably meant.
 
@@ -98,7 +102,15 @@ def _said(text: str, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> st
     ]
     if len(arguments) > len(positional):
         most = f"at most {len(positional)} ({', '.join(positional)})" if positional else "none"
-        return f"{name}(): {len(arguments)} arguments without names, expected {most}"
+        extra = arguments[len(positional)]
+        own = _FIRST.get(name)
+        meant = f": did you mean {own} = {_shown(extra)}?" if own and not positional else ""
+        count = (
+            "1 argument without a name"
+            if len(arguments) == 1
+            else f"{len(arguments)} arguments without names"
+        )
+        return f"{name}(): {count}, expected {most}{meant}"
     given = {**dict(zip(positional, arguments)), **keywords}
     if not any(one.startswith("**") for one, _, _ in known):
         for key in keywords:
