@@ -60,7 +60,7 @@ def clean(
     source = opened(given, log)
     plot = plotting() if picture else None
     made(lambda: new_map(source.dim, given))
-    writer = writer_of(source, output, mark)
+    writer = made(lambda: writer_of(source, output, mark))
     if picture is not None:
         check_picture(plot, picture)
     source, config = inspected(source, given)

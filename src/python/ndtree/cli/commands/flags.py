@@ -25,6 +25,7 @@ from ndtree.logs import (
     require_options,
 )
 from ndtree.logs.core.selection import Selection
+from ndtree.logs.ros.placement.mount import mount_of
 from ndtree.maps.kinds import MAP_OPTIONS
 from ndtree.tuning.config import Config
 
@@ -95,7 +96,7 @@ def flag_of(name: str) -> str:
 
 def opened(given: Config, path: Path) -> Log:
     """The log, or the part of it that was asked for, read as flags and files say."""
-    _check_format(given)
+    _check_values(given)
     try:
         return given.read(path)
     except WrongOption as error:
@@ -108,12 +109,13 @@ def opened(given: Config, path: Path) -> Log:
 
 def contents_of(given: Config, path: Path, *, whole: bool) -> dict[str, Any]:
     """What a file holds beside its scans."""
-    _check_format(given)
+    _check_values(given)
     return contents(path, format=given.get("format"), whole=whole)
 
 
 def require_taken(given: Config, path: Path) -> None:
     """Refuse options that the log's format does not take, and limits of its part that make no sense."""
+    _check_values(given)
     try:
         Selection(
             3, **{name: value for name, value in given.selection.items() if name not in ("box", "origin")}
@@ -132,7 +134,14 @@ def require_none(given: Config, instead_of: str) -> None:
         raise WrongCall(f"{_FLAGS.get(name, flag_of(name))}: is for a LOG, not for {instead_of}")
 
 
-def _check_format(given: Config) -> None:
+def _check_values(given: Config) -> None:
+    """Refuses values that are wrong for any log."""
+    mount = given.get("mount")
+    if mount is not None:
+        try:
+            mount_of(mount)
+        except ValueError as error:
+            raise WrongCall(in_flags(str(error))) from None
     if given.get("format", FORMATS[0]) not in FORMATS:
         raise WrongCall(f"--format {given.get('format')}: must be one of {', '.join(FORMATS)}")
 

@@ -74,7 +74,10 @@ def check_outputs(command: str, arguments: dict[str, Any]) -> None:
         if is_folder:
             check_no_input(flag, Path(value), inputs)
         else:
-            check_output(flag, Path(value), inputs, _fitting(command, name, Path(value), arguments))
+            fits = _fitting(command, name, Path(value), arguments)
+            if fits is fits_map and command != "convert":  # Which has a flag for the format.
+                _check_ending(flag, Path(value))
+            check_output(flag, Path(value), inputs, fits)
 
 
 def check_output(
@@ -90,6 +93,13 @@ def check_output(
                 f"{flag} {path}: is {_kind_of(path)}, expected a new name, or --force to replace it"
             ) from None
     _check_target(target)
+
+
+def _check_ending(flag: str, target: Path) -> None:
+    try:
+        format_of(target, None, {})
+    except ValueError as error:
+        raise WrongCall(f"{flag} {error}") from None
 
 
 def check_no_input(flag: str, target: Path, inputs: Sequence[Path]) -> None:
