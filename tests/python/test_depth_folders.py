@@ -17,6 +17,7 @@ import pytest
 import ndtree
 from ndtree.logs import read
 from ndtree.logs.folders.depth_image import Camera, camera_of, points_of
+from ndtree.tuning.inspection import inspect
 
 Image = pytest.importorskip("PIL.Image", reason="no Pillow: no PNG can be written")
 rotations = pytest.importorskip("scipy.spatial.transform", reason="no SciPy: no rotations").Rotation
@@ -177,6 +178,16 @@ def test_a_negative_focal_length_turns_the_image_over() -> None:
     upright = points_of(image, Camera(10, 10, 8, 5.5))
     over = points_of(image, Camera(10, -10, 8, 5.5))
     np.testing.assert_array_equal(over, upright * [1, -1, 1])
+
+
+@pytest.mark.parametrize("make", [seven_scenes, tum])
+def test_the_noise_of_a_depth_camera_is_chosen_as_for_bags(
+    make: Callable[[Path], Path], tmp_path: Path
+) -> None:
+    """Where images do not show it, that of such cameras: it grows with the squared range."""
+    config = inspect(read(make(tmp_path)))
+    assert config.options["range_sigma"] == 0.005 and config.options["range_sigma_quadratic"] == 0.0015
+    assert any(line.startswith("chosen: ") and "--range-sigma-quadratic" in line for line in config.notes)
 
 
 def test_floats_are_metres_and_what_is_not_finite_is_no_depth() -> None:

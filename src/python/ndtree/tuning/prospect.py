@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ndtree.base.progress import Progress
 from ndtree.logs.core.log import Log
 from ndtree.tuning.config import Config
+from ndtree.tuning.first_look import first_look
 from ndtree.tuning.inspection import BEYOND_MEMORY, inspect
 
 
@@ -58,10 +59,15 @@ class Prospect:
 
 
 def prospect_of(log: Log, given: Config | None = None, *, progress: Progress | None = None) -> Prospect:
-    """What `inspect` decides of a log, and what that will cost."""
+    """What `inspect` decides of a log, what that will cost, and whether its poses drift."""
     config = inspect(log, given, progress=progress)
+    look = config.look
+    if look is None and log.has_sensor:  # Nothing had to be decided.
+        look = first_look(log, progress=progress)
+        doubt = look.disagreement or look.drift
+        config = replace(config, notes=(*config.notes, *([] if doubt is None else [str(doubt)])))
     try:
-        cost = None if config.look is None else config.look.cost()
+        cost = None if look is None else look.cost()
     except MemoryError:
         raise ValueError(f"{log.name}: {BEYOND_MEMORY}") from None
     return Prospect(config, log.spans, cost)

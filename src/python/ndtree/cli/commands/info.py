@@ -75,12 +75,12 @@ def info(
             write_json({"log": str(path), "format": "rosbag", "contents": held}, json_file)
             return
         log = opened(given, path)
-        prospect = _prospect(log, given, write_config) if (log.is_raw and look) or write_config else None
+        prospect = _prospect(log, given, write_config) if (log.has_sensor and look) or write_config else None
         figures = {**log_figures(log, most=None if look else FIRST_BEAMS), "contents": held}
         figures["skipped"] = skipped(log)
         if says:
             print_log(figures)
-        if log.is_raw and not look and says:
+        if log.has_sensor and not look and says:
             print(_LOOK_CLOSER.format(path))
         if prospect is not None:
             figures["prospect"] = prospect.figures()

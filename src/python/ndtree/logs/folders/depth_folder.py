@@ -50,7 +50,7 @@ class DepthFolderLog(FolderLog):
     intrinsic matrix in a JSON of the folder, as Open3D writes it, else Open3D's default, with a note.
     """
 
-    is_depth_camera = True
+    is_depth_camera = is_raw = True
     format = "depth_folder"
 
     def __init__(

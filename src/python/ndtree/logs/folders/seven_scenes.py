@@ -40,7 +40,7 @@ class SevenScenesLog(FolderLog):
     else the one of 7-Scenes.
     """
 
-    is_depth_camera = True
+    is_depth_camera = is_raw = True
     format = "seven_scenes"
 
     def __init__(self, source: Source, camera: str | None = None, pixel_stride: int = 1) -> None:

@@ -48,7 +48,7 @@ class TumRgbdLog(FolderLog):
         Added to the images' times before their poses are looked up [s].
     """
 
-    is_depth_camera = True
+    is_depth_camera = is_raw = True
     format = "tum_rgbd"
 
     def __init__(
