@@ -93,7 +93,7 @@ def clean(
         for line in config.notes:
             print(f"  {line}")
         moved = f"{number_of(cleaned.moved, 'point')} moved ({100 * share:.1f} %)"
-        print(f"  {moved}; for {cleaned.unknown} others no scan can tell")
+        print(f"  {moved}; unknown for {cleaned.unknown} others")
         if cleaned.truth:
             scores = moved_scores(np.concatenate(cleaned.removed), truth)
             print(f"  judged by the log's array 'moving': {scores}")
