@@ -60,7 +60,7 @@ class PointCloudLog(FolderLog):
     - the only trajectory file beside the files, above them, or in a folder for poses there, whatever its name
       (``times.txt`` has the times of numbered files); see `PosesOfFiles` for which pose is whose;
     - VIEWPOINT of PCD files, or the element camera that PCL writes to PLY files, unless it is the identity in
-      all: so it is where nobody has said it;
+      all: so it is where it was not said;
     - poses in the folder above, if there is one for each file, or they are there at all its times.
 
     Points without poses need `origin_of_scan` or `points_only`.

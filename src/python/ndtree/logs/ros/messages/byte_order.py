@@ -16,9 +16,9 @@ SWAPPED = "is_bigendian contradicts the data, which are read in the other order"
 _SHORTEST, _LONGEST = 1e-6, 1e5
 #: Of a message's numbers, fewer may be lengths where it is wrong, and more are in the other order.
 _WRONG, _RIGHT = 0.5, 0.9
-#: So many values are looked at; fewer pairs of pixels tell nothing.
+#: Values that are looked at; fewer pairs of pixels tell nothing.
 LOOKED_AT, _FEWEST = 4096, 64
-#: From pixel to pixel, depths of the wrong order jump by so many times more.
+#: How many times rougher depths of the wrong order are from pixel to pixel.
 _ROUGHER = 16.0
 
 
