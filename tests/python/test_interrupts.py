@@ -177,6 +177,81 @@ def test_a_child_can_use_a_map_that_a_thread_was_changing() -> None:
             thread.join()
 
 
+def moving() -> tuple[ndtree.ScanHistory, dict[int, Any]]:
+    """A history, and poses whose change takes some tenths of a second."""
+    h = ndtree.ScanHistory(dim=2)
+    for key in range(4):
+        h.insert(key, scan(60_000, 30.0, key)[0], (0.1 * key, 0.0, 0.0))
+    return h, {key: (0.1 * key + 0.3, 0.0, 0.0) for key in range(4)}
+
+
+def test_a_handler_is_told_that_it_cannot_ask_the_history_that_moves(on_alarm: Any) -> None:
+    h, poses = moving()
+    answers: list[str] = []
+
+    def ask(*_: object) -> None:
+        for call in (lambda: len(h), lambda: h.map, lambda: h.remove([0])):
+            with pytest.raises(
+                RuntimeError, match="in use by the call that this signal's handler"
+            ) as refused:
+                call()
+            answers.append(str(refused.value))
+
+    on_alarm(ask)
+    signal.setitimer(signal.ITIMER_REAL, 0.02)
+    h.move(poses)
+    assert len(answers) == 3 and len(h) == 4
+
+
+def test_who_waits_for_a_history_hears_signals(on_alarm: Any) -> None:
+    def stop(*_: object) -> None:
+        raise Stop
+
+    h, poses = moving()
+    finished = threading.Event()
+
+    def move() -> None:
+        sign = 1
+        while not finished.is_set():
+            h.move({key: (sign * x, y, yaw) for key, (x, y, yaw) in poses.items()})
+            sign = -sign
+
+    thread = threading.Thread(target=move)
+    thread.start()
+    try:
+        on_alarm(stop)
+        time.sleep(0.02)
+        begin = time.perf_counter()
+        signal.setitimer(signal.ITIMER_REAL, 0.05)
+        with pytest.raises(Stop):
+            while True:
+                h.remove([])
+        assert time.perf_counter() - begin < 1.0
+    finally:
+        finished.set()
+        thread.join()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork.*:DeprecationWarning")
+def test_a_child_can_use_a_history_that_a_thread_was_moving() -> None:
+    h, poses = moving()
+    thread = threading.Thread(target=lambda: h.move(poses))
+    thread.start()
+    time.sleep(0.02)
+    child = os.fork()
+    if child == 0:
+        status = 1
+        try:
+            signal.alarm(20)  # If it waits for ever.
+            h.move({0: (0.0, 1.0, 0.0)})
+            status = 0 if len(h) == 4 else 2
+        finally:
+            os._exit(status)
+    thread.join()
+    assert os.waitpid(child, 0)[1] == 0
+
+
 class Bad:
     """An array that fails."""
 

@@ -6,7 +6,6 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
-#include <mutex>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -20,6 +19,7 @@
 #include "pose_sigma.hpp"
 #include "python_map.hpp"
 #include "released.hpp"
+#include "shared_lock.hpp"
 
 namespace py = pybind11;
 using namespace pybind11::literals;
@@ -34,10 +34,12 @@ namespace {
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 using Key = HistoryInterface::Key;
 
-/// A history that threads share: one call at a time.
+/// A history that threads share: any number of calls look, or one changes it. A call that waits hears
+/// signals, one of a signal's handler is refused instead of waiting for itself, and a fork waits, as with
+/// PythonMap.
 struct PythonHistory {
   std::unique_ptr<HistoryInterface> history;
-  mutable std::mutex mutex;
+  mutable SharedLock lock;
 
   PythonHistory(int dim, const MapOptions& options, const std::vector<LayerKind>& layers)
       : history(make(dim, options, layers)) {}
@@ -50,9 +52,20 @@ struct PythonHistory {
   }
   template <class Use>
   auto with(const Use& use) const {
+    return held(SharedLock::Use::look, [&] { return use(std::as_const(*history)); });
+  }
+  template <class Use>
+  auto with(const Use& use) {
+    return held(SharedLock::Use::change, [&] { return use(*history); });
+  }
+
+ private:
+  template <class Function>
+  auto held(SharedLock::Use use, const Function& function) const {
     const Released released;
-    const std::lock_guard lock(mutex);
-    return use(*history);
+    const CallInProgress call;
+    const SharedLock::Holder holder(lock, use);
+    return function();
   }
 };
 
