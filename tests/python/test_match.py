@@ -128,6 +128,32 @@ def test_a_corridor_is_not_unique():
     assert known.second == 0 and known.covariance[0, 0] < 1.1e-4
 
 
+@pytest.mark.parametrize("option", ["cell_size", "sigma", "radius"])
+def test_an_option_that_is_no_number_is_named(option: str):
+    make = room_map().matcher
+    with pytest.raises(TypeError, match=rf"{option} = 'x': must be a number$"):
+        make(**{option: "x"})
+    if option == "cell_size":
+        with pytest.raises(TypeError, match=r"cell_size = 'x': must be a number$"):
+            room_map().match(room(0.5), (0, 0, 0), window=(1, 1, 1), cell_size="x")
+
+
+def test_without_points_the_pose_is_the_guess():
+    guess = (0.25, -0.5, 0.125)
+    for match in (room_map().match, ndtree.Matcher(room(0.5)).match):
+        found = match(np.zeros((0, 2)), guess, window=(1, 1, 1))
+        np.testing.assert_allclose(found.pose[:2, 2], guess[:2])
+        assert np.arctan2(found.pose[1, 0], found.pose[0, 0]) == pytest.approx(guess[2])
+        assert found.score == 0
+
+
+def test_a_far_point_is_named_and_not_the_window():
+    points = np.concatenate([room(0.5), [[3e7, 0]]])
+    for match in (room_map().match, ndtree.Matcher(room(0.5)).match):
+        with pytest.raises(ValueError, match=r"points: the farthest is 30000000(\.0)? m away"):
+            match(points, (0, 0, 0), window=(1, 1, 1))
+
+
 def test_matches_can_be_shown_copied_and_pickled():
     found = ndtree.Matcher(room(0.05)).match(room(0.3), (0, 0, 0), window=(0.1, 0.1, 0.1))
     for again in (copy.deepcopy(found), pickle.loads(pickle.dumps(found))):

@@ -79,6 +79,9 @@ void translate(std::exception_ptr pointer) {
     set_error(PyExc_ValueError, error.what());
   } catch (const py::type_error& error) {
     set_error(PyExc_TypeError, error.what());
+  } catch (const py::cast_error& error) {  // What pybind11 adds for its own developers is left out.
+    const std::string_view text = error.what();
+    set_error(PyExc_TypeError, std::string(text.substr(0, text.find(" (#define"))).c_str());
   } catch (const py::builtin_exception&) {
     throw;
   } catch (const py::error_already_set&) {

@@ -21,6 +21,7 @@
 #include "binders.hpp"
 #include "docstrings.hpp"
 #include "matching.hpp"
+#include "ndtree/core/option.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "numpy.hpp"
 #include "pose_numbers.hpp"
@@ -100,11 +101,41 @@ MotionMatrix<D> information_of(const py::object& object) {
   return matrix;
 }
 
+/// @throws TypeError naming what is no number.
+double number_or(const py::object& object, const char* name, double otherwise) {
+  if (object.is_none()) return otherwise;
+  const double number = PyFloat_AsDouble(object.ptr());
+  if (number == -1.0 && PyErr_Occurred() != nullptr) {
+    PyErr_Clear();
+    throw py::type_error(std::string(name) + " = " + std::string(py::repr(object)) + ": must be a number");
+  }
+  return number;
+}
+
+/// Matches as the library does; without points the pose is the guess, and a far point is named where it makes
+/// more rotations of a window than there may be.
+template <int D>
+Match<D> matched(const Matcher<D>& matcher, const Points<D>& points, const Pose<D>& from,
+                 const MatchWindow<D>& window, const MotionMatrix<D>& information, bool second) {
+  try {
+    Match<D> found = match(matcher, points, from, window, information, second);
+    if (points.cols() == 0) found.pose = from;
+    return found;
+  } catch (const std::invalid_argument&) {
+    constexpr double kMostMetres = 1e3;
+    const double farthest = points.cols() > 0 ? points.colwise().norm().maxCoeff() : 0.0;
+    if (farthest < kMostMetres || !(window.half.array() >= 0.0).all() || !window.half.allFinite()) throw;
+    throw std::invalid_argument("points: the farthest is " + describe_number(farthest) +
+                                " m away, where a window has too many rotations: leave it out, or give "
+                                "larger cells");
+  }
+}
+
 MatchOptions options_of(double cell_size, const py::object& sigma, const py::object& radius, double noise) {
   MatchOptions options;
   options.cell_size = cell_size;
-  options.sigma = sigma.is_none() ? cell_size : sigma.cast<double>();
-  options.radius = radius.is_none() ? 4.0 * cell_size : radius.cast<double>();
+  options.sigma = number_or(sigma, "sigma", cell_size);
+  options.radius = number_or(radius, "radius", 4.0 * cell_size);
   options.noise = noise;
   options.validate();
   return options;
@@ -136,7 +167,7 @@ PythonMatch match_one(const Matcher<D>& matcher, const py::object& points, const
   const MatchWindow<D> in = window_of<D>(as_doubles(window, "window"), apart, apart_angle);
   const MotionMatrix<D> known = information_of<D>(information);
   const Released released;
-  return to_python(match(matcher, points_of<D>(array), from, in, known, second));
+  return to_python(matched<D>(matcher, points_of<D>(array), from, in, known, second));
 }
 
 template <int D>
@@ -161,7 +192,7 @@ std::vector<PythonMatch> match_many(const Matcher<D>& matcher, const std::vector
   const unsigned cores = threads > 0 ? static_cast<unsigned>(threads) : std::thread::hardware_concurrency();
   Workers workers(std::max(1u, cores));
   workers.for_each_task(scans.size(), [&](std::size_t, std::size_t i) {
-    results[i] = to_python(match<D>(matcher, points[i], pose_at<D>(from, i), in, unknown, true));
+    results[i] = to_python(matched<D>(matcher, points[i], pose_at<D>(from, i), in, unknown, true));
   });
   return results;
 }
@@ -183,7 +214,7 @@ void require_plane_or_space(const PythonMap& map) {
 }
 
 double cell_size_of(const PythonMap& map, const py::object& cell_size) {
-  return cell_size.is_none() ? map.constant().options().min_cell_size : cell_size.cast<double>();
+  return number_or(cell_size, "cell_size", map.constant().options().min_cell_size);
 }
 
 PythonMatcher matcher_of_map(const PythonMap& map, const py::object& box, const py::object& cell_size,
@@ -219,7 +250,7 @@ PythonMatch match_in_map(const PythonMap& map, const py::object& points, const p
   const Points<D> scan = points_of<D>(array);
   const auto matcher = matcher_of<D>(map, reach_of_match<D>(scan, from, in.half), options);
   const Released released;
-  return to_python(match<D>(*matcher, scan, from, in, MotionMatrix<D>::Zero(), true));
+  return to_python(matched<D>(*matcher, scan, from, in, MotionMatrix<D>::Zero(), true));
 }
 
 PythonMatch match_map(const PythonMap& map, const py::object& points, const py::object& guess,
