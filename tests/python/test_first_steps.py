@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import math
 import re
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -238,3 +240,17 @@ def test_a_name_in_the_place_of_a_log_is_to_be_read(name: str) -> None:
         getattr(ndtree, name)("drive.bag")
     with pytest.raises(TypeError, match=r"expected a Log"):
         getattr(ndtree, name)(Path("drive.bag"))
+
+
+def test_a_yaw_of_degrees_is_warned_of() -> None:
+    """It may be the angle of a robot that has turned often: it is taken as it is."""
+    h = ndtree.ScanHistory(dim=2)
+    with pytest.warns(UserWarning, match=r"pose: a yaw of 90(\.0)? rad: is it in degrees\?"):
+        h.insert(0, [[1.0, 0.0]], (0, 0, 90))
+    np.testing.assert_allclose(h.pose(0)[:2, 0], [math.cos(90), math.sin(90)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        h.insert(1, [[1.0, 0.0]], (0, 0, -2 * math.pi))
+        with pytest.raises(UserWarning, match="degrees"):
+            h.insert(2, [[1.0, 0.0]], (0, 0, 45))
+    assert h.keys() == [0, 1]

@@ -76,13 +76,22 @@ class PoseReader {
     if (is_matrix_)
       matrix(from, which, to);
     else if (dim_ == 2)
-      to.insert(to.end(), {std::cos(from[2]), -std::sin(from[2]), std::sin(from[2]), std::cos(from[2]),
-                           from[0], from[1]});
+      plane(from, which, to);
     else
       quaternion(from, which, to);
   }
 
  private:
+  /// Warns of a yaw beyond a full turn, which a number of degrees is.
+  static void plane(const double* from, const std::string& which, std::vector<double>& to) {
+    constexpr double kFullTurn = 6.2831854;
+    if (std::abs(from[2]) > kFullTurn) {
+      const std::string said = which + ": a yaw of " + number_text(from[2]) + " rad: is it in degrees?";
+      if (PyErr_WarnEx(PyExc_UserWarning, said.c_str(), 2) != 0) throw py::error_already_set();
+    }
+    to.insert(to.end(), {std::cos(from[2]), -std::sin(from[2]), std::sin(from[2]), std::cos(from[2]), from[0],
+                         from[1]});
+  }
   void matrix(const double* from, const std::string& which, std::vector<double>& to) const {
     const int edge = dim_ + 1;
     const std::string wrong = wrong_with_rotation(from, dim_, edge);
