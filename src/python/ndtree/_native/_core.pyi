@@ -1097,7 +1097,7 @@ class OccupancyMap:
         *,
         max_range: float = ...,
         unknown: Literal["pass", "stop"] = "pass",
-        at: Literal["cell", "surface"] = "cell",
+        at: Literal["surface", "cell"] = "surface",
         details: Literal[False] = False,
     ) -> NDArray[np.float64]:
         """Distance along rays to the first occupied leaf (Sec. II-D of the paper).
@@ -1113,15 +1113,15 @@ class OccupancyMap:
         unknown : str
             "pass": unknown space does not stop a ray. "stop": it does, also where the ray leaves the map.
         at : str
-            "cell": to where the ray enters that leaf. "surface": to where the surface is likely to be, the end of half of the
-            beams that come this way by the hit rates of this leaf and of those behind it, at most 3/4 of a smallest cell farther.
+            "surface": to where the surface is likely to be in that leaf, the end of half of the beams that come this way by the
+            hit rates of this leaf and of those behind it. "cell": to where the ray enters it, at most 3/4 of a smallest cell nearer.
         details : bool
             Whether to say what the rays end at, too.
 
         Returns
         -------
         (n,) float64, or RayEnds with details
-            Metres; nan where there is none. 0 for a ray that starts in an occupied leaf, but at its surface. RayEnds has .distance, .state,
+            Metres; nan where there is none. With at="cell" 0 for a ray that starts in an occupied leaf. RayEnds has .distance, .state,
             and .lower and .size of the cell.
 
         Raises
@@ -1137,7 +1137,7 @@ class OccupancyMap:
         *,
         max_range: float = ...,
         unknown: Literal["pass", "stop"] = "pass",
-        at: Literal["cell", "surface"] = "cell",
+        at: Literal["surface", "cell"] = "surface",
         details: Literal[True],
     ) -> RayEnds:
         """Distance along rays to the first occupied leaf (Sec. II-D of the paper).
@@ -1153,15 +1153,15 @@ class OccupancyMap:
         unknown : str
             "pass": unknown space does not stop a ray. "stop": it does, also where the ray leaves the map.
         at : str
-            "cell": to where the ray enters that leaf. "surface": to where the surface is likely to be, the end of half of the
-            beams that come this way by the hit rates of this leaf and of those behind it, at most 3/4 of a smallest cell farther.
+            "surface": to where the surface is likely to be in that leaf, the end of half of the beams that come this way by the
+            hit rates of this leaf and of those behind it. "cell": to where the ray enters it, at most 3/4 of a smallest cell nearer.
         details : bool
             Whether to say what the rays end at, too.
 
         Returns
         -------
         (n,) float64, or RayEnds with details
-            Metres; nan where there is none. 0 for a ray that starts in an occupied leaf, but at its surface. RayEnds has .distance, .state,
+            Metres; nan where there is none. With at="cell" 0 for a ray that starts in an occupied leaf. RayEnds has .distance, .state,
             and .lower and .size of the cell.
 
         Raises
