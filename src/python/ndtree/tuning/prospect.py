@@ -14,17 +14,7 @@ from ndtree.tuning.inspection import BEYOND_MEMORY, inspect
 
 @dataclass(frozen=True)
 class Prospect:
-    """What `prospect_of` found.
-
-    Parameters
-    ----------
-    config : Config
-        What was decided.
-    spans : dict of str to (float, float)
-        Of scans and poses [s].
-    cost : (float, float) or None
-        Time [s] and memory [bytes] that mapping will take, about; None where no look was taken.
-    """
+    """What was decided of a log, when its scans and poses were [s], and what mapping costs [s, bytes]."""
 
     config: Config
     spans: dict[str, tuple[float, float]]
