@@ -50,7 +50,8 @@ MAPPING: Mapping[str, Check] = {
     "no_return": one_of("free", "ignore", AUTO),
 }
 OF_MAPS: Mapping[str, Check] = {option.name: _OF_TYPE[option.type] for option in MAP_OPTIONS}
-_KNOWN = {
+#: All words.
+WORDS: Mapping[str, Check] = {
     **READING, **OF_FORMATS, **SELECTING, **MAPPING, **OF_MAPS, "cut_off": checks.pair_or_none,
     "believed_range": number(0.0, above=True), "fixed": true_or_false,
 }  # fmt: skip
@@ -103,8 +104,8 @@ class Config:
             If there is no such word.
         """
         for name in given:
-            if name not in _KNOWN:
-                raise TypeError(f"{name}: no such value, expected one of {', '.join(_KNOWN)}")
+            if name not in WORDS:
+                raise TypeError(f"{name}: no such value, expected one of {', '.join(WORDS)}")
         return Config({name: Decision(value) for name, value in given.items() if value is not None})
 
     @staticmethod
@@ -127,7 +128,7 @@ class Config:
                 raise Table(file, "", {}).wrong(section, content, f"a section [{section}]")
             table = Table(file, section, content)
             values.update(
-                table.take_all({name: _KNOWN[name] for name in _KNOWN if section_of(name) == section})
+                table.take_all({name: WORDS[name] for name in WORDS if section_of(name) == section})
             )
             table.finish()
         Table(file, "", whole).finish("[log], [sensor] and [map]")

@@ -104,7 +104,7 @@ def info(
 
 def _prospect(log: Log, given: Config, write_config: Optional[Path]) -> Any:
     """What mapping will choose and cost; what is decided is written."""
-    from ndtree.tuning.prospect import prospect_of  # Loads much; and most calls do not look.
+    from ndtree.tuning.inspection import prospect_of  # Loads much; and most calls do not look.
 
     with progress() as advance:
         prospect = prospect_of(log, given, progress=advance)

@@ -152,7 +152,7 @@ def beams_of(
         return (range_beams if kind == RANGE else multi_echo_beams)(message, no_return_range)
     if kind == POINT_CLOUD:
         return cloud_beams(message, stamp)
-    return (livox if kind in LIVOX else old_cloud).beams(message)
+    return livox.beams(message) if kind in LIVOX else old_cloud.beams(message)
 
 
 def readable(bag: Bag) -> list[Topic]:
