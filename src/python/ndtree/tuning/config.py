@@ -203,7 +203,9 @@ class Config:
 
     def ruled(self, log: AnyLog) -> AnyLog:
         """An open log, read as this says."""
-        changes: dict[str, Any] = {"no_return_range": self.get("max_range")}
+        changes: dict[str, Any] = {}
+        if "max_range" in self.values:
+            changes["no_return_range"] = self.get("max_range")
         if "zero_is" in self.values and log.may_be_zero:
             changes["zero_is"] = self.get("zero_is")
         if "cut_off" in self.values:

@@ -52,7 +52,7 @@ def inspect(
         For `Config.read`, the maps' constructors and `Scan.insert_into`.
     """
     given = (given or Config()).overridden(Config.of(**more).values)
-    log = source if isinstance(source, Log) else given.read(source)
+    log = given.ruled(source) if isinstance(source, Log) else given.read(source)
     values = {**log.decisions, **given.values}
     values.setdefault("dim", Decision(log.dim, MEASURED if log.is_raw else USUAL, "as the log says"))
     options = given.options
