@@ -30,9 +30,9 @@ from ndtree.live.queue import Entry, ScanQueue
 from ndtree.logs.poses.following import FollowedTree
 from ndtree.logs.poses.transforms import TransformTree
 from ndtree.logs.ros.files.bag import open_bag
-from ndtree.tuning.settings import Settings
+from ndtree.tuning.config import Config
 
-SETTINGS = Settings({}, math.inf, "free")
+SETTINGS = Config.of(no_return="free")
 PATIENCE = 60.0
 
 
@@ -153,7 +153,7 @@ def test_a_full_queue_drops_the_oldest_and_counts() -> None:
 def test_what_was_looked_at_before_mapping_is_not_dropped(tmp_path: Path) -> None:
     """Of a laser of 20 Hz two seconds are more than the queue holds; what comes then is bounded by it."""
     bag = drive_bag(tmp_path, "mcap")
-    intake = MessagesIntake(str(bag), options={"range_sigma": 0.02}, no_return="free")
+    intake = MessagesIntake(str(bag), Config.of(range_sigma=0.02, no_return="free"))
     with open_bag(str(bag)) as opened:
         items = list(messages_of(opened))
     looked = [item for item in items if item[1] <= items[0][1] + 50 + 2.5]
@@ -451,7 +451,7 @@ def test_a_window_keeps_what_is_near() -> None:
 def test_a_map_that_is_full_leaves_scans_out() -> None:
     some = scans(40)
     options = {"max_memory": 200_000.0}
-    with LiveMapper(ScansIntake(Settings(options, math.inf, "free"), 2)) as mapper:
+    with LiveMapper(ScansIntake(Config.of(**options, no_return="free"), 2)) as mapper:
         play([(scan, 0.0) for scan in some], mapper, rate=0)
     figures = mapper.figures
     assert 0 < figures.mapped < 40
@@ -474,7 +474,7 @@ def test_poses_that_stop_for_a_while_are_counted(tmp_path: Path) -> None:
     content += [("/scan", t, make.laser(t, "sensor", 3 + np.zeros(30))) for t in stamps]
     content.sort(key=lambda row: row[1])
     bag = write_bag(tmp_path / "gap", make, content)
-    intake = MessagesIntake(str(bag), options={"range_sigma": 0.02}, no_return="free")
+    intake = MessagesIntake(str(bag), Config.of(range_sigma=0.02, no_return="free"))
     with open_bag(str(bag)) as opened, LiveMapper(intake, patience=0.5) as mapper:
         play(messages_of(opened), mapper, rate=0)
     figures = mapper.figures

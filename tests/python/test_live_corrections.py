@@ -22,10 +22,12 @@ import ndtree
 from ndtree.cli.commands import app
 from ndtree.live import Correction, Corrections, FramesIntake, LiveMapper, Reading, Transform, Window
 from ndtree.logs.poses.pose import Pose, quaternions_of
-from ndtree.tuning.settings import Settings
+from ndtree.tuning.config import Config
 
 N = 40
-SETTINGS = Settings({"range_sigma": 0.02, "min_cell_size": 0.05, "max_cell_size": 1.6}, 20.0, "free")
+SETTINGS = Config.of(
+    range_sigma=0.02, min_cell_size=0.05, max_cell_size=1.6, max_range=20.0, no_return="free"
+)
 
 
 def cli(*arguments: object) -> Any:

@@ -20,6 +20,7 @@ from day import FAULTS, ODD, Day, looped
 
 import ndtree
 from ndtree.live import LiveMapper, MessagesIntake, Window, play
+from ndtree.tuning.config import Config
 
 #: What has to be given so that what is decided of the first seconds is what a whole recording says.
 GIVEN = {"range_sigma": 0.02, "min_cell_size": 0.1}
@@ -31,7 +32,7 @@ BENCH = Path(__file__).parents[2] / "tools/bench/live_day.py"
 
 def lived(messages: Any, **options: Any) -> LiveMapper:
     """What becomes of messages that are given as fast as they are mapped."""
-    intake = MessagesIntake("day", options=GIVEN, reading=READING, no_return="free")
+    intake = MessagesIntake("day", Config.of(**GIVEN, **READING, no_return="free"))
     with LiveMapper(intake, **options) as mapper:
         play(((raw, 1e-9 * raw.received) for raw in messages), mapper, rate=0)
     figures = mapper.figures
@@ -102,7 +103,7 @@ def test_a_frame_that_nothing_connects_ends_nothing_and_holds_nobody_up() -> Non
 
 def test_a_short_queue_counts_what_it_drops() -> None:
     day = Day(3, OTHERS, OFTEN)
-    intake = MessagesIntake("day", options=GIVEN, reading=READING, no_return="free")
+    intake = MessagesIntake("day", Config.of(**GIVEN, **READING, no_return="free"))
     with LiveMapper(intake, queue=3) as mapper:
         for raw in day.messages(SECONDS):
             mapper.put(raw, 1e-9 * raw.received)  # Not waiting for anything.

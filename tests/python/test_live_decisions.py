@@ -28,7 +28,7 @@ from ndtree.live.ros.parameters import in_parameters
 from ndtree.logs.poses.following import FollowedTree
 from ndtree.logs.poses.transforms import TransformTree
 from ndtree.logs.ros.files.bag import open_bag
-from ndtree.tuning.settings import Settings
+from ndtree.tuning.config import Config
 
 PATIENCE = 60.0
 FIXED = ["--range-sigma", "0.02", "--no-return", "free", "--sweep", "said"]
@@ -109,9 +109,7 @@ def test_odometry_that_comes_later_is_no_standing_robot(tmp_path: Path) -> None:
     bag = robot(tmp_path, "mcap", stands=2.6, first_pose=1.2)
     said = same_as_map(bag, tmp_path, *FIXED)
     assert "12 left out (before the first pose)" in said and "taken for fixed" not in said
-    intake = MessagesIntake(
-        str(bag), options={"range_sigma": 0.02}, no_return="free", reading={"sweep": "said"}
-    )
+    intake = MessagesIntake(str(bag), Config.of(range_sigma=0.02, no_return="free", sweep="said"))
     with open_bag(str(bag)) as opened:
         items = list(messages_of(opened))
     with LiveMapper(intake, queue=1000) as mapper:
@@ -179,7 +177,7 @@ def test_a_clock_that_jumps_back_by_a_second_is_as_one_that_jumps_far(poses_firs
     """Stamps fall on the way; the robot goes on as before, and so does the map."""
     maps = []
     for back in (1.0, 10.0):
-        intake = FramesIntake(Settings({}, math.inf, "free"), 2)
+        intake = FramesIntake(Config.of(no_return="free"), 2)
         with LiveMapper(intake, patience=30.0, queue=1000) as mapper:
             mapper.put(Transform("base", "laser", (0.2, 0.0, 0.3)), 0.0)
             for i in range(200):

@@ -19,9 +19,9 @@ import ndtree
 from ndtree.base.scan import Scan
 from ndtree.cli.commands import app
 from ndtree.live import Fading, LiveMapper, ScansIntake
-from ndtree.tuning.settings import Settings
+from ndtree.tuning.config import Config
 
-SETTINGS = Settings({}, math.inf, "free")
+SETTINGS = Config.of(no_return="free")
 
 
 def fan(dim: int, stamp: float, x: float, seed: int, beams: int = 100) -> Scan:

@@ -23,7 +23,7 @@ import ndtree
 from ndtree.cli.commands import app
 from ndtree.live import FramesIntake, LiveMapper, Localizer, Reading, Transform, Window
 from ndtree.live.localizing import FINDS, LOSES, inverse, matrix_of, place_of, quaternion_of
-from ndtree.tuning.settings import Settings
+from ndtree.tuning.config import Config
 
 N = 160
 Floats = np.ndarray
@@ -144,7 +144,7 @@ def test_a_mapper_finds_readings_in_a_map(world: World) -> None:
     before = world.map.to_bytes()
     mount = matrix_of(np.array([0.2, 0.1, 0.3]))
     localizer = Localizer(world.map, [*world.poses[0][:2, 2], 0.0])
-    intake = FramesIntake(Settings({}, 30.0, "free"), 2, "odom")
+    intake = FramesIntake(Config.of(max_range=30.0, no_return="free"), 2, "odom")
     with LiveMapper(
         intake, target=world.map, localizer=localizer, localized=told.append, patience=60.0, queue=1000
     ) as mapper:
@@ -214,7 +214,7 @@ def test_wrong_calls_are_said(world: World, tmp_path: Path) -> None:
     for text in ("", "1,2", "1,2,x", "1,2,nan"):
         with pytest.raises(ValueError, match="must be X,Y,YAW"):
             place_of(text)
-    intake = FramesIntake(Settings({}, 30.0, "free"), 2, "odom")
+    intake = FramesIntake(Config.of(max_range=30.0, no_return="free"), 2, "odom")
     for options in ({}, {"target": world.map, "window": Window(3.0)}):
         with pytest.raises(ValueError, match="expected a target, and nothing that changes it"):
             LiveMapper(intake, localizer=Localizer(world.map), **options)

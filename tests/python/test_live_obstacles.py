@@ -12,7 +12,7 @@ import pytest
 import ndtree
 from ndtree.live import LiveMapper, ObstacleSink, ScansIntake, obstacle_distance, play
 from ndtree.live.obstacles import NOT_KNOWN, SECTORS
-from ndtree.tuning.settings import Settings
+from ndtree.tuning.config import Config
 
 WIDTH = 2 * math.pi / SECTORS
 
@@ -130,11 +130,11 @@ def test_a_live_map_tells_what_is_around_the_robot() -> None:
         return poses[0]
 
     sink = ObstacleSink(pose, lambda one, stamp: told.append((one, stamp)), period=0.0, max_distance=5.0)
-    with LiveMapper(ScansIntake(Settings({}, math.inf, "free"), 2), sinks=[sink]) as mapper:
+    with LiveMapper(ScansIntake(Config.of(no_return="free"), 2), sinks=[sink]) as mapper:
         play(((scan, 0.0) for scan in scans[:2]), mapper, rate=0)
     assert not told and not mapper.failures
     poses[0] = [*scans[-1].origin, 0.0]
-    with LiveMapper(ScansIntake(Settings({}, math.inf, "free"), 2), sinks=[sink]) as mapper:
+    with LiveMapper(ScansIntake(Config.of(no_return="free"), 2), sinks=[sink]) as mapper:
         play(((scan, 0.0) for scan in scans), mapper, rate=0)
     last, stamp = told[-1]
     assert stamp == scans[-1].stamp

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import socket
 import struct
 import subprocess
@@ -31,9 +30,9 @@ from ndtree.cli.commands import app
 from ndtree.live import LiveMapper, MapServer, ScansIntake, serving
 from ndtree.live.serving import address_of
 from ndtree.maps.running import RunningMap
-from ndtree.tuning.settings import Settings
+from ndtree.tuning.config import Config
 
-SETTINGS = Settings({}, math.inf, "free")
+SETTINGS = Config.of(no_return="free")
 
 
 def cli(*arguments: object) -> Any:

@@ -21,9 +21,9 @@ import pytest
 import ndtree
 from ndtree.live import LiveMapper, ScansIntake, Way, play
 from ndtree.live.outputs import direction_of, occupied_points
-from ndtree.tuning.settings import Settings
+from ndtree.tuning.config import Config
 
-SETTINGS = Settings({"min_cell_size": 0.1}, math.inf, "free")
+SETTINGS = Config.of(min_cell_size=0.1, no_return="free")
 PATIENCE = 20.0
 TOPICS = ("/map", "/cells", "/cell_boxes", "/frontiers", "/way")
 

@@ -271,11 +271,11 @@ def test_what_was_read_before_a_reader_gives_up_is_kept() -> None:
     log = BreakingLog(3)
     with pytest.raises(ValueError, match="the rest is missing"):
         list(log)
-    log.keep_going = True
+    log = log.ruled(keep_going=True)
     assert len(list(log)) == 3
     assert log.skipped["ends that cannot be read"].first == "x.log: the rest is missing"
     nothing = BreakingLog(0)
-    nothing.keep_going = True
+    nothing = nothing.ruled(keep_going=True)
     with pytest.raises(ValueError, match="the rest is missing"):
         list(nothing)
 

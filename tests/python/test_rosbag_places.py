@@ -182,7 +182,7 @@ def test_of_two_sensors_in_one_topic_the_one_that_hangs_nowhere_is_left_out(way:
         "10 of 30 messages of /scan are left out: they are in ghost, and nothing says where that is"
     )
     assert log.spans["scans"] == pytest.approx((START, START + STAMPS[-1]))
-    log.strict = True
+    log = log.ruled(strict=True)
     with pytest.raises(ValueError, match="is in ghost, expected laser"):
         list(log)
 

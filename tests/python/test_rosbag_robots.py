@@ -266,7 +266,7 @@ def test_an_infinite_range_max_needs_a_limit(ros2: Messages, tmp_path: Path) -> 
     (scan,) = log
     assert np.isnan(scan.endpoints[1]).all()
     assert any("1 beams met nothing, but range_max is infinite" in note for note in log.notes)
-    log.no_return_range = 6.0
+    log = log.ruled(no_return_range=6.0)
     (scan,) = log
     assert np.linalg.norm(scan.endpoints[1]) == pytest.approx(6) and not scan.returned[1]
     assert not any("range_max is infinite" in note for note in log.notes)

@@ -17,6 +17,7 @@ from bags import Messages, write_bag
 from scipy.spatial import transform as spatial
 
 from ndtree.logs import read
+from ndtree.logs.ros.options import BagOptions
 
 Rotation = spatial.Rotation
 START = 1.7e9
@@ -219,7 +220,7 @@ def test_the_mount_is_found_where_the_map_is_sharpest(
         )
         content.append(("/scan", stamp, laser))
     path = write_bag(tmp_path / "bag", ros2, sorted(content, key=lambda one: one[1]))
-    found = find_mount(RosbagLog(str(path), poses="/pose", mount="0,0,0"))
+    found = find_mount(RosbagLog(str(path), BagOptions(poses="/pose", mount="0,0,0")))
     assert found.x == pytest.approx(x, abs=0.01) and found.y == pytest.approx(y, abs=0.01)
     assert found.yaw == pytest.approx(yaw, abs=0.01)
     assert found.time_offset == pytest.approx(offset, abs=0.01)
@@ -235,7 +236,9 @@ def test_the_mount_is_found_where_the_map_is_sharpest(
         assert json.loads(report.read_text())["time_offset"] == pytest.approx(offset, abs=0.01)
         return
     again = find_mount(
-        RosbagLog(str(path), poses="/pose", mount=f"0.1,-0.1,0.5,0,0,{yaw - 0.3}", time_offset=0.05)
+        RosbagLog(
+            str(path), BagOptions(poses="/pose", mount=f"0.1,-0.1,0.5,0,0,{yaw - 0.3}", time_offset=0.05)
+        )
     )
     assert again.yaw == pytest.approx(yaw, abs=0.01) and again.others[0] == 0.5
     assert again.time_offset == pytest.approx(offset, abs=0.01)

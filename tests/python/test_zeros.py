@@ -12,7 +12,7 @@ import pytest
 
 import ndtree
 from ndtree.logs.ros.messages.laser import laser_beams
-from ndtree.tuning.settings import settle
+from ndtree.tuning.inspection import inspect
 
 
 def carmen(path: Path, inside: bool, scans: int = 60) -> Path:
@@ -61,14 +61,14 @@ def test_what_was_said_of_zero_holds(tmp_path: Path) -> None:
 @pytest.mark.parametrize("inside, meaning", [(False, "no-echo"), (True, "invalid")])
 def test_the_log_decides_where_zero_is_was_not_given(inside: bool, meaning: str, tmp_path: Path) -> None:
     log = ndtree.read(carmen(tmp_path / "a.log", inside))
-    found = settle(log, options={}, max_range=math.inf, no_return="auto", with_sigma=True)
-    assert log.zero_is == meaning
-    (line,) = (line for line in found.lines() if "range 0" in line)
+    found = inspect(log)
+    assert found.get("zero_is") == found.ruled(log).rules.zero_is == meaning
+    assert log.rules.zero_is is None, "looking changes nothing"
+    (line,) = (line for line in found.notes if "range 0" in line)
     assert f"--zero-is {'invalid' if meaning == 'no-echo' else 'no-echo'}" in line
-    assert not any("every beam returned" in line for line in found.lines())
+    assert not any("every beam returned" in line for line in found.notes)
     given = ndtree.read(log.path, zero_is="invalid")
-    settle(given, options={}, max_range=math.inf, no_return="auto", with_sigma=True)
-    assert given.zero_is == "invalid"
+    assert inspect(given).ruled(given).rules.zero_is == "invalid"
 
 
 def test_of_a_laser_scan_zero_is_as_infinity_where_it_was_said() -> None:

@@ -25,6 +25,7 @@ from bags import Messages
 
 from ndtree.live import GridFollower, LiveMapper, MessagesIntake, play
 from ndtree.logs.ros.storage import Connection, Raw
+from ndtree.tuning.config import Config
 
 MAKE = Messages("mcap")
 BEGIN = 1000.0
@@ -140,7 +141,7 @@ def measured(kind: str, scans: int) -> dict[str, list[float]]:
         "lidar": {"range_sigma": 0.03, "min_cell_size": 0.1, "max_cell_size": 3.2},
     }[kind]
     took: dict[str, list[float]] = defaultdict(list)
-    intake = MessagesIntake(kind, options=options, no_return="free", look=0.5)
+    intake = MessagesIntake(kind, Config.of(**options, no_return="free"), look=0.5)
     timed(intake, "scan", took["read and placed"])
     mapper = LiveMapper(intake, threads=1, sinks=[Grid(took["grid"])])
     timed(mapper, "_insert", took["inserted"])

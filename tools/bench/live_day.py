@@ -24,6 +24,7 @@ from day import Day, looped
 
 from ndtree.live import GridFollower, LiveMapper, MessagesIntake, Window, play
 from ndtree.logs.ros.storage import Raw
+from ndtree.tuning.config import Config
 
 #: How often memory is looked at.
 LOOKS = 20
@@ -72,7 +73,7 @@ def main() -> None:
             yield raw, at
 
     options = {"range_sigma": 0.02}
-    intake = MessagesIntake("day", options=options, reading={"sweep": "stamp"}, no_return="free")
+    intake = MessagesIntake("day", Config.of(**options, sweep="stamp", no_return="free"))
     begin = time.perf_counter()
     with LiveMapper(intake, window=Window(given.window), sinks=[Grid()], threads=1) as mapper:
         play(messages(), mapper, rate=0)

@@ -68,7 +68,9 @@ if TYPE_CHECKING:
     from ndtree.maps.loading import load
     from ndtree.tiles import TiledMap, TileMapper, open_tiles
     from ndtree.tuning.calibration import Calibration, calibrate
+    from ndtree.tuning.config import Config
     from ndtree.tuning.first_look import FirstLook, first_look
+    from ndtree.tuning.inspection import inspect
     from ndtree.viewer import view
 
 __all__ = [
@@ -82,6 +84,7 @@ __all__ = [
     "Claims",
     "Comparison",
     "CompressReport",
+    "Config",
     "DistanceField",
     "FirstLook",
     "FixedMap",
@@ -120,6 +123,7 @@ __all__ = [
     "from_bytes",
     "from_grid",
     "has_octomap",
+    "inspect",
     "load",
     "load_octomap",
     "open_tiles",
@@ -137,6 +141,7 @@ _MODULES = {
     "Calibration": "ndtree.tuning.calibration",
     "Certificate": "ndtree.base.certificate",
     "Comparison": "ndtree.evaluation.comparison",
+    "Config": "ndtree.tuning.config",
     "FirstLook": "ndtree.tuning.first_look",
     "Log": "ndtree.logs",
     "MapComparison": "ndtree.evaluation.map_comparison",
@@ -150,6 +155,7 @@ _MODULES = {
     "compare_maps": "ndtree.evaluation.map_comparison",
     "convert": "ndtree.maps.conversion",
     "first_look": "ndtree.tuning.first_look",
+    "inspect": "ndtree.tuning.inspection",
     "load": "ndtree.maps.loading",
     "open_tiles": "ndtree.tiles",
     "read": "ndtree.logs",

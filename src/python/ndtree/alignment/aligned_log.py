@@ -25,7 +25,6 @@ class AlignedLog(DerivedLog):
 
     def __init__(self, log: Log, poses: Floats) -> None:
         super().__init__(log)
-        self.no_return_range = log.no_return_range
         self._poses = poses
 
     def __len__(self) -> int:
@@ -35,7 +34,6 @@ class AlignedLog(DerivedLog):
         return moved(scan, pose)
 
     def _scans(self) -> Iterator[Scan]:
-        self._log.zero_is = self.zero_is
         count = 0
         for scan in self._log:
             if count == len(self._poses):
@@ -44,7 +42,6 @@ class AlignedLog(DerivedLog):
             count += 1
         else:
             if count == len(self._poses):
-                self.zeros = self._log.zeros
                 return
         raise ValueError(f"{self.name}: has not the {len(self._poses)} scans that were aligned")
 

@@ -22,13 +22,23 @@ def skipping_unmappable() -> contextlib.AbstractContextManager[None]:
 
 
 def spread(
-    scans: Iterable[Scan], progress: Callable[[int], None] | None = None
+    scans: Iterable[Scan],
+    progress: Callable[[int], None] | None = None,
+    keep: Callable[[Scan], Scan] | None = None,
 ) -> tuple[list[list[Scan]], int, int]:
     """Runs of scans, evenly over a log.
 
     Of each run the scans follow each other. Where there are twice as many runs as wanted, every second is
     dropped, and from then on half as many are taken: the result depends on nothing but the log. The rule
     stands in ``evaluation/log_sample.hpp``.
+
+    Parameters
+    ----------
+    scans : iterable of Scan
+    progress : callable, optional
+        Called with the number of scans so far.
+    keep : callable, optional
+        Makes what is kept of a scan; left out: `some_of`.
 
     Returns
     -------
@@ -53,11 +63,12 @@ def spread(
             continue
         if place == 0:
             runs.append([])
-        runs[-1].append(_some(scan))
+        runs[-1].append((keep or some_of)(scan))
     return runs, number, beams
 
 
-def _some(scan: Scan) -> Scan:
+def some_of(scan: Scan) -> Scan:
+    """Every second, third, ... beam of a long scan, and none that ends too far away."""
     stride = _core.sample_stride(len(scan))
     if stride > 1:
         scan = scan.only(slice(None, None, stride))

@@ -20,7 +20,7 @@ from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.transforms import TransformTree, is_transform
 from ndtree.logs.ros.messages.beams import Beams
 from ndtree.logs.ros.messages.deskew import in_map
-from ndtree.tuning.settings import Settings
+from ndtree.tuning.config import Config
 
 
 @dataclass(frozen=True)
@@ -104,20 +104,19 @@ class FramesIntake(PosedIntake):
 
     Parameters
     ----------
-    settings : Settings
+    config : Config
     dim : int
         Of the map; 2 for lasers in a level plane, whose height is then left out.
     fixed_frame : str
         Of the map.
     """
 
-    def __init__(self, settings: Settings, dim: int, fixed_frame: str = "map") -> None:
+    def __init__(self, config: Config, dim: int, fixed_frame: str = "map") -> None:
         super().__init__()
-        self.settings, self.dim, self._fixed_frame = settings, dim, fixed_frame
+        self.config, self.dim, self._fixed_frame = config, dim, fixed_frame
         self._tree = FollowedTree(TransformTree())
         self._entry: Entry | None = None
         self._beams: Beams | None = None
-        self._corrections: list[Correction] = []
 
     def is_pose(self, item: Any) -> bool:
         return isinstance(item, (Transform, Correction))
@@ -132,10 +131,6 @@ class FramesIntake(PosedIntake):
             return
         self._tree.add(item.parent, item.child, item.stamp, item.position, item.quaternion)
         figures.late_poses = self._tree.late
-
-    def corrections(self) -> list[Correction]:
-        taken, self._corrections = self._corrections, []
-        return taken
 
     def motion(self) -> Motion | None:
         assert self._entry is not None

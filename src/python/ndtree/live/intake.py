@@ -16,7 +16,7 @@ from ndtree.live.queue import Entry
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.poses.following import FALL
 from ndtree.logs.poses.transforms import TransformTree
-from ndtree.tuning.settings import Settings
+from ndtree.tuning.config import Config
 
 
 class Verdict(Enum):
@@ -31,7 +31,7 @@ class Intake(ABC):
 
     Attributes
     ----------
-    settings : Settings or None
+    config : Config or None
         How scans are mapped; None until it is decided.
     dim : int
         Of the scans, once it is decided.
@@ -45,7 +45,7 @@ class Intake(ABC):
         What was decided, and a user should know, each in one line.
     """
 
-    settings: Settings | None = None
+    config: Config | None = None
     dim: int
     sensors: Sequence[str] = ()
     look = 0.0
@@ -93,7 +93,7 @@ class Intake(ABC):
         ValueError
             If what came does not tell, and more may.
         """
-        raise ValueError(f"{type(self).__name__}: expected its settings to be given")
+        raise ValueError(f"{type(self).__name__}: expected its config to be given")
 
     def motion(self) -> Motion | None:
         """Where the sensor of the last scan was; None where nothing moves, or poses are of the map alone."""
@@ -122,13 +122,13 @@ class ScansIntake(Intake):
 
     Parameters
     ----------
-    settings : Settings
+    config : Config
     dim : int
     """
 
-    def __init__(self, settings: Settings, dim: int) -> None:
+    def __init__(self, config: Config, dim: int) -> None:
         super().__init__()
-        self.settings, self.dim = settings, dim
+        self.config, self.dim = config, dim
 
     def scan(self, entry: Entry, give_up: bool, figures: LiveFigures) -> Scan | Verdict:
         scan = entry.item
@@ -176,6 +176,11 @@ class PosedIntake(Intake):
     def __init__(self) -> None:
         super().__init__()
         self._latest: dict[str, float] = {}
+        self._corrections: list[Correction] = []
+
+    def corrections(self) -> list[Correction]:
+        taken, self._corrections = self._corrections, []
+        return taken
 
     def _posed(
         self,

@@ -110,8 +110,8 @@ class LiveMapper:
     >>> import numpy as np
     >>> from ndtree import Scan
     >>> from ndtree.live import LiveMapper, ScansIntake
-    >>> from ndtree.tuning.settings import Settings
-    >>> with LiveMapper(ScansIntake(Settings({}, 30.0, "free"), 2)) as mapper:
+    >>> from ndtree.tuning.config import Config
+    >>> with LiveMapper(ScansIntake(Config.of(max_range=30.0, no_return="free"), 2)) as mapper:
     ...     mapper.put(Scan(np.array([[2.0, 0.5]]), np.zeros(2)))
     >>> mapper.figures.mapped
     1
@@ -226,7 +226,7 @@ class LiveMapper:
     def _may_drop(self) -> bool:
         """Whether the queue is full of more than what was looked at before mapping began."""
         oldest = self._queue.oldest()
-        if self._intake.settings is None:
+        if self._intake.config is None:
             waits = self._intake.look + self._patience
             return oldest is not None and self._latest - oldest.received > waits
         return len(self._queue) >= self._queue.capacity + self._backlog
@@ -316,8 +316,8 @@ class LiveMapper:
             if self._corrections is not None and self._target is not None:
                 self._begin_corrected()
             elif m is None and self._target is not None:
-                assert self._intake.settings is not None
-                m = self._make(self._target.dim, self._intake.settings.options)
+                assert self._intake.config is not None
+                m = self._make(self._target.dim, self._intake.config.options)
             if m is None and self._corrections is None:
                 return
             if m is not None and self._target is not None and m.dim != self._target.dim:
@@ -328,9 +328,9 @@ class LiveMapper:
 
     def _begin_corrected(self) -> None:
         """Begin with an empty map, which scans will make."""
-        assert self._intake.settings is not None and self._corrections is not None
+        assert self._intake.config is not None and self._corrections is not None
         with self._lock:
-            self._corrections.begin(self._intake.dim, self._intake.settings.options)
+            self._corrections.begin(self._intake.dim, self._intake.config.options)
             self._target = self._corrections.map
 
     def _check(self) -> None:
@@ -357,7 +357,7 @@ class LiveMapper:
             if is_idle and not self._is_closing:
                 self._changed.wait(_LOOKS)
             now, closing = self._now(), self._is_closing
-        if self._intake.settings is None:
+        if self._intake.config is None:
             self._take_poses(math.inf)
             if not self._decided(now, closing):
                 return not closing
@@ -366,9 +366,9 @@ class LiveMapper:
         if self._target is None and self._corrections is not None:
             self._begin_corrected()
         if self._target is None:
-            settings = self._intake.settings
-            assert settings is not None
-            self._target = self._make(self._intake.dim, settings.options)
+            config = self._intake.config
+            assert config is not None
+            self._target = self._make(self._intake.dim, config.options)
         return self._map_some(now, closing)
 
     def _take_poses(self, until: float, *, one: bool = False) -> bool:
@@ -420,7 +420,7 @@ class LiveMapper:
                 if closing:
                     raise
                 self.undecided = str(error)
-        if self._intake.settings is not None:
+        if self._intake.config is not None:
             self.undecided = ""
             with self._changed:
                 self._backlog = len(self._queue)
@@ -454,14 +454,14 @@ class LiveMapper:
             for one in (self._window, self._fading, self._way):
                 if one is not None:
                     one.begin()
-            settings = self._intake.settings
-            assert settings is not None
+            config = self._intake.config
+            assert config is not None
             if self._corrections is not None:
                 self._begin_corrected()
             elif self._first is not None:
                 self._target = self._first.snapshot()
             else:
-                self._target = self._make(self._intake.dim, settings.options)
+                self._target = self._make(self._intake.dim, config.options)
             self._revision += 1
 
     def _map_some(self, now: float, closing: bool) -> bool:
@@ -512,21 +512,21 @@ class LiveMapper:
         return self._intake.scan(entry, True, self.figures) if found is Verdict.wait and gives_up else found
 
     def _insert(self, scan: Scan, entry: Entry) -> None:
-        settings, figures = self._intake.settings, self.figures
-        assert settings is not None and self._target is not None
+        config, figures = self._intake.config, self.figures
+        assert config is not None and self._target is not None
         origins = np.atleast_2d(scan.origin)
         self.position = origins[-1] if len(origins) else self.position
-        usable = settings.usable(scan)
+        usable = config.usable(scan)
         if self._localizer is not None:
             self._localize(usable, entry, self._localizer)
             return
         try:
             with self._lock:
-                one = self._mapped(usable, settings.max_range)
+                one = self._mapped(usable, config.max_range)
                 if self._window is not None:
                     self._window.moved(self._target, scan)
                 if self._fading is not None:
-                    self._fading.follow(self._target, usable, settings.max_range)
+                    self._fading.follow(self._target, usable, config.max_range)
                 self._stamp = scan.stamp
                 self._revision += 1
         except ValueError:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from ndtree.base.scan import Scan
@@ -31,12 +31,14 @@ from ndtree.logs.ros.files.memory import bag_of
 from ndtree.logs.ros.following import Follower
 from ndtree.logs.ros.messages.beams import SENSORS
 from ndtree.logs.ros.messages.head import head_of
+from ndtree.logs.ros.options import BagOptions
 from ndtree.logs.ros.placement.placement import STILL, TRANSFORMS
 from ndtree.logs.ros.reading import Measured, MessageReader, OtherFrame
 from ndtree.logs.ros.rosbag import RosbagLog
 from ndtree.logs.ros.storage import Raw
 from ndtree.logs.ros.survey import PATH, POSES_STREAM, TF, is_static, poses_in
-from ndtree.tuning.settings import Settings, settle
+from ndtree.tuning.config import Config
+from ndtree.tuning.inspection import inspect
 
 #: What is decided is decided of the first messages of so long [s].
 LOOK = 2.0
@@ -58,16 +60,8 @@ class MessagesIntake(PosedIntake):
     ----------
     name : str
         How errors call the source.
-    options : dict, optional
-        Of the map.
-    reading : dict, optional
-        As for `ndtree.read` of a ROS bag: ``topic``, ``fixed_frame``, ``mount`` and so on.
-    dim : int, optional
-        2 or 3; else what the sensors say.
-    max_range : float
-        Longer beams are free up to there [m].
-    no_return : {"auto", "free", "ignore"}
-        What beams without return say.
+    given : Config, optional
+        What is decided already of how messages are read, selected and mapped.
     follow : str
         A topic with a SLAM's ``nav_msgs/Path``, whose poses correct earlier ones, or "tf" for what changes
         of the map's transform to the odometry's frame tell of them; "" for neither.
@@ -75,8 +69,6 @@ class MessagesIntake(PosedIntake):
         The frame that the poses of the Path are of; else the one that moves and is next to the sensor.
     look : float
         Nothing is mapped until measurements of so long have come [s].
-    parts : callable, optional
-        What of the scans of a dimension is mapped, as for `Log.select`.
 
     Attributes
     ----------
@@ -89,23 +81,18 @@ class MessagesIntake(PosedIntake):
     def __init__(
         self,
         name: str,
+        given: Config | None = None,
         *,
-        options: dict[str, Any] | None = None,
-        reading: dict[str, Any] | None = None,
-        dim: int | None = None,
-        max_range: float = math.inf,
-        no_return: str = "auto",
         follow: str = "",
         body: str = "",
         look: float = LOOK,
-        parts: Callable[[int], dict[str, Any]] | None = None,
     ) -> None:
         super().__init__()
         if not look >= 0:
             raise ValueError(f"look = {look:g} s: must be >= 0")
         self.log: RosbagLog | None = None
-        self._name, self._options, self._reading = name, dict(options or {}), dict(reading or {})
-        self._wanted_dim, self._max_range, self._no_return, self.look = dim, max_range, no_return, look
+        self._name, self._given, self.look = name, given or Config(), look
+        self._reading = self._given.reading
         topics = self._reading.get("topic") or []
         names = [topics] if isinstance(topics, str) else topics
         self._topics = {plain(one.partition("@")[0]) for one in names}
@@ -120,9 +107,7 @@ class MessagesIntake(PosedIntake):
         self._began, self._looked_at = math.inf, -math.inf
         self._bytes = self._released = 0
         self._decided: Any = None
-        self._parts = parts or (lambda dim: {})
         self._selected: OneByOne | None = None
-        self._corrections: list[Correction] = []
         self._fixed: list[Raw] = []
         self._early: deque[Raw] = deque(maxlen=MOST_EARLY)
         self._until = math.inf
@@ -192,7 +177,7 @@ class MessagesIntake(PosedIntake):
     def _look_for_jumps(self, *, everywhere: bool = False) -> None:
         """What the newest transforms tell of earlier poses, or all of them."""
         assert self.log is not None
-        place = self.log.places[self.sensors[0]]
+        place = self.log.plan.places[self.sensors[0]]
         found = place.tree.body_of(place.fixed_frame, place.observer or place.frame)
         if found is None or found[0] == place.fixed_frame:
             return
@@ -204,10 +189,6 @@ class MessagesIntake(PosedIntake):
             if math.isfinite(stamp):
                 correction = self._jumps.add(stamp, place.tree.pose_at(place.fixed_frame, found[0], stamp))
                 self._corrections += [] if correction is None else [correction]
-
-    def corrections(self) -> list[Correction]:
-        taken, self._corrections = self._corrections, []
-        return taken
 
     def motion(self) -> Motion | None:
         assert self._reader is not None and self._measured is not None
@@ -236,23 +217,23 @@ class MessagesIntake(PosedIntake):
             # If that is too little, the next time is not too soon: each look takes longer than the last.
             self._step = min(2 * self._step, MOST_STEP) or LOOK
             self._until += self._step
-            log, bag, settings = self._looked(raws, everything)
+            log, bag, config = self._looked(raws, everything)
         else:
             try:
-                log, bag, settings = self._looked(raws, everything)
+                log, bag, config = self._looked(raws, everything)
             except ValueError:  # What was decided still stands.
                 log = None
         self._looked_at, self._bytes = until, sum(len(raw.data) for raw in raws)
         later = [self._began + seconds for seconds in LATER if self._began + seconds > until]
         is_last = everything or self._bytes > KEPT or not later
         self._until = math.inf if is_last else later[0]
-        before, self._decided = self._decided, self._decided if log is None else _ways_of(log, settings)
+        before, self._decided = self._decided, self._decided if log is None else _ways_of(log, config)
         is_other = self._decided != before
         if log is not None and is_other:
             seconds = 1e-9 * raws[-1].received - self._began
             anew = f"decided anew of {seconds:.0f} s, of which all is mapped again"
-            self.settings, self.dim = settings, log.dim
-            self.notes = [f"uses {log.uses}", *settings.lines(), *log.notes, *([anew] if before else [])]
+            self.config, self.dim = config, log.dim
+            self.notes = [f"uses {log.uses}", *config.notes, *log.notes, *([anew] if before else [])]
             self._take(log, bag, until)
         if is_last:
             self.may_revise = False
@@ -260,36 +241,27 @@ class MessagesIntake(PosedIntake):
             self._early.clear()
         return is_other
 
-    def _looked(self, raws: list[Raw], everything: bool) -> tuple[RosbagLog, Bag, Settings]:
+    def _looked(self, raws: list[Raw], everything: bool) -> tuple[RosbagLog, Bag, Config]:
         """What these messages say as a recording."""
         bag = bag_of(self._name, raws)
-        log = RosbagLog(self._name, dim=self._wanted_dim, bag=bag, so_far=not everything, **self._reading)
-        if math.isfinite(self._max_range):
-            log.no_return_range = self._max_range
-        log.keep_going = True
-        parts = self._parts(log.dim)
-        selected = log.select(**parts) if parts else log
-        settings = settle(
-            selected,
-            options=self._options,
-            max_range=self._max_range,
-            no_return=self._no_return,
-            with_sigma=True,
-        )
-        log.zero_is = selected.zero_is
-        return log, bag, settings
+        dim = self._given.get("dim")
+        log = RosbagLog(self._name, BagOptions(**self._reading), dim=dim, bag=bag, so_far=not everything)
+        log = self._given.ruled(log).ruled(keep_going=True)
+        parts = self._given.parts(log.dim)
+        config = inspect(log.select(**parts) if parts else log, self._given)
+        return config.ruled(log), bag, config
 
     def _take(self, log: RosbagLog, bag: Bag, until: float) -> None:
-        self.log, self._clock, self._bag = log, log.clock, bag
-        self._reader = log.reader(bag)
-        self._follower = Follower(log.places, log.clock, bag.decoded, log.covariances)
+        self.log, self._clock, self._bag = log, log.plan.clock, bag
+        self._reader = MessageReader(bag, log.plan, log.rules)
+        self._follower = Follower(log.plan.places, log.plan.clock, bag.decoded, log.plan.covariances)
         self.sensors = [sensor.topic.name for sensor in log.sensors]
         if not self._topics:
             self._reading["topic"] = list(self.sensors)
         self._topics = {plain(sensor.topic.name) for sensor in log.sensors}
         self._latest, self._entry, self._released = {}, None, 0
         self._corrections, self._jumps = [], Jumps()
-        parts = self._parts(log.dim)
+        parts = self._given.parts(log.dim)
         self._selected = OneByOne(Selection(log.dim, **parts), self._name) if parts else None
         for raw in (*self._fixed, *self._early):
             if 1e-9 * raw.received > until:
@@ -344,7 +316,7 @@ class MessagesIntake(PosedIntake):
             return []
         path = [self._follow] if self._follow else []
         return path + [
-            place.origin for place in self.log.places.values() if place.origin not in (TRANSFORMS, STILL)
+            place.origin for place in self.log.plan.places.values() if place.origin not in (TRANSFORMS, STILL)
         ]
 
     def said(self) -> list[str]:
@@ -352,11 +324,11 @@ class MessagesIntake(PosedIntake):
         return [*self.notes, *path, *(self._reader.notes() if self._reader is not None else [])]
 
 
-def _ways_of(log: RosbagLog, settings: Settings) -> Any:
+def _ways_of(log: RosbagLog, config: Config) -> Any:
     """All by which messages become a map; of two looks that are equal in it, the maps are equal."""
     places = {
         name: (place.fixed_frame, place.frame, place.is_own, place.observer, place.origin, place.moving())
-        for name, place in log.places.items()
+        for name, place in log.plan.places.items()
     }
-    how = settings.options, settings.max_range, settings.no_return, log.zero_is, log.dim
-    return log.uses, places, log.sweeps, log.covariances.are_used, how
+    how = config.options, config.max_range, config.no_return, log.rules.zero_is, log.dim
+    return log.uses, places, log.plan.sweeps, log.plan.covariances.are_used, how

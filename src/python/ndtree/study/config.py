@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,36 +10,11 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from ndtree.evaluation.comparison import NO_RETURN
-from ndtree.logs import FORMATS, READER_OPTIONS
-from ndtree.maps.kinds import KINDS, MAP_OPTIONS
-from ndtree.study.checks import Check, Table, integer, number, numbers, one_of, text, true_or_false
+from ndtree.base.checks import Check, Table, integer, list_of, one_of, one_or_more, parsed, text
+from ndtree.maps.kinds import KINDS
+from ndtree.tuning.config import MAPPING, OF_FORMATS, OF_MAPS, READING, SELECTING, Config, beside
 
-#: What a log of a file takes besides ``path``: words of `ndtree.read`, and of `Log.select`.
-_READING: Mapping[str, Check] = {
-    "format": one_of(*FORMATS),
-    "dim": one_of(2, 3),
-    "keep_going": true_or_false,
-    "strict": true_or_false,
-}
-_SELECTING: Mapping[str, Check] = {
-    "every": integer(1),
-    "start": number(0.0),
-    "stop": number(0.0),
-    "min_range": number(0.0),
-    "stride": integer(1),
-    "box": numbers,
-    "origin": numbers,
-}
 _SIMULATING: Mapping[str, Check] = {"scans": integer(1), "seed": integer(0)}
-#: What any log takes: words of `compare`.
-_MAPPING: Mapping[str, Check] = {"max_range": number(0.0, above=True), "no_return": one_of(*NO_RETURN)}
-_OF_TYPE: Mapping[type, Check] = {
-    bool: true_or_false,
-    int: integer(-math.inf),
-    float: number(-math.inf),
-    str: text,
-}
 PICTURES = ("png", "pdf", "svg")
 
 
@@ -56,16 +30,17 @@ class StudyLog:
         The file; None if it is simulated.
     world : str
         The world that is simulated.
-    reading, selecting, mapping : dict
-        Keywords of `ndtree.read` or `ndtree.simulate`, of `Log.select` and of `compare`.
+    simulating : dict
+        Keywords of `ndtree.simulate`.
+    config : Config
+        How it is read and mapped.
     """
 
     name: str
     path: Path | None
     world: str = ""
-    reading: dict[str, Any] = field(default_factory=dict)
-    selecting: dict[str, Any] = field(default_factory=dict)
-    mapping: dict[str, Any] = field(default_factory=dict)
+    simulating: dict[str, Any] = field(default_factory=dict)
+    config: Config = field(default_factory=Config)
 
 
 @dataclass(frozen=True)
@@ -117,9 +92,10 @@ def load(path: str | os.PathLike[str]) -> Study:
     Parameters
     ----------
     path : str or path
-        TOML: tables ``[logs.NAME]`` with ``path`` or ``simulate`` and words of `read`, `Log.select` and
-        `compare`; tables ``[maps.NAME]`` with ``kind`` and the options of maps, where a list stands for one
-        map for each of its values; and ``output``, ``held_out``, ``repeat`` and ``pictures``.
+        TOML: tables ``[logs.NAME]`` with ``path`` or ``simulate``, and words of `read`, `Log.select` and
+        `compare`, or ``config``, a file of `Config.save`; tables ``[maps.NAME]`` with ``kind`` and the
+        options of maps, where a list stands for one map for each of its values; and ``output``,
+        ``held_out``, ``repeat`` and ``pictures``.
 
     Raises
     ------
@@ -131,35 +107,17 @@ def load(path: str | os.PathLike[str]) -> Study:
         If Python is older than 3.11 and has no tomli.
     """
     file = Path(path)
-    top = Table(file, "", _parsed(file))
+    top = Table(file, "", parsed(file))
     output = top.take("output", text, f"{file.stem}-results")
     held_out = top.take("held_out", integer(0), 10)
     if held_out == 1:
         raise top.wrong("held_out", 1, "0, or at least 2: else nothing is left to map")
     repeat = top.take("repeat", integer(1), 1)
-    pictures = top.take("pictures", _list_of(one_of(*PICTURES)), ["png"])
+    pictures = top.take("pictures", list_of(one_of(*PICTURES)), ["png"])
     logs = tuple(_log(name, table, file) for name, table in top.tables("logs"))
     sets = tuple(one for name, table in top.tables("maps") for one in _sets(name, table))
     top.finish()
     return Study(file, file.parent / output, logs, sets, held_out, repeat, tuple(pictures))
-
-
-def _parsed(file: Path) -> dict[str, Any]:
-    try:
-        import tomllib
-    except ModuleNotFoundError:
-        try:
-            import tomli as tomllib  # type: ignore[no-redef]
-        except ImportError:
-            raise ImportError(
-                "before Python 3.11 ndtree.study needs tomli; "
-                "install it with:\n  pip install 'ndtree-mapping[cli]'"
-            ) from None
-    try:
-        with open(file, "rb") as opened:
-            return tomllib.load(opened)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{file}: {error}: expected TOML") from None
 
 
 def _log(name: str, table: Table, file: Path) -> StudyLog:
@@ -167,30 +125,23 @@ def _log(name: str, table: Table, file: Path) -> StudyLog:
     world = table.take("simulate", one_of("office", "apartment", "street"), None)
     if (path is None) == (world is None):
         raise ValueError(f"{file}: logs.{name}: expected either path or simulate")
-    mapping = table.take_all(_MAPPING)
     if world is not None:
-        reading = table.take_all(_SIMULATING)
-        table.finish(*_SIMULATING, *_MAPPING, "simulate")
-        return StudyLog(name, None, world, reading, {}, mapping)
-    formats = {option.name: _OF_TYPE.get(option.type, text) for option in READER_OPTIONS}
-    reading = table.take_all({**_READING, **formats})
-    for key, value in reading.items():  # Files beside the log are named from where this file is.
-        if isinstance(value, str) and key in formats and (file.parent / value).is_file():
-            reading[key] = str(file.parent / value)
-    selecting = table.take_all(_SELECTING)
-    if "box" in selecting:
-        half = len(selecting["box"]) // 2
-        selecting["box"] = (selecting["box"][:half], selecting["box"][half:])
-    table.finish(*_READING, *_SELECTING, *_MAPPING, "path")
-    return StudyLog(name, file.parent / path, "", reading, selecting, mapping)
+        simulating = table.take_all(_SIMULATING)
+        config = Config.of(**table.take_all(MAPPING))
+        table.finish(*_SIMULATING, *MAPPING, "simulate")
+        return StudyLog(name, None, world, simulating, config)
+    base = table.take("config", text, None)
+    given = Config.of(**beside(file, table.take_all({**READING, **OF_FORMATS, **SELECTING, **MAPPING})))
+    table.finish(*READING, *SELECTING, *MAPPING, "path", "config")
+    config = given if base is None else Config.load(file.parent / base).overridden(given.values)
+    return StudyLog(name, file.parent / path, "", {}, config)
 
 
 def _sets(name: str, table: Table) -> list[ParameterSet]:
     """A set for each combination of the values in lists."""
     kind = table.take("kind", one_of(*KINDS), name if name in KINDS else "adaptive")
-    checks = {option.name: _one_or_more(_OF_TYPE[option.type]) for option in MAP_OPTIONS}
-    options = table.take_all(checks)
-    table.finish("kind", *checks)
+    options = table.take_all({name: one_or_more(check) for name, check in OF_MAPS.items()})
+    table.finish("kind", *OF_MAPS)
     varied = {key: value for key, value in options.items() if isinstance(value, list)}
     sets = []
     for values in product(*varied.values()):
@@ -198,26 +149,3 @@ def _sets(name: str, table: Table) -> list[ParameterSet]:
         label = ", ".join([name, *(f"{key} {value}" for key, value in chosen.items())])
         sets.append(ParameterSet(label, kind, {**options, **chosen}))
     return sets
-
-
-def _list_of(check: Check) -> Check:
-    def checked(value: Any) -> list[Any]:
-        if not isinstance(value, list):
-            raise ValueError(f"a list, each {check.expected}")
-        return [check(one) for one in value]
-
-    return Check(checked, f"a list, each {check.expected}")
-
-
-def _one_or_more(check: Check) -> Check:
-    """A value, or several different ones in a list."""
-
-    def checked(value: Any) -> Any:
-        if not isinstance(value, list):
-            return check(value)
-        found = [check(one) for one in value]
-        if not found or len(set(found)) != len(found):
-            raise ValueError
-        return found
-
-    return Check(checked, f"{check.expected}, or a list of different ones")

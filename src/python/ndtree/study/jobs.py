@@ -6,7 +6,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-import math
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from typing import Any
 
 from ndtree._native import _core
 from ndtree.evaluation.comparison import compare
-from ndtree.logs import Log, read, simulate
+from ndtree.logs import Log, simulate
 from ndtree.maps.kinds import make_map
 from ndtree.study.config import ParameterSet, Study, StudyLog
 
@@ -39,9 +38,9 @@ class Job:
 
     def described(self) -> dict[str, Any]:
         """All that the figures depend on, but for the content of files and the version."""
-        about = {key: value for key, value in vars(self.log).items() if key not in ("name", "path")}
+        config = {name: one.value for name, one in self.log.config.values.items()}
         return {
-            "log": about,
+            "log": {"world": self.log.world, "simulating": self.log.simulating, **config},
             "map": {"kind": self.parameters.kind, **self.parameters.options},
             "held_out": self.held_out,
             "repeat": self.repeat,
@@ -59,8 +58,8 @@ class Job:
         content = None if path is None else content_hash(path)
         beside = {
             name: content_hash(Path(value))
-            for name, value in self.log.reading.items()
-            if isinstance(value, str) and name != "format" and os.path.exists(value)
+            for name, value in self.log.config.reading.items()
+            if isinstance(value, str) and os.path.exists(value)
         }
         parts = [LAYOUT, _core.__version__, content, beside, self.described()]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:24]
@@ -68,11 +67,18 @@ class Job:
     def figures(self) -> dict[str, Any]:
         """Map the log: one row of a `Comparison`, with what was counted of the log."""
         log = opened(self.log)
-        kind, options = self.parameters.kind, dict(self.parameters.options)
+        config = self.log.config
+        kind, options = self.parameters.kind, {**config.options, **self.parameters.options}
         size = options.pop("min_cell_size", None)
         make = functools.partial(make_map, kind, dim=log.dim, cell_size=size, **options)
-        mapping = {"max_range": math.inf, **self.log.mapping}
-        found = compare(log, {"map": make}, held_out=self.held_out, repeat=self.repeat, **mapping)
+        found = compare(
+            log,
+            {"map": make},
+            held_out=self.held_out,
+            repeat=self.repeat,
+            max_range=config.max_range,
+            no_return=config.no_return,
+        )
         row = {key: value for key, value in found["maps"][0].items() if key != "map"}
         about = {key: found[key] for key in ("dim", "scans", "scans_mapped", "beams", "parameters")}
         return {**about, **row}
@@ -86,10 +92,8 @@ def jobs_of(study: Study) -> list[Job]:
 def opened(log: StudyLog) -> Log:
     """The log, or the part of it that the study wants."""
     if log.path is None:
-        return simulate(log.world, **log.reading)  # type: ignore[arg-type]
-    found = read(log.path, **log.reading)
-    found.no_return_range = log.mapping.get("max_range")
-    return found.select(**log.selecting) if log.selecting else found
+        return simulate(log.world, **log.simulating)  # type: ignore[arg-type]
+    return log.config.read(log.path)
 
 
 def content_hash(path: Path) -> str:

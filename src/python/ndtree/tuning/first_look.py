@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,8 +16,9 @@ from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.base.typing import MapOptions
 from ndtree.evaluation.no_returns import NoReturns, judge
-from ndtree.evaluation.sampling import skipping_unmappable, spread
+from ndtree.evaluation.sampling import skipping_unmappable, some_of, spread
 from ndtree.logs.core.log import Log, require_log
+from ndtree.logs.core.silence import CutOff, CutOffSearch
 from ndtree.tuning.agreement import Disagreement, disagreement
 from ndtree.tuning.calibration import range_noise
 from ndtree.tuning.revisits import Drift, drift
@@ -55,6 +57,10 @@ class FirstLook:
         That was looked at.
     cut_off : float or None
         The log's largest range, where readings are taken for beams without return [m].
+    limit : CutOff or None
+        The same with its tolerance, of a log that is no join of several.
+    zeros : int
+        Beams with a range of 0.
     disagreement : Disagreement or None
         From when on the poses of a 2-D log do not fit its scans.
     drift : Drift or None
@@ -73,6 +79,8 @@ class FirstLook:
     read_seconds: float
     sample: list[Scan] = field(repr=False, compare=False)
     cut_off: float | None = None
+    limit: CutOff | None = None
+    zeros: int = 0
     disagreement: Disagreement | None = None
     drift: Drift | None = None
 
@@ -133,9 +141,9 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
     require_log(log)
     begin = time.perf_counter()
     report = progress or no_progress
-    total = len(log) if hasattr(log, "__len__") else 0
-    runs, scans, beams = spread(log, lambda done: report("looking at the log", done, total))
-    read_seconds = time.perf_counter() - begin
+    looked = _Looked(log, report)
+    runs, beams = looked.runs, round(looked.times * looked.beams)
+    read_seconds = looked.times * (time.perf_counter() - begin)
     sample = [scan for run in runs for scan in run]
     if not sample:
         raise ValueError(f"{log.name}: no scans, expected at least one")
@@ -157,7 +165,7 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         limit = _rounded(BELIEVED * longest)
     return FirstLook(
         dim=log.dim,
-        scans=scans,
+        scans=looked.scans,
         beams=beams,
         range_sigma=sigma,
         range_sigma_quadratic=quadratic,
@@ -167,10 +175,44 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         seconds=time.perf_counter() - begin,
         read_seconds=read_seconds,
         sample=sample,
-        cut_off=log.cut_off,
+        cut_off=looked.cut_off,
+        limit=looked.limit,
+        zeros=round(looked.times * looked.zeros),
         disagreement=disagreement(runs) if log.dim == 2 else None,
         drift=drift(runs) if log.dim == 2 else None,
     )
+
+
+class _Looked:
+    """A sample of a log, and what was seen on the way: where its ranges end is found in the same pass."""
+
+    def __init__(self, log: Log, report: Progress) -> None:
+        total = len(log) if hasattr(log, "__len__") else 0
+        search = CutOffSearch(says_itself=log.marks_no_returns) if log.needs_search else None
+        source = log.sampled() if search is None else log.ruled(cut_off=None)
+        decoded = 0
+
+        def scans() -> Iterator[Scan]:
+            nonlocal decoded
+            for scan in source:
+                decoded += len(scan) > 0
+                if search is not None:
+                    search.add(scan)
+                yield scan
+
+        self.runs, self.scans, self.beams = spread(
+            scans(),
+            lambda done: report("looking at the log", done, total),
+            some_of if search is None else lambda scan: scan,
+        )
+        self.zeros, self.limit = source.zeros, log.limit() if search is None else search.found()
+        if search is not None:
+            limit = self.limit
+            cut = (lambda scan: scan) if limit is None else limit.applied
+            self.runs = [[some_of(cut(scan)) for scan in run] for run in self.runs]
+        self.cut_off = log.cut_off if search is None else None if self.limit is None else self.limit.at
+        #: Of the scans, how many times as many there are as were decoded.
+        self.times = self.scans / decoded if decoded else 1.0
 
 
 def _rounded(value: float) -> float:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree align``: poses of a log from what its scans saw."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Optional, Union
 
@@ -18,14 +17,15 @@ from ndtree.alignment import (
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.flags import reading_options
-from ndtree.cli.commands.logs import limit_of, warn_of_skipped
+from ndtree.cli.commands.flags import opened, reading_options
+from ndtree.cli.commands.logs import inspected, warn_of_skipped
 from ndtree.cli.commands.mapping import mapped, written
 from ndtree.cli.commands.options import GivenLog, Json
 from ndtree.cli.commands.output import check_picture, is_stdout, write_json
 from ndtree.cli.commands.pictures import plotting
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log
+from ndtree.tuning.config import Config
 
 KISS_ICP = "kiss-icp"
 
@@ -62,37 +62,36 @@ def align_(
         bool, typer.Option("--loops/--no-loops", help="Look for places that were seen before.")
     ] = True,
     json_file: Json = None,
-    reading: Any = None,
+    given: Any = None,
 ) -> None:
     """Find the poses of a 2-D laser's log, where its own drift or it has none.
 
     Each scan is matched with those before it. Places seen before are found, and all poses made to fit.
     Of a 3-D lidar: --odometry kiss-icp, which finds no places again.
     """
-    by_kiss_icp = reading.options.get("odometry") == KISS_ICP
+    by_kiss_icp = given.get("odometry") == KISS_ICP
     if by_kiss_icp:
-        others = {name: value for name, value in reading.options.items() if name != "odometry"}
-        reading = replace(reading, options=others)
+        given = Config({name: one for name, one in given.values.items() if name != "odometry"})
     if max_range is None:
         max_range = MAX_RANGE_IN_SPACE if by_kiss_icp else MAX_RANGE
-    limit_of(max_range)
-    opened = reading.open(log, None)
+    if not max_range > 0:
+        raise WrongCall(f"--max-range {max_range:g}: must be > 0 m")
+    source = opened(given, log)
     if picture is not None:
         check_picture(plotting(), picture)
     found: Union[Alignment, SpatialAlignment]
-    found = by_odometry(opened, max_range) if by_kiss_icp else aligned(opened, max_range, loops)
+    found = by_odometry(source, max_range) if by_kiss_icp else aligned(source, max_range, loops)
     found.save(output)
     if picture is not None:
         found.draw(picture)
     if map_file is not None:
-        done = mapped(found.log, False, {}, max_range=limit_of(None), no_return="auto", read_seconds=0.0)
-        written(done, map_file)
+        written(mapped(*inspected(found.log, given)), map_file)
     if not is_stdout(json_file):
-        print_alignment(opened, found)
+        print_alignment(source, found)
         files = " and ".join(str(path) for path in (output, map_file, picture) if path)
         print(f"in {found.seconds:.3f} s; wrote {files}")
-    write_json({"log": opened.name, "format": opened.format, **found.figures()}, json_file)
-    warn_of_skipped(opened)
+    write_json({"log": source.name, "format": source.format, **found.figures()}, json_file)
+    warn_of_skipped(source)
 
 
 def aligned(log: Log, max_range: float = MAX_RANGE, loops: bool = True) -> Alignment:

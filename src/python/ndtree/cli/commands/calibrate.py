@@ -9,12 +9,14 @@ import typer
 
 from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.flags import Reading, reading_options
-from ndtree.cli.commands.logs import limit_of, print_settings, settled, warn_of_skipped
-from ndtree.cli.commands.options import Dim, GivenLog, Json, MaxRange, NoReturnKind, NoReturnOption
+from ndtree.cli.commands.flags import mapping_options, opened
+from ndtree.cli.commands.logs import inspected, print_lines, warn_of_skipped
+from ndtree.cli.commands.options import GivenLog, Json
 from ndtree.cli.commands.output import is_stdout, write, write_json
 from ndtree.cli.commands.progress import progress
+from ndtree.logs import WrongOption
 from ndtree.tuning import calibration
+from ndtree.tuning.config import Config
 
 
 @command(
@@ -25,12 +27,9 @@ from ndtree.tuning import calibration
     ),
 )
 @reports_errors
-@reading_options
+@mapping_options
 def calibrate(
     log: GivenLog,
-    dim: Dim = None,
-    max_range: MaxRange = None,
-    no_return: NoReturnOption = NoReturnKind.auto,
     limit: Annotated[
         Optional[int], typer.Option(min=1, help="Only the first scans, this many.", show_default=False)
     ] = None,
@@ -39,26 +38,24 @@ def calibrate(
         typer.Option("--find-mount", help="Of a ROS bag: find where the sensor sits on its base, instead."),
     ] = False,
     json_file: Json = None,
-    reading: Any = None,
+    given: Any = None,
 ) -> None:
     """Estimate the options of the sensor from a log: the noise of its ranges, and its error rates."""
     if find_mount:
-        _find_mount(log, dim, reading, json_file)
+        _find_mount(log, given, json_file)
         return
-    far = limit_of(max_range)
-    opened = reading.open(log, dim, max_range)
-    settings = settled(opened, {}, far, no_return.value)
+    source, config = inspected(opened(given, log), given, with_sigma=False)
     with progress() as advance:
         figures = calibration.calibrate(
-            opened,
-            max_range=settings.max_range,
-            no_return=settings.no_return,
+            source,
+            max_range=config.max_range,
+            no_return=config.no_return,
             limit=limit,
             progress=advance,
         )
-    warn_of_skipped(opened)
+    warn_of_skipped(source)
     if not is_stdout(json_file):
-        print_settings(opened, settings)
+        print_lines(source, config)
         print(figures)
         flags = [f"--{name.replace('_', '-')} {value:.3g}" for name, value in figures.options().items()]
         if flags:
@@ -66,28 +63,27 @@ def calibrate(
     write(figures.to_json, json_file)
 
 
-def _find_mount(path: Path, dim: Optional[int], reading: Reading, json_file: Optional[Path]) -> None:
+def _find_mount(path: Path, given: Config, json_file: Optional[Path]) -> None:
     """Where the sensor of a bag sits, from where its map is sharpest."""
     from ndtree.logs.ros.rosbag import RosbagLog
     from ndtree.tuning.calibration.mount import find_mount
 
-    if reading.selection:
+    if given.selection:
         raise WrongCall("--find-mount: looks at the whole log, expected no part of it")
     try:
-        opened = reading.with_default("mount", "0,0,0").open(path, dim)
-    except WrongCall as error:
-        if "mount" in reading.options or "takes no such option" not in str(error):
+        log = opened(Config.of(mount="0,0,0").overridden(given.values), path)
+    except WrongOption as error:
+        if "mount" in given.values or "takes no such option" not in str(error):
             raise
         raise WrongCall(f"--find-mount: {path} is no ROS bag") from None
-    assert isinstance(opened, RosbagLog)
+    assert isinstance(log, RosbagLog)
     with progress() as advance:
-        found = find_mount(opened, progress=advance)
+        found = find_mount(log, progress=advance)
         # There the log may bear out another understanding of the times of beams, which moves the clock.
         _, mount, _, offset = found.flags.split()
-        options = {**reading.options, "mount": mount, "time_offset": float(offset)}
-        again = replace(reading, options=options).open(path, dim)
+        again = opened(given.overridden(Config.of(mount=mount, time_offset=float(offset)).values), path)
         assert isinstance(again, RosbagLog)
-        if again.sweeps != opened.sweeps:
+        if again.plan.sweeps != log.plan.sweeps:
             better = find_mount(again, progress=advance)
             found = replace(better, gain=1 - (1 - found.gain) * (1 - better.gain))
     if not is_stdout(json_file):

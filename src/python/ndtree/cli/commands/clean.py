@@ -10,9 +10,9 @@ import typer
 
 from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.flags import map_options, reading_options
-from ndtree.cli.commands.logs import limit_of, made, new_map, settled, skipped, warn_of_skipped
-from ndtree.cli.commands.options import Dim, GivenLog, Json, MaxRange, NoReturnKind, NoReturnOption
+from ndtree.cli.commands.flags import map_options, opened
+from ndtree.cli.commands.logs import inspected, made, new_map, skipped, warn_of_skipped
+from ndtree.cli.commands.options import GivenLog, Json
 from ndtree.cli.commands.output import check_picture, is_stdout, write_json
 from ndtree.cli.commands.pictures import plotting
 from ndtree.cli.commands.progress import progress
@@ -30,7 +30,6 @@ from ndtree.evaluation.moved import MovedPoints, moved_scores
     ),
 )
 @reports_errors
-@reading_options
 @map_options
 def clean(
     log: GivenLog,
@@ -50,42 +49,38 @@ def clean(
     picture: Annotated[
         Optional[Path], typer.Option(metavar="FILE", help="Draw all points, those that moved in red.")
     ] = None,
-    dim: Dim = None,
-    max_range: MaxRange = None,
-    no_return: NoReturnOption = NoReturnKind.auto,
     json_file: Json = None,
-    options: Any = None,
-    reading: Any = None,
+    given: Any = None,
 ) -> None:
     """Write the points of a log without what moved: people, cars, doors.
 
     Each scan is asked whether it saw the places of all others' points empty. The log is read three times.
     """
     begin = time.perf_counter()
-    opened = reading.open(log, dim, max_range)
-    limit = limit_of(max_range)
+    source = opened(given, log)
     plot = plotting() if picture else None
-    made(lambda: new_map(opened.dim, False, options))
-    writer = writer_of(opened, output, mark)
+    made(lambda: new_map(source.dim, given))
+    writer = writer_of(source, output, mark)
     if picture is not None:
         check_picture(plot, picture)
-    settings = settled(opened, options, limit, no_return.value, with_sigma=True)
-    points = MovedPoints(opened, settings.options, settings.max_range, settings.no_return)
+    source, config = inspected(source, given)
+    writer.log = source
+    points = MovedPoints(source, config.options, config.max_range, config.no_return)
     cleaned = Cleaned(points, writer, keeps_points=picture is not None)
     with progress() as advance:
         points.look(advance)
         looked = time.perf_counter() - begin
         cleaned.write(advance)
     figures = {
-        "log": opened.name,
-        "format": opened.format,
+        "log": source.name,
+        "format": source.format,
         "scans": cleaned.scans,
         "points": cleaned.points,
         "moved": cleaned.moved,
         "unknown": cleaned.unknown,
         "seconds": time.perf_counter() - begin,
         "looking_seconds": looked,
-        "skipped": skipped(opened),
+        "skipped": skipped(source),
         "written": str(output),
     }
     if cleaned.truth:
@@ -95,8 +90,8 @@ def clean(
         cleaned.draw(picture)
     if not is_stdout(json_file):
         share = cleaned.moved / max(cleaned.points, 1)
-        print(f"{opened.name}: {number_of(cleaned.scans, 'scan')}, {cleaned.points} points that returned")
-        for line in settings.lines():
+        print(f"{source.name}: {number_of(cleaned.scans, 'scan')}, {cleaned.points} points that returned")
+        for line in config.notes:
             print(f"  {line}")
         moved = f"{number_of(cleaned.moved, 'point')} moved ({100 * share:.1f} %)"
         print(f"  {moved}; for {cleaned.unknown} others no scan can tell")
@@ -105,4 +100,4 @@ def clean(
             print(f"  judged by the log's array 'moving': {scores}")
         print(f"in {figures['seconds']:.3f} s; wrote {output}{f' and {picture}' if picture else ''}")
     write_json(figures, json_file)
-    warn_of_skipped(opened)
+    warn_of_skipped(source)

@@ -10,15 +10,11 @@ import typer
 from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.comparing import compared
-from ndtree.cli.commands.flags import map_options, reading_options
-from ndtree.cli.commands.logs import open_log, warn_of_skipped
+from ndtree.cli.commands.flags import map_options
+from ndtree.cli.commands.logs import open_log
 from ndtree.cli.commands.options import (
-    Dim,
     HeldOut,
     Json,
-    MaxRange,
-    NoReturnKind,
-    NoReturnOption,
     Repeat,
     Scans,
     Seed,
@@ -29,6 +25,27 @@ from ndtree.cli.commands.pictures import draw_side_by_side, plotting
 from ndtree.evaluation.map_comparison import compare_maps
 from ndtree.maps.kinds import KINDS
 from ndtree.maps.open import is_map
+
+_Log = Annotated[
+    Optional[Path],
+    typer.Argument(metavar="LOG | A", help="A log, or the first of two maps.", show_default=False),
+]
+_Other = Annotated[
+    Optional[Path],
+    typer.Argument(metavar="B", help="The second: .ndt, .bt, .ot or map_server's .yaml.", show_default=False),
+]
+_Maps = Annotated[
+    Optional[str],
+    typer.Option(help=f"Of {', '.join(KINDS)}, with @ and a cell size where it differs.", show_default=False),
+]
+_Picture = Annotated[
+    Optional[Path],
+    typer.Option(metavar="FILE", help="Draw the first two maps side by side, or how A and B differ."),
+]
+_Reliability = Annotated[
+    Optional[Path],
+    typer.Option(metavar="FILE", help="Draw that: reliability diagrams.", show_default=False),
+]
 
 
 @command(
@@ -41,56 +58,32 @@ from ndtree.maps.open import is_map
     ),
 )
 @reports_errors
-@reading_options
 @map_options
 def compare_(
     context: typer.Context,
-    log: Annotated[
-        Optional[Path],
-        typer.Argument(metavar="LOG | A", help="A log, or the first of two maps.", show_default=False),
-    ] = None,
-    other: Annotated[
-        Optional[Path],
-        typer.Argument(
-            metavar="B", help="The second: .ndt, .bt, .ot or map_server's .yaml.", show_default=False
-        ),
-    ] = None,
+    log: _Log = None,
+    other: _Other = None,
     world: Annotated[
         Optional[World], typer.Option(help="Simulate this instead of LOG.", show_default=False)
     ] = None,
-    maps: Annotated[
-        Optional[str],
-        typer.Option(
-            help=f"Of {', '.join(KINDS)}, with @ and a cell size where it differs.", show_default=False
-        ),
-    ] = None,
+    maps: _Maps = None,
     held_out: HeldOut = 10,
     repeat: Repeat = 1,
-    dim: Dim = None,
-    max_range: MaxRange = None,
-    no_return: NoReturnOption = NoReturnKind.auto,
     scans: Scans = None,
     seed: Seed = 1,
     json_file: Json = None,
     csv_file: Annotated[
         Optional[Path], typer.Option("--csv", metavar="FILE", help="Write a line a map.")
     ] = None,
-    picture: Annotated[
-        Optional[Path],
-        typer.Option(metavar="FILE", help="Draw the first two maps side by side, or how A and B differ."),
-    ] = None,
+    picture: _Picture = None,
     calibration: Annotated[
         bool, typer.Option("--calibration", help="Whether beams end as often as each map says.")
     ] = False,
-    reliability: Annotated[
-        Optional[Path],
-        typer.Option(metavar="FILE", help="Draw that: reliability diagrams.", show_default=False),
-    ] = None,
+    reliability: _Reliability = None,
     certify: Annotated[
         bool, typer.Option("--certify", help="Bound how much of what is called free is occupied.")
     ] = False,
-    options: Any = None,
-    reading: Any = None,
+    given: Any = None,
 ) -> None:
     """Compare maps of the same log: cells, updates, time, memory, and truth on scans held out.
 
@@ -101,7 +94,7 @@ def compare_(
         return
     if (log is None) == (world is None):
         raise WrongCall("compare: expected either LOG or --world")
-    opened = open_log(log, world, dim, reading, scans, seed, max_range)
+    opened = open_log(log, world, given, scans, seed)
     names = [name.strip() for name in maps.split(",")] if maps is not None else None
     plot = plotting() if picture or reliability else None
     for path in (picture, reliability):
@@ -113,16 +106,13 @@ def compare_(
     comparison = compared(
         opened,
         names,
-        options,
-        max_range=max_range,
-        no_return=no_return.value,
+        given,
         held_out=held_out,
         repeat=repeat,
         json_file=json_file or csv_file,
         calibration=calibration or reliability is not None,
         certify=certify,
     )
-    warn_of_skipped(opened)
     if plot and picture:
         draw_side_by_side(plot, *list(comparison.map_objects.values())[:2], picture)
     if plot and reliability:

@@ -9,22 +9,21 @@ from typing import Any, Callable, Optional
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.exit_status import WrongCall
-from ndtree.cli.commands.logs import limit_of, made, print_settings, settled
+from ndtree.cli.commands.logs import inspected, made, print_lines, warn_of_skipped
 from ndtree.cli.commands.output import is_stdout
 from ndtree.cli.commands.progress import progress
 from ndtree.evaluation.comparison import DEFAULT_MAPS, Comparison, map_in_turns
 from ndtree.logs import Log
 from ndtree.maps.kinds import make_map
+from ndtree.tuning.config import Config
 from ndtree.tuning.scale import Scale
 
 
 def compared(
     log: Log,
     maps: Optional[Sequence[str]],
-    options: dict[str, Any],
+    given: Config,
     *,
-    max_range: Optional[float],
-    no_return: str,
     json_file: Optional[Path],
     calibration: bool = False,
     certify: bool = False,
@@ -32,18 +31,18 @@ def compared(
     **more: Any,
 ) -> Comparison:
     """Maps of the log, compared; `made_maps` gets them before they are judged, which takes longer."""
-    limit = limit_of(max_range)
     if more.get("held_out") == 1:
         raise WrongCall("--held-out 1: must be 0, or at least 2, or nothing is left to map")
     maps = maps or DEFAULT_MAPS
     if len(set(maps)) != len(maps):
         raise WrongCall(f"--maps {','.join(maps)}: must be different")
-    fitting = dict(options)
+    options = given.options
+    fitting: dict[str, Any] = dict(options)
     size = fitting.pop("min_cell_size", None)
     for name in maps:
         made(functools.partial(make_map, name, dim=log.dim, cell_size=size, **fitting))
-    settings = settled(log, options, limit, no_return)
-    limit, no_return = settings.max_range, settings.no_return
+    log, config = inspected(log, given, with_sigma=False)
+    limit, no_return = config.max_range, config.no_return
     with progress() as advance:
         try:
             trial = map_in_turns(
@@ -54,13 +53,15 @@ def compared(
                 raise
             raise ValueError(f"{log.name}: {error}") from None
     if not is_stdout(json_file):
-        print_settings(log, settings)
+        print_lines(log, config)
         scale = Scale(_core.default_options()["min_cell_size"] if size is None else size, limit)
-        for scan in settings.look.sample if settings.look else ():
+        for scan in config.look.sample if config.look else ():
             scale.add(scan)
         absurd = scale.warning()
         if absurd:
             print(f"{log.name}: {absurd}")
     made_maps(trial.map_objects)
     with progress() as advance:
-        return trial.judged(advance, calibration=calibration, certify=certify)
+        comparison = trial.judged(advance, calibration=calibration, certify=certify)
+    warn_of_skipped(log)
+    return comparison

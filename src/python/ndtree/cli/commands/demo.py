@@ -14,15 +14,11 @@ from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.comparing import compared
-from ndtree.cli.commands.flags import map_options, reading_options
-from ndtree.cli.commands.logs import open_log, warn_of_skipped
+from ndtree.cli.commands.flags import map_options
+from ndtree.cli.commands.logs import open_log
 from ndtree.cli.commands.options import (
-    Dim,
     Json,
     LogArgument,
-    MaxRange,
-    NoReturnKind,
-    NoReturnOption,
     Scans,
     Seed,
     World,
@@ -33,7 +29,6 @@ from ndtree.cli.commands.pictures import draw_close_up, plotting
 
 @command("demo", epilog=examples("ndtree demo", "ndtree demo drive.bag --output pictures"))
 @reports_errors
-@reading_options
 @map_options
 def demo(
     context: typer.Context,
@@ -41,21 +36,17 @@ def demo(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the pictures.")] = Path(
         "ndtree-demo"
     ),
-    dim: Dim = None,
-    max_range: MaxRange = None,
-    no_return: NoReturnOption = NoReturnKind.auto,
     scans: Scans = None,
     seed: Seed = 1,
     json_file: Json = None,
-    options: Any = None,
-    reading: Any = None,
+    given: Any = None,
 ) -> None:
     """Map a log in several ways, draw the maps, and say what each costs and how true it is.
 
     Without LOG it simulates an office.
     """
-    opened = open_log(log, World.office if log is None else None, dim, reading, scans, seed, max_range)
-    size = options.get("min_cell_size", _core.default_options()["min_cell_size"])
+    opened = open_log(log, World.office if log is None else None, given, scans, seed)
+    size = given.get("min_cell_size", _core.default_options()["min_cell_size"])
     maps = ["adaptive", "fixed", f"fixed@{2 * size:g}"]
     if _core.has_octomap:
         maps.append("octomap")
@@ -72,13 +63,10 @@ def demo(
     comparison = compared(
         opened,
         maps,
-        options,
-        max_range=max_range,
-        no_return=no_return.value,
+        given,
         json_file=json_file,
         made_maps=show,
     )
-    warn_of_skipped(opened)
     if not is_stdout(json_file):
         print(f"\n{comparison}")
     write_json(comparison, json_file)

@@ -5,27 +5,26 @@ from __future__ import annotations
 
 import functools
 import inspect
-import re
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
 import typer
 
 from ndtree.base.exit_status import WrongCall
+from ndtree.cli.commands.options import Dim, MaxRange, NoReturnKind, NoReturnOption
 from ndtree.logs import (
     FORMATS,
     READER_OPTIONS,
     Log,
-    NotALog,
     WrongOption,
     contents,
-    read,
     require_options,
 )
 from ndtree.logs.core.selection import Selection
 from ndtree.maps.kinds import MAP_OPTIONS
+from ndtree.tuning.config import Config
 
 Command = Callable[..., None]
 
@@ -47,20 +46,18 @@ def _flag(name: str, type: Any, help: str, panel: str, flag: str | None = None) 
     )
 
 
-def _adds_flags(
-    argument: str, flags: Sequence[inspect.Parameter], gather: Callable[[dict[str, Any]], Any]
-) -> Callable[[Command], Command]:
-    """Gives a command flags; what `gather` makes of those that were given arrives in one argument."""
+def _adds_flags(flags: Sequence[inspect.Parameter]) -> Callable[[Command], Command]:
+    """Gives a command flags; those that were given arrive as a `Config` in its argument `given`."""
 
     def decorate(command: Command) -> Command:
         signature = inspect.signature(command)
-        own = [p for p in signature.parameters.values() if p.name != argument]
+        own = [p for p in signature.parameters.values() if p.name != "given"]
 
         @functools.wraps(command)
         def with_flags(**arguments: Any) -> None:
             values = {flag.name: arguments.pop(flag.name) for flag in flags}
-            gathered = gather({name: value for name, value in values.items() if value not in (None, [])})
-            command(**arguments, **{argument: gathered})
+            given = _gathered({name: value for name, value in values.items() if value not in (None, [])})
+            command(**arguments, given=given)
 
         parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own] + list(flags)
         with_flags.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
@@ -70,134 +67,52 @@ def _adds_flags(
     return decorate
 
 
-#: Gives a command a flag for each option of the maps; those given arrive in `options`.
-map_options = _adds_flags(
-    "options",
-    [_flag(option.name, option.type, option.help, _OF_MAPS) for option in MAP_OPTIONS],
-    lambda given: given,
-)
-
-
-_NAMES = "|".join([option.name for option in READER_OPTIONS] + ["format", "strict", "keep_going"])
-#: How readers name their options in errors, for Python.
-_NAMED = re.compile(
-    rf"(?<![\w/.-])(?:(?P<set>{_NAMES}) ?= ?(?=\S)|(?:(?<=^)|(?<=: ))(?P<of>{_NAMES})(?=: )"
-    rf"|(?P<as>{_NAMES})(?= as one of)|(?<=expected )(?P<dim>dim)=(?=\d)"
-    rf"|(?:the )?option (?P<option>{_NAMES})\b)"
-)
-#: Several of them: those that exclude each other, and those that a format takes.
-_LISTED = re.compile(rf"(?:{_NAMES})(?: and (?:{_NAMES}))+(?=: expected one of them)|(?<=it takes )[\w, ]+$")
-
-
-def in_flags(text: str) -> str:
-    """An error of a reader with its options named as flags."""
-    text = _NAMED.sub(
-        lambda found: flag_of(found[found.lastgroup or 0]) + " " * bool(found["set"] or found["dim"]), text
-    )
-    return _LISTED.sub(lambda found: re.sub(_NAMES, lambda one: flag_of(one[0]), found[0]), text)
-
-
 def flag_of(name: str) -> str:
     """The flag of an option."""
     return f"--{name.replace('_', '-')}"
 
 
-@dataclass(frozen=True)
-class Reading:
-    """What of a log is read, and how."""
-
-    format: str | None = None
-    keep_going: bool = False
-    strict: bool = False
-    selection: dict[str, Any] = field(default_factory=dict)
-    options: dict[str, Any] = field(default_factory=dict)
-
-    def contents(self, path: Path, *, whole: bool) -> dict[str, Any]:
-        """What a file holds beside its scans."""
-        self._check_format()
-        return contents(path, format=self.format, whole=whole)
-
-    @property
-    def is_given(self) -> bool:
-        """Whether something is said of how the log is read."""
-        return bool(self.selection or self.options or self.keep_going or self.strict)
-
-    def open(self, path: Path, dim: int | None, max_range: float | None = None) -> Log:
-        """The log, or the part of it that was asked for; no beam is free beyond `max_range`."""
-        self._check_format()
-        try:
-            log = read(
-                path,
-                format=self.format,
-                dim=dim,
-                keep_going=self.keep_going,
-                strict=self.strict,
-                **self.options,
-            )
-        except WrongOption as error:
-            raise WrongCall(in_flags(str(error))) from None
-        except NotALog:
-            raise
-        except ValueError as error:
-            raise ValueError(in_flags(str(error))) from error
-        log.no_return_range = max_range
-        if not self.selection:
-            return log
-        try:
-            return log.select(**self.parts(log.dim))
-        except ValueError as error:
-            raise WrongCall(str(error)) from None
-
-    def parts(self, dim: int) -> dict[str, Any]:
-        """What of a log of a dimension is selected, as for `Log.select`."""
-        selection = dict(self.selection)
-        for name, count in (("box", 2 * dim), ("origin", dim)):
-            if name in selection:
-                selection[name] = _numbers(name, selection[name], count)
-        if "box" in selection:
-            selection["box"] = (selection["box"][:dim], selection["box"][dim:])
-        return selection
-
-    def require_taken(self, path: Path) -> None:
-        """Refuse options that the log's format does not take, and limits of its part that make no sense."""
-        limits = {name: value for name, value in self.selection.items() if name not in ("box", "origin")}
-        try:
-            Selection(3, **limits)
-        except ValueError as error:
-            raise WrongCall(str(error)) from None
-        try:
-            require_options(path, self.options, format=self.format)
-        except WrongOption as error:
-            raise WrongCall(in_flags(str(error))) from None
-
-    def with_default(self, name: str, value: Any) -> Reading:
-        """These flags with an option of the format added, unless it was given."""
-        return replace(self, options={name: value, **self.options})
-
-    def require_none(self, instead_of: str) -> None:
-        """Refuses flags that nothing would read."""
-        given = [*self.selection, *self.options, *(["format"] if self.format else [])]
-        given += [name for name in ("keep_going", "strict") if getattr(self, name)]
-        if given:
-            name = {"start": "from", "stop": "to"}.get(given[0], given[0])
-            raise WrongCall(f"--{name.replace('_', '-')}: is for a LOG, not for {instead_of}")
-
-    def _check_format(self) -> None:
-        if self.format is not None and self.format not in FORMATS:
-            raise WrongCall(f"--format {self.format}: must be one of {', '.join(FORMATS)}")
+def opened(given: Config, path: Path) -> Log:
+    """The log, or the part of it that was asked for, read as flags and files say."""
+    _check_format(given)
+    return given.read(path)
 
 
-def _numbers(name: str, text: str, count: int) -> list[float]:
+def contents_of(given: Config, path: Path, *, whole: bool) -> dict[str, Any]:
+    """What a file holds beside its scans."""
+    _check_format(given)
+    return contents(path, format=given.get("format"), whole=whole)
+
+
+def require_taken(given: Config, path: Path) -> None:
+    """Refuse options that the log's format does not take, and limits of its part that make no sense."""
+    parts = {name: value for name, value in given.selection.items() if name not in ("box", "origin")}
     try:
-        numbers = [float(field) for field in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != count:
-        raise WrongCall(f"--{name} {text}: expected {count} numbers with commas between them")
-    return numbers
+        Selection(3, **parts)
+    except ValueError as error:
+        raise WrongOption(str(error)) from None
+    require_options(path, given.reading, format=given.get("format"))
 
 
-_SELECTION = (
+def require_none(given: Config, instead_of: str) -> None:
+    """Refuses flags that nothing would read."""
+    first = ("format", "keep_going", "strict")
+    for name in (*given.selection, *given.reading, *(name for name in first if name in given.values)):
+        raise WrongCall(f"{_FLAGS.get(name, flag_of(name))}: is for a LOG, not for {instead_of}")
+
+
+def _check_format(given: Config) -> None:
+    if given.get("format", FORMATS[0]) not in FORMATS:
+        raise WrongCall(f"--format {given.get('format')}: must be one of {', '.join(FORMATS)}")
+
+
+_FLAGS = {"start": "--from", "stop": "--to"}
+_CONFIG = _flag("config", Path, "A file of TOML that says how LOG is read and mapped.", _OF_LOGS)
+#: What is read of a log, and of its format.
+_READING = (
+    _flag("format", str, f"Of {', '.join(FORMATS)}; else recognised from the content.", _OF_LOGS),
+    _flag("keep_going", bool, "Pass over what is damaged, and say how often.", _OF_LOGS, "--keep-going"),
+    _flag("strict", bool, "Refuse logs with scans whose pose is not known.", _OF_LOGS, "--strict"),
     _flag("every", int, "Use each n-th scan.", _OF_LOGS),
     _flag("start", float, "From this time since the first scan on [s].", _OF_LOGS, "--from"),
     _flag("stop", float, "Up to this time since the first scan [s].", _OF_LOGS, "--to"),
@@ -205,29 +120,30 @@ _SELECTION = (
     _flag("stride", int, "Use each n-th beam of a scan.", _OF_LOGS),
     _flag("box", str, "Cut beams to X,Y[,Z],X,Y[,Z], two corners in the map [m].", _OF_LOGS),
     _flag("origin", str, "Point X,Y[,Z] of the log that becomes the map's origin [m].", _OF_LOGS),
+    *(_flag(option.name, option.type, option.help, _OF_FORMATS) for option in READER_OPTIONS),
 )
-_SELECTION_NAMES = tuple(flag.name for flag in _SELECTION)
-
-
-def _reading(given: dict[str, Any]) -> Reading:
-    return Reading(
-        given.pop("format", None),
-        given.pop("keep_going", False),
-        given.pop("strict", False),
-        {name: given.pop(name) for name in _SELECTION_NAMES if name in given},
-        given,
-    )
-
-
-#: Gives a command flags for the formats and parts of logs; what was given arrives in `reading`.
-reading_options = _adds_flags(
-    "reading",
-    [
-        _flag("format", str, f"Of {', '.join(FORMATS)}; else recognised from the content.", _OF_LOGS),
-        _flag("keep_going", bool, "Pass over what is damaged, and say how often.", _OF_LOGS, "--keep-going"),
-        _flag("strict", bool, "Refuse logs with scans whose pose is not known.", _OF_LOGS, "--strict"),
-        *_SELECTION,
-        *(_flag(option.name, option.type, option.help, _OF_FORMATS) for option in READER_OPTIONS),
-    ],
-    _reading,
+_MAPPING = tuple(
+    inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
+    for name, annotation in (("dim", Dim), ("max_range", MaxRange), ("no_return", NoReturnOption))
 )
+_OF_A_MAP = tuple(_flag(option.name, option.type, option.help, _OF_MAPS) for option in MAP_OPTIONS)
+
+
+def _gathered(values: dict[str, Any]) -> Config:
+    file = values.pop("config", None)
+    values = {
+        name: value.value if isinstance(value, NoReturnKind) else value for name, value in values.items()
+    }
+    if not values.get("max_range", math.inf) > 0:
+        raise WrongCall(f"--max-range {values['max_range']:g}: must be > 0 m")
+    given = Config.of(**values)
+    return given if file is None else Config.load(file).overridden(given.values)
+
+
+#: Each gives a command flags, and what was given arrives in `given`: of how a log is read alone; also of its
+#: dimension; of how it is mapped; of the map as well; and of all this without the log.
+reading_options = _adds_flags((_CONFIG, *_READING))
+dim_options = _adds_flags((_CONFIG, *_READING, _MAPPING[0]))
+mapping_options = _adds_flags((_CONFIG, *_READING, *_MAPPING))
+map_options = _adds_flags((_CONFIG, *_READING, *_MAPPING, *_OF_A_MAP))
+fleet_options = _adds_flags((*_MAPPING, *_OF_A_MAP))

@@ -12,14 +12,15 @@ from ndtree import distributed
 from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import indented
-from ndtree.cli.commands.flags import map_options
-from ndtree.cli.commands.logs import limit_of, made, new_map, settled
-from ndtree.cli.commands.options import Dim, Json, MaxRange, NoReturnKind, NoReturnOption
+from ndtree.cli.commands.flags import fleet_options
+from ndtree.cli.commands.logs import inspected, made, new_map
+from ndtree.cli.commands.options import Json
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import read
 from ndtree.tiles import TileGrid
 from ndtree.tiles.order import named, opened
+from ndtree.tuning.config import Config
 
 
 class EngineName(str, Enum):
@@ -39,7 +40,7 @@ class EngineName(str, Enum):
     ),
 )
 @reports_errors
-@map_options
+@fleet_options
 def fleet(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Files or folders, as of map.")],
     output: Annotated[
@@ -56,24 +57,22 @@ def fleet(
         typer.Option(help="Least edge of tiles \\[m]; else that of 16 largest cells.", show_default=False),
     ] = None,
     fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
-    dim: Dim = None,
-    max_range: MaxRange = None,
-    no_return: NoReturnOption = NoReturnKind.auto,
     json_file: Json = None,
-    options: Any = None,
+    given: Any = None,
 ) -> None:
     """Map logs of several robots into tiles: by time, then by name, as one machine would, byte for byte.
 
     Options that are not given are chosen by the first log. A run that was killed goes on where it was.
     """
-    limit = limit_of(max_range)
+    given = given.overridden(Config.of(fixed=fixed or None).values)
+    dim = given.get("dim")
     sources = named([str(log) for log in logs])
     if dim is not None:  # Workers read them as well.
         sources = {name: functools.partial(read, log, dim=dim) for name, log in sources.items()}
     first = opened(next(iter(sources.values())))
-    made(lambda: new_map(first.dim, fixed, options))
-    settings = settled(first, options, limit, no_return.value, with_sigma=True)
-    target = new_map(first.dim, fixed, settings.options)
+    made(lambda: new_map(first.dim, given))
+    _, config = inspected(first, given)
+    target = new_map(first.dim, config)
     made(lambda: TileGrid.of(target, tile_size))
     with progress() as advance:
         report = distributed.map(
@@ -82,15 +81,15 @@ def fleet(
             engine=engine.value,
             like=target,
             tile_size=tile_size,
-            max_range=settings.max_range,
-            no_return=settings.no_return,
+            max_range=config.max_range,
+            no_return=config.no_return,
             workers=workers,
             progress=advance,
         )
     if not is_stdout(json_file):
         beams = number_of(report.beams, "beam", ",")
         print(f"{number_of(len(sources), 'log')}: {number_of(report.scans, 'scan')}, {beams}")
-        for line in settings.lines():
+        for line in config.notes:
             print(indented(line))
         print(
             f"  {report.tiles} tiles in {number_of(report.blocks, 'block')}; {report.seconds:.3f} s on "

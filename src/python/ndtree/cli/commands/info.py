@@ -2,7 +2,7 @@
 """``ndtree info``: what is in a map or a log, and what another file is."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Optional
 
 import typer
 
@@ -18,14 +18,15 @@ from ndtree.cli.commands.figures import (
     print_log,
     print_map,
 )
-from ndtree.cli.commands.flags import in_flags, reading_options
+from ndtree.cli.commands.flags import contents_of, dim_options, opened, require_none
 from ndtree.cli.commands.logs import load_map, skipped, warn_of_skipped
-from ndtree.cli.commands.messages import laid_out
-from ndtree.cli.commands.options import Dim, Json
+from ndtree.cli.commands.messages import in_words, laid_out
+from ndtree.cli.commands.options import Json, WriteConfig
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.progress import progress
-from ndtree.logs import NotALog
+from ndtree.logs import Log, NotALog
 from ndtree.maps.open import is_map
+from ndtree.tuning.config import Config
 
 _LOOK_CLOSER = "what mapping will choose, and how long it takes:\n  ndtree info {} --look"
 
@@ -35,23 +36,23 @@ _LOOK_CLOSER = "what mapping will choose, and how long it takes:\n  ndtree info 
     epilog=examples("ndtree info drive.bag", "ndtree info drive.bag --look", "ndtree info office.ndt --json"),
 )
 @reports_errors
-@reading_options
+@dim_options
 def info(
     path: Annotated[Path, typer.Argument(metavar="FILE", help="A map, or a log: a file or a folder.")],
     look: Annotated[
         bool, typer.Option("--look", help="Read all of a log, and say what mapping it will choose and cost.")
     ] = False,
-    dim: Dim = None,
+    write_config: WriteConfig = None,
     json_file: Json = None,
-    reading: Any = None,
+    given: Any = None,
 ) -> None:
     """Say what is in a map or a log.
 
     At once: of a bag by its index and first messages, of other logs by their first million beams.
     """
     if is_map(path):
-        reading.require_none("a map")
-        if look:
+        require_none(given, "a map")
+        if look or write_config is not None:
             raise WrongCall(f"--look: is for a LOG, and {path} is a map")
         loaded = load_map(path)
         figures = {"map": str(path), **map_figures(loaded)}
@@ -63,9 +64,9 @@ def info(
         write_json(figures, json_file)
         return
     says = not is_stdout(json_file)
-    look = look or reading.is_given or dim is not None
+    look = look or write_config is not None or bool(given.values.keys() - {"format"})
     try:
-        held = reading.contents(path, whole=look)
+        held = contents_of(given, path, whole=look)
         if held and says:
             print_contents(path, held)
         if held and not look:
@@ -73,25 +74,23 @@ def info(
                 print(_LOOK_CLOSER.format(path))
             write_json({"log": str(path), "format": "rosbag", "contents": held}, json_file)
             return
-        opened = reading.open(path, dim)
-        figures = {**log_figures(opened, most=None if look else FIRST_BEAMS), "contents": held}
-        figures["skipped"] = skipped(opened)
+        log = opened(given, path)
+        prospect = _prospect(log, given, write_config) if (log.is_raw and look) or write_config else None
+        figures = {**log_figures(log, most=None if look else FIRST_BEAMS), "contents": held}
+        figures["skipped"] = skipped(log)
         if says:
             print_log(figures)
-        if opened.is_raw and not look and says:
+        if log.is_raw and not look and says:
             print(_LOOK_CLOSER.format(path))
-        if opened.is_raw and look:
-            from ndtree.tuning.prospect import prospect_of  # Loads much; and most calls do not look.
-
-            with progress() as advance:
-                prospect = prospect_of(opened, progress=advance)
+        if prospect is not None:
             figures["prospect"] = prospect.figures()
-            if says:
-                for line in prospect.lines():
-                    print(indented(line))
-        warn_of_skipped(opened)
+            for line in prospect.lines() if says else ():
+                print(indented(line))
+            for line in prospect.config.toml().splitlines() if says else ():
+                print(f"  {line}".rstrip())
+        warn_of_skipped(log)
     except NotALog as found:
-        held = _points_of(path, reading) if found.has_points else {}
+        held = _points_of(path, given) if found.has_points else {}
         figures = {"file": str(path), "kind": found.kind, "try": list(found.help), **held}
         if not is_stdout(json_file):
             print(laid_out(f"{path}: {found.kind}").removeprefix("ndtree: "))
@@ -99,14 +98,25 @@ def info(
                 lower, upper = (point(held["bounds"][name]) for name in ("lower", "upper"))
                 print(f"  {held['points']:,} points from {lower} to {upper} m")
             for way in found.help:
-                print(f"  try {in_flags(way)}")
+                print(f"  try {in_words(way)}")
     write_json(figures, json_file)
 
 
-def _points_of(path: Path, reading: Any) -> dict[str, Any]:
+def _prospect(log: Log, given: Config, write_config: Optional[Path]) -> Any:
+    """What mapping will choose and cost; what is decided is written."""
+    from ndtree.tuning.inspection import prospect_of  # Loads much; and most calls do not look.
+
+    with progress() as advance:
+        prospect = prospect_of(log, given, progress=advance)
+    if write_config is not None:
+        prospect.config.save(write_config)
+    return prospect
+
+
+def _points_of(path: Path, given: Config) -> dict[str, Any]:
     """How many points a file without poses has, and where they are; nothing where they cannot be read."""
     try:
-        figures = log_figures(reading.with_default("points_only", True).open(path, None))
+        figures = log_figures(opened(Config.of(points_only=True).overridden(given.values), path))
     except (ImportError, OSError, ValueError):
         return {}
     if figures["bounds"] is None:

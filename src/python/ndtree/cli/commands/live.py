@@ -17,18 +17,10 @@ from ndtree.base.files import replaced
 from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import map_figures, print_map
-from ndtree.cli.commands.flags import Reading, in_flags, map_options, reading_options
-from ndtree.cli.commands.logs import limit_of, load_map, made, new_map, open_log, settled
-from ndtree.cli.commands.options import (
-    Dim,
-    Json,
-    LogArgument,
-    MaxRange,
-    NoReturnKind,
-    NoReturnOption,
-    Port,
-    World,
-)
+from ndtree.cli.commands.flags import map_options, require_taken
+from ndtree.cli.commands.logs import inspected, load_map, made, new_map, open_log
+from ndtree.cli.commands.messages import in_words
+from ndtree.cli.commands.options import Json, LogArgument, Port, World
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.shows import (
     FoxgloveOption,
@@ -57,15 +49,76 @@ from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK, NOT_SELECTED
 from ndtree.live.playing import messages_of, scans_of
 from ndtree.live.serving import MapServer, address_of
-from ndtree.logs import WrongOption, recognised
+from ndtree.logs import recognised
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files.bag import Bag, open_bag
 from ndtree.logs.ros.messages.beams import short
 from ndtree.logs.ros.sensors import listed
 from ndtree.logs.ros.survey import PATH
+from ndtree.tuning.config import Config
 
 #: How often a page is drawn anew, and a line on a terminal [s].
 PAGE, LINE = 0.5, 0.5
+
+
+_World = Annotated[Optional[World], typer.Option(help="Simulate instead of a LOG.", show_default=False)]
+_Output = Annotated[
+    Optional[Path],
+    typer.Option("--output", "-o", metavar="MAP", help="Where the map is written at the end."),
+]
+_Rate = Annotated[
+    float, typer.Option(help="Seconds of LOG in one second; 0: as fast as it goes, none is dropped.")
+]
+_Queue = Annotated[int, typer.Option(min=1, help="Scans that wait at most; of more, the oldest is dropped.")]
+_LookFor = Annotated[
+    float, typer.Option("--look", help="Of a ROS bag: messages that decide what is mapped and how \\[s].")
+]
+_Window = Annotated[
+    Optional[float],
+    typer.Option(help="Forget what is farther from the sensor than this \\[m].", show_default=False),
+]
+_Fade = Annotated[
+    Optional[float],
+    typer.Option(help="Forget what was not seen for this long \\[s].", show_default=False),
+]
+_Follow = Annotated[
+    Optional[str],
+    typer.Option(
+        metavar="TOPIC|tf",
+        help="Move scans when a SLAM corrects poses: its nav_msgs/Path, or jumps of map to odom.",
+        show_default=False,
+    ),
+]
+_FollowFrame = Annotated[
+    Optional[str],
+    typer.Option(help="The frame that the poses of the Path are of.", show_default=False),
+]
+_FollowMemory = Annotated[float, typer.Option(help="Scans that can move \\[MiB]; of more, the oldest stay.")]
+_Localize = Annotated[
+    Optional[Path],
+    typer.Option(
+        metavar="MAP",
+        help="Find scans in this 2-D map by their odometry instead of mapping; -o gets poses (TUM).",
+        show_default=False,
+    ),
+]
+_Guess = Annotated[
+    Optional[str],
+    typer.Option(
+        metavar="X,Y,YAW", help="Where the sensor is in the MAP at first \\[m, rad].", show_default=False
+    ),
+]
+_SaveEvery = Annotated[
+    Optional[float], typer.Option(help="Write MAP so often, too \\[s].", show_default=False)
+]
+_Serve = Annotated[
+    Optional[str],
+    typer.Option(
+        metavar="[HOST:]PORT",
+        help="Give it to ndtree view http://HOST:PORT; only of this computer, unless HOST says more.",
+        show_default=False,
+    ),
+]
 
 
 @command(
@@ -82,87 +135,32 @@ PAGE, LINE = 0.5, 0.5
     ),
 )
 @reports_errors
-@reading_options
 @map_options
 def live(
     log: LogArgument = None,
-    world: Annotated[
-        Optional[World], typer.Option(help="Simulate instead of a LOG.", show_default=False)
-    ] = None,
-    output: Annotated[
-        Optional[Path],
-        typer.Option("--output", "-o", metavar="MAP", help="Where the map is written at the end."),
-    ] = None,
-    rate: Annotated[
-        float, typer.Option(help="Seconds of LOG in one second; 0: as fast as it goes, none is dropped.")
-    ] = 1.0,
-    queue: Annotated[
-        int, typer.Option(min=1, help="Scans that wait at most; of more, the oldest is dropped.")
-    ] = QUEUE,
+    world: _World = None,
+    output: _Output = None,
+    rate: _Rate = 1.0,
+    queue: _Queue = QUEUE,
     patience: Annotated[float, typer.Option(help="A scan waits for its pose at most \\[s].")] = PATIENCE,
-    look_for: Annotated[
-        float, typer.Option("--look", help="Of a ROS bag: messages that decide what is mapped and how \\[s].")
-    ] = LOOK,
-    window: Annotated[
-        Optional[float],
-        typer.Option(help="Forget what is farther from the sensor than this \\[m].", show_default=False),
-    ] = None,
-    fade: Annotated[
-        Optional[float],
-        typer.Option(help="Forget what was not seen for this long \\[s].", show_default=False),
-    ] = None,
-    follow: Annotated[
-        Optional[str],
-        typer.Option(
-            metavar="TOPIC|tf",
-            help="Move scans when a SLAM corrects poses: its nav_msgs/Path, or jumps of map to odom.",
-            show_default=False,
-        ),
-    ] = None,
-    follow_frame: Annotated[
-        Optional[str],
-        typer.Option(help="The frame that the poses of the Path are of.", show_default=False),
-    ] = None,
-    follow_memory: Annotated[
-        float, typer.Option(help="Scans that can move \\[MiB]; of more, the oldest stay.")
-    ] = MEMORY / 2**20,
-    localize: Annotated[
-        Optional[Path],
-        typer.Option(
-            metavar="MAP",
-            help="Find scans in this 2-D map by their odometry instead of mapping; -o gets poses (TUM).",
-            show_default=False,
-        ),
-    ] = None,
-    guess: Annotated[
-        Optional[str],
-        typer.Option(
-            metavar="X,Y,YAW", help="Where the sensor is in the MAP at first \\[m, rad].", show_default=False
-        ),
-    ] = None,
-    save_every: Annotated[
-        Optional[float], typer.Option(help="Write MAP so often, too \\[s].", show_default=False)
-    ] = None,
+    look_for: _LookFor = LOOK,
+    window: _Window = None,
+    fade: _Fade = None,
+    follow: _Follow = None,
+    follow_frame: _FollowFrame = None,
+    follow_memory: _FollowMemory = MEMORY / 2**20,
+    localize: _Localize = None,
+    guess: _Guess = None,
+    save_every: _SaveEvery = None,
     resume: Annotated[Optional[Path], typer.Option(metavar="MAP", help="Go on with a saved map.")] = None,
     fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
     watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False,
     port: Port = None,
-    serve: Annotated[
-        Optional[str],
-        typer.Option(
-            metavar="[HOST:]PORT",
-            help="Give it to ndtree view http://HOST:PORT; only of this computer, unless HOST says more.",
-            show_default=False,
-        ),
-    ] = None,
+    serve: _Serve = None,
     foxglove: FoxgloveOption = None,
     rerun: RerunOption = None,
-    dim: Dim = None,
-    max_range: MaxRange = None,
-    no_return: NoReturnOption = NoReturnKind.auto,
     json_file: Json = None,
-    options: Any = None,
-    reading: Any = None,
+    given: Any = None,
 ) -> None:
     """Map a recording as a robot would: message by message, at its own pace, and say what was dropped.
 
@@ -182,36 +180,34 @@ def live(
     if guess is not None and localize is None:
         raise WrongCall("--guess: expected --localize, too")
     others = {"window": window, "fade": fade, "resume": resume, "follow": follow, "save-every": save_every}
-    for flag, other in (*others.items(), ("fixed", fixed or None), *((name, name) for name in options)):
+    for flag, other in (*others.items(), ("fixed", fixed or None), *((name, name) for name in given.typed)):
         if localize is not None and other is not None:
             raise WrongCall(f"--{flag.replace('_', '-')}: not with --localize, which makes no map")
     if rate < 0:
         raise WrongCall(f"--rate {rate:g}: must be >= 0; 0 is as fast as it goes")
     target = None
     if resume is not None:
-        if options or fixed:
-            flag = "fixed" if fixed else next(iter(options)).replace("_", "-")
+        if given.typed or fixed:
+            flag = "fixed" if fixed else given.typed[0].replace("_", "-")
             raise WrongCall(f"--{flag}: the map of --resume has its own options")
         target = load_map(resume)
-        options = dict(target.options)
+        given = given.overridden(Config.of(**target.options).values)
+    given = given.overridden(Config.of(fixed=fixed or None).values)
     localizer = None
     if localize is not None:
         target = load_map(localize)
         place = None if guess is None else made(lambda: place_of(guess))
         localizer = made(lambda: Localizer(target, place))
-        dim = 2
+        given = Config.of(fixed_frame=ODOMETRY).overridden({**given.values, **Config.of(dim=2).values})
     found: list[Localization] = []
-    made(lambda: new_map(dim or 2, fixed, options) if target is None else None)
+    made(lambda: new_map(given.get("dim", 2), given) if target is None else None)
     sinks: list[Any] = [made(lambda: Saver(output, save_every))] if save_every is not None else []
     kept = None if window is None else made(lambda: Window(window))
     corrections = None if follow is None else made(lambda: Corrections(memory=int(follow_memory * 2**20)))
     fading = None if fade is None else made(lambda: Fading(fade))
     with ExitStack() as stack:
-        intake, items = _source(
-            log, world, dim, reading, stack,
-            options=options, max_range=max_range, no_return=no_return.value, look=look_for,
-            follow=follow or "", body=follow_frame or "", localizes=localize is not None,
-        )  # fmt: skip
+        how = {"look": look_for, "follow": follow or "", "body": follow_frame or ""}
+        intake, items = _source(log, world, given, stack, how, localizes=localize is not None)
         sinks += [_served(serve, stack)] if serve is not None else []
         page = _Page(port) if watch else None
         sinks += [page] if page is not None else []
@@ -224,7 +220,7 @@ def live(
         mapper = LiveMapper(
             intake,
             target=target,
-            make=lambda dim, chosen: new_map(dim, fixed, chosen),
+            make=lambda dim, options: new_map(dim, Config.of(**options, fixed=fixed or None)),
             queue=queue,
             patience=patience,
             window=kept,
@@ -241,12 +237,8 @@ def live(
                 play(items, mapper, rate=rate)
         except KeyboardInterrupt:
             mapper.close()
-        except WrongOption as error:
-            raise WrongCall(in_flags(str(error))) from None
-        except ValueError as error:
-            raise ValueError(in_flags(str(error))) from error
         seconds = time.perf_counter() - begin
-        if reading.strict and mapper.figures.left_out.keys() - {NOT_SELECTED}:
+        if given.get("strict") and mapper.figures.left_out.keys() - {NOT_SELECTED}:
             raise ValueError(f"{log}: {mapper.figures.summary()}; expected none with --strict")
         if localizer is not None:
             _report_places(mapper, localizer, found, output, json_file, str(log))
@@ -261,47 +253,25 @@ def live(
 def _source(
     path: Optional[Path],
     world: Optional[World],
-    dim: Optional[int],
-    reading: Reading,
+    given: Config,
     stack: ExitStack,
+    how: dict[str, Any],
     *,
-    options: dict[str, Any],
-    max_range: Optional[float],
-    no_return: str,
-    look: float,
-    follow: str,
-    body: str,
     localizes: bool,
 ) -> tuple[Intake, Iterator[tuple[Any, float]]]:
     """How a recording is judged, and what is in it."""
-    limit = limit_of(max_range)
-    if path is not None and recognised(path, format=reading.format) == "rosbag":
-        reading.require_taken(path)
+    follow = how["follow"]
+    if path is not None and recognised(path, format=given.get("format")) == "rosbag":
+        require_taken(given, path)
         bag = stack.enter_context(open_bag(str(path.parent if path.name == "metadata.yaml" else path)))
         _check_followed(bag, follow)
-        frames = {"fixed_frame": ODOMETRY} if localizes else {}
-        intake = made(
-            lambda: MessagesIntake(
-                str(path),
-                options=options,
-                reading={**frames, **reading.options},
-                dim=dim,
-                max_range=limit,
-                no_return=no_return,
-                look=look,
-                follow=follow,
-                body=body,
-                parts=reading.parts if reading.selection else None,
-            )
-        )
-        return intake, messages_of(bag)
+        return made(lambda: MessagesIntake(str(path), given, **how)), messages_of(bag)
     if localizes:
         raise WrongCall("--localize: expected a ROS bag, whose transforms have the odometry")
     if follow:
         raise WrongCall("--follow: expected a ROS bag, which has the poses that a SLAM corrects")
-    opened = open_log(path, world, dim, reading, max_range=max_range)
-    settings = settled(opened, options, limit, no_return, with_sigma=True)
-    return ScansIntake(settings, opened.dim), scans_of(opened)
+    log, config = inspected(open_log(path, world, given), given)
+    return ScansIntake(config, log.dim), scans_of(log)
 
 
 def _check_followed(bag: Bag, follow: str) -> None:
@@ -361,7 +331,7 @@ def _line(mapper: LiveMapper) -> Iterator[None]:
 
     def run() -> None:
         while not ended.wait(LINE):
-            said = in_flags(mapper.undecided) or mapper.figures.summary()
+            said = in_words(mapper.undecided) or mapper.figures.summary()
             print(f"\r\x1b[2K{said[:110]}", end="", file=sys.stderr, flush=True)
 
     thread = threading.Thread(target=run, daemon=True)

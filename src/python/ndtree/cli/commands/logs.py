@@ -1,26 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Logs and maps that commands open, and with which options they go on."""
 
-import math
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Callable, Optional
+from typing import Any, Callable, Optional
 
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.scan import Scan
-from ndtree.cli.commands.flags import Reading
+from ndtree.cli.commands.flags import opened, require_none
 from ndtree.cli.commands.messages import laid_out
 from ndtree.cli.commands.options import World
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log, simulate
 from ndtree.maps.open import open_map
-
-if TYPE_CHECKING:  # It loads all that looks into logs, for which `info` has no use.
-    from ndtree.tuning.settings import Settings
+from ndtree.tuning.config import Config
 
 
 def load_map(path: Path) -> OccupancyMap:
@@ -30,24 +27,18 @@ def load_map(path: Path) -> OccupancyMap:
 
 
 def open_log(
-    path: Optional[Path],
-    world: Optional[World],
-    dim: Optional[int],
-    reading: Reading,
-    scans: Optional[int] = None,
-    seed: int = 1,
-    max_range: Optional[float] = None,
+    path: Optional[Path], world: Optional[World], given: Config, scans: Optional[int] = None, seed: int = 1
 ) -> Log:
     if path is not None:
         if scans is not None:
             raise WrongCall("--scans: is for simulated logs only")
-        return reading.open(path, dim, max_range)
+        return opened(given, path)
     if world is None:
         raise WrongCall("expected a LOG")
-    reading.require_none(f"the simulated {world.value}")
+    require_none(given, f"the simulated {world.value}")
     simulated = simulate(world.value, seed=seed, scans=scans)
-    if dim not in (None, simulated.dim):
-        raise WrongCall(f"--dim {dim}: the {world.value} is {simulated.dim}-D")
+    if given.get("dim", simulated.dim) != simulated.dim:
+        raise WrongCall(f"--dim {given.get('dim')}: the {world.value} is {simulated.dim}-D")
     return simulated
 
 
@@ -82,14 +73,6 @@ def length_of(log: Log) -> int:
     return len(log) if hasattr(log, "__len__") else 0
 
 
-def limit_of(max_range: Optional[float]) -> float:
-    if max_range is None:
-        return math.inf
-    if not max_range > 0:
-        raise WrongCall(f"--max-range {max_range:g}: must be > 0 m")
-    return max_range
-
-
 def made(make: Callable[[], Any]) -> Any:
     """What `make` makes; options that it refuses are a wrong call, not bad input."""
     try:
@@ -98,32 +81,25 @@ def made(make: Callable[[], Any]) -> Any:
         raise WrongCall(str(error)) from None
 
 
-def new_map(dim: int, fixed: bool, options: dict[str, Any]) -> OccupancyMap:
-    if not fixed:
-        return _core.AdaptiveMap(dim=dim, **options)
-    return _core.FixedMap(
-        dim=dim,
-        **{("cell_size" if name == "min_cell_size" else name): value for name, value in options.items()},
-    )
+def new_map(dim: int, config: Config) -> OccupancyMap:
+    if not config.get("fixed"):
+        return _core.AdaptiveMap(dim=dim, **config.options)
+    options = {**config.options}
+    if "min_cell_size" in options:
+        options["cell_size"] = options.pop("min_cell_size")
+    return _core.FixedMap(dim=dim, **options)
 
 
-def settled(
-    log: Log, options: dict[str, Any], max_range: float, no_return: str, *, with_sigma: bool = False
-) -> "Settings":
-    from ndtree.tuning.settings import settle
+def inspected(log: Log, given: Config, *, with_sigma: bool = True) -> tuple[Log, Config]:
+    """What was decided of a log, and the log as it is read then."""
+    from ndtree.tuning.inspection import inspect  # It loads all that looks into logs.
 
     with progress() as advance:
-        return settle(
-            log,
-            options=options,
-            max_range=max_range,
-            no_return=no_return,
-            with_sigma=with_sigma,
-            progress=advance,
-        )
+        config = inspect(log, given, with_sigma=with_sigma, progress=advance)
+    return config.ruled(log), config
 
 
-def print_settings(log: Log, settings: "Settings") -> None:
+def print_lines(log: Log, config: Config) -> None:
     """What was chosen, before what it was chosen for."""
-    for line in settings.lines():
+    for line in config.notes:
         print(laid_out(f"{log.name}: {line}").removeprefix("ndtree: "))

@@ -12,26 +12,59 @@ import typer
 
 from ndtree.base.exit_status import BAD_INPUT, WrongCall
 from ndtree.cli.commands.app import command, examples, print_error, reason_of, reports_errors
-from ndtree.cli.commands.flags import Reading, map_options, reading_options
-from ndtree.cli.commands.logs import limit_of, made, new_map, settled, skipped, warn_of_skipped
+from ndtree.cli.commands.flags import map_options, opened
+from ndtree.cli.commands.logs import inspected, made, new_map, skipped, warn_of_skipped
 from ndtree.cli.commands.map_tiles import is_tiled, map_into_tiles, print_tiled
 from ndtree.cli.commands.mapping import Mapped, mapped, written
+from ndtree.cli.commands.messages import in_words
 from ndtree.cli.commands.options import (
-    Dim,
     GivenLogs,
     Json,
-    MaxRange,
-    NoReturnKind,
-    NoReturnOption,
     Port,
     StyleOption,
+    WriteConfig,
 )
 from ndtree.cli.commands.output import check_output, check_picture, fits_map, is_stdout, write_json
 from ndtree.cli.commands.pictures import observers_of, plotting, stay
 from ndtree.cli.commands.shows import FoxgloveOption, RerunOption, showing, wait_at
 from ndtree.logs import JoinedLog, Log
 from ndtree.maps.open import is_map
-from ndtree.tuning.settings import Settings
+from ndtree.tuning.config import Config
+
+_Output = Annotated[
+    Optional[Path],
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="MAP",
+        help="Where the map is written, or the folder for several; else LOG's name with .ndt, here. "
+        ".tiles: a folder of tiles.",
+    ),
+]
+_Merge = Annotated[
+    bool,
+    typer.Option("--merge", help="One map of all logs, in the order given: they are in one frame."),
+]
+_Static = Annotated[
+    bool,
+    typer.Option("--static", help="Leave out what moved, such as people and cars: reads the log 3 times."),
+]
+_RecordEvery = Annotated[
+    Optional[int],
+    typer.Option(min=1, help="Scans from picture to picture of the film; else 10.", show_default=False),
+]
+_MaxResident = Annotated[
+    Optional[str],
+    typer.Option(
+        metavar="SIZE",
+        help="Memory of the cells of a .tiles map, as 500MB; else 2GiB.",
+        show_default=False,
+    ),
+]
+_TileSize = Annotated[
+    Optional[float],
+    typer.Option(help="Least edge of its tiles \\[m]; else that of 16 largest cells.", show_default=False),
+]
 
 
 @command(
@@ -49,31 +82,13 @@ from ndtree.tuning.settings import Settings
     ),
 )
 @reports_errors
-@reading_options
 @map_options
 def map_(
     logs: GivenLogs,
-    output: Annotated[
-        Optional[Path],
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="MAP",
-            help="Where the map is written, or the folder for several; else LOG's name with .ndt, here. "
-            ".tiles: a folder of tiles.",
-        ),
-    ] = None,
-    merge: Annotated[
-        bool,
-        typer.Option("--merge", help="One map of all logs, in the order given: they are in one frame."),
-    ] = False,
+    output: _Output = None,
+    merge: _Merge = False,
     fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
-    static: Annotated[
-        bool,
-        typer.Option(
-            "--static", help="Leave out what moved, such as people and cars: reads the log 3 times."
-        ),
-    ] = False,
+    static: _Static = False,
     align: Annotated[
         bool, typer.Option("--align", help="Find the poses of a 2-D log first: its own drift.")
     ] = False,
@@ -86,30 +101,12 @@ def map_(
     record: Annotated[
         Optional[Path], typer.Option(metavar="FILE", help="Film how it grows: .mp4 or .gif.")
     ] = None,
-    record_every: Annotated[
-        Optional[int],
-        typer.Option(min=1, help="Scans from picture to picture of the film; else 10.", show_default=False),
-    ] = None,
-    max_resident: Annotated[
-        Optional[str],
-        typer.Option(
-            metavar="SIZE",
-            help="Memory of the cells of a .tiles map, as 500MB; else 2GiB.",
-            show_default=False,
-        ),
-    ] = None,
-    tile_size: Annotated[
-        Optional[float],
-        typer.Option(
-            help="Least edge of its tiles \\[m]; else that of 16 largest cells.", show_default=False
-        ),
-    ] = None,
-    dim: Dim = None,
-    max_range: MaxRange = None,
-    no_return: NoReturnOption = NoReturnKind.auto,
+    record_every: _RecordEvery = None,
+    max_resident: _MaxResident = None,
+    tile_size: _TileSize = None,
+    write_config: WriteConfig = None,
     json_file: Json = None,
-    options: Any = None,
-    reading: Any = None,
+    given: Any = None,
 ) -> None:
     """Build a map from a log, and write it to a file. Several logs give a map each, or with --merge one.
 
@@ -117,20 +114,17 @@ def map_(
     """
     if style is not None and picture is None:
         raise WrongCall("--style: is for --picture")
-    wanted = _Wanted(
-        fixed, static, align, options, dim, max_range, limit_of(max_range), no_return.value, reading
-    )
+    wanted = _Wanted(given.overridden(Config.of(fixed=fixed or None).values), static, align, write_config)
     if align and merge:
         raise WrongCall("--align: makes a frame for each log, expected no --merge")
+    of_one = {"--picture": picture, "--record": record, "--watch": watch or None}
+    of_one |= {"--foxglove": foxglove, "--rerun": rerun}
+    of_tiles = {"--max-resident": max_resident, "--tile-size": tile_size}
     if len(logs) > 1 and not merge:
-        alone = {"--picture": picture, "--record": record, "--watch": watch or None}
-        alone |= {"--foxglove": foxglove, "--rerun": rerun}
-        for flag, value in alone.items():
-            if value is not None:
-                raise WrongCall(f"{flag}: is for one map, expected one LOG, or --merge")
+        _refuse({**of_one, "--write-config": write_config}, "is for one map, expected one LOG, or --merge")
         if output is not None and is_tiled(output):
             raise WrongCall(f"{output}: is a map in tiles, expected one LOG, or --merge")
-        _refuse_others(output, {"--max-resident": max_resident, "--tile-size": tile_size}, False)
+        _refuse(of_tiles, f"is for a map in tiles, -o {output or 'MAP'}")
         outputs = _maps_in(output, logs)
         for path in outputs:
             check_output("-o", path, logs, fits_map)
@@ -140,42 +134,19 @@ def map_(
         output = _named_as(logs[0])
         check_output("-o", output, logs, fits_map)
     begin = time.perf_counter()
-    opened = wanted.open(logs)
+    log = wanted.open(logs)
     read_seconds = time.perf_counter() - begin
     plot = plotting() if picture else None
-    tiled = is_tiled(output)
-    _refuse_others(
-        output,
-        {"--max-resident": max_resident, "--tile-size": tile_size}
-        if not tiled
-        else {
-            "--picture": picture,
-            "--watch": watch or None,
-            "--foxglove": foxglove,
-            "--rerun": rerun,
-            "--record": record,
-            "--static": static or None,
-        },
-        tiled,
-    )
-    check_picture(plot, picture)
-    if tiled:
-        settings = wanted.settings(opened)
-        figures = {
-            "format": opened.format,
-            "uses": opened.uses,
-            "skipped": skipped(opened),
-            **map_into_tiles(opened, output, settings, fixed, tile_size, max_resident),
-        }
-        if not is_stdout(json_file):
-            print_tiled(figures, settings, output)
-        write_json(figures, json_file)
-        warn_of_skipped(opened)
+    if is_tiled(output):
+        _refuse({**of_one, "--static": static or None}, f"is not for a map in tiles, -o {output}")
+        _map_tiled(wanted, log, output, tile_size, max_resident, json_file)
         return
+    _refuse(of_tiles, f"is for a map in tiles, -o {output}")
+    check_picture(plot, picture)
     with ExitStack() as stack:
         shown = showing(foxglove, rerun, stack)
         with observers_of(watch, port, record, record_every) as observers:
-            done = wanted.map(opened, read_seconds, [*observers, *filter(None, [shown])])
+            done = wanted.map(log, read_seconds, [*observers, *filter(None, [shown])])
         if shown is not None:
             shown.end(done.target)
         written(done, output, plot, picture, style)
@@ -184,7 +155,7 @@ def map_(
             done.print(output, picture, record)
             print(f"look at it: ndtree view {output} --open")
         write_json(figures, json_file)
-        warn_of_skipped(opened)
+        warn_of_skipped(done.log)
         if watch:
             stay(observers[0], done.target, json_file)
         elif shown is not None and shown.url:
@@ -195,38 +166,28 @@ def map_(
 class _Wanted:
     """How logs are mapped."""
 
-    fixed: bool
+    given: Config
     static: bool
     align: bool
-    options: dict[str, Any]
-    dim: Optional[int]
-    max_range: Optional[float]  # As it was given.
-    limit: float
-    no_return: str
-    reading: Reading
+    write_config: Optional[Path]
 
     def open(self, logs: Sequence[Path]) -> Log:
-        opened = [self.reading.open(log, self.dim, self.max_range) for log in logs]
+        found = [opened(self.given, log) for log in logs]
         if self.align:
-            opened = [_aligned(log) for log in opened]
-        return opened[0] if len(opened) == 1 else JoinedLog(opened)
+            found = [_aligned(log) for log in found]
+        return found[0] if len(found) == 1 else JoinedLog(found)
 
-    def settings(self, log: Log) -> Settings:
-        """What is chosen for a log."""
-        made(lambda: new_map(log.dim, self.fixed, self.options))
-        return settled(log, self.options, self.limit, self.no_return, with_sigma=True)
+    def config(self, log: Log) -> tuple[Log, Config]:
+        """What is decided for a log, and the log as it is read then."""
+        made(lambda: new_map(log.dim, self.given))
+        log, config = inspected(log, self.given)
+        if self.write_config is not None:
+            config.save(self.write_config)
+        return log, config
 
     def map(self, log: Log, read_seconds: float, observers: Sequence[Any] = ()) -> Mapped:
-        return mapped(
-            log,
-            self.fixed,
-            self.options,
-            max_range=self.limit,
-            no_return=self.no_return,
-            read_seconds=read_seconds,
-            observers=observers,
-            static=self.static,
-        )
+        log, config = self.config(log)
+        return mapped(log, config, read_seconds=read_seconds, observers=observers, static=self.static)
 
 
 def _aligned(log: Log) -> Log:
@@ -234,8 +195,7 @@ def _aligned(log: Log) -> Log:
     from ndtree.cli.commands.align import aligned  # Not for all other maps.
 
     found = aligned(log)
-    log.notes.append(f"aligned: {found}")
-    return found.log
+    return found.log.noted(f"aligned: {found}")
 
 
 def _map_each(
@@ -247,27 +207,44 @@ def _map_each(
     for log, output in zip(logs, outputs):
         begin = time.perf_counter()
         try:
-            opened = wanted.open([log])
-            done = wanted.map(opened, time.perf_counter() - begin)
+            done = wanted.map(wanted.open([log]), time.perf_counter() - begin)
             written(done, output)
         except (OSError, ValueError, MemoryError, RuntimeError) as error:
             failed += 1
-            figures.append({"log": str(log), "error": reason_of(error)})
+            figures.append({"log": str(log), "error": in_words(reason_of(error))})
             print_error(reason_of(error))
             continue
         figures.append({**done.figures(), "map": str(output)})
         if not is_stdout(json_file):
             done.print(output)
-        warn_of_skipped(opened)
+        warn_of_skipped(done.log)
     write_json({"maps": figures}, json_file)
     if failed:
         raise typer.Exit(BAD_INPUT)
 
 
-def _refuse_others(output: Optional[Path], given: dict[str, Any], tiled: bool) -> None:
+def _map_tiled(
+    wanted: _Wanted,
+    log: Log,
+    output: Path,
+    tile_size: Optional[float],
+    max_resident: Optional[str],
+    json_file: Optional[Path],
+) -> None:
+    """A map in tiles of a log, or of several as one."""
+    log, config = wanted.config(log)
+    about = {"format": log.format, "uses": log.uses, "skipped": skipped(log)}
+    figures = {**about, **map_into_tiles(log, output, config, tile_size, max_resident)}
+    if not is_stdout(json_file):
+        print_tiled(figures, config, output)
+    write_json(figures, json_file)
+    warn_of_skipped(log)
+
+
+def _refuse(given: dict[str, Any], why: str) -> None:
     for flag, value in given.items():
         if value is not None:
-            raise WrongCall(f"{flag}: is {'not ' if tiled else ''}for a map in tiles, -o {output or 'MAP'}")
+            raise WrongCall(f"{flag}: {why}")
 
 
 #: Endings that stand behind another one.

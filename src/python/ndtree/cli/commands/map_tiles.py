@@ -15,7 +15,7 @@ from ndtree.logs import Log
 from ndtree.maps.open import TILES_SUFFIX
 from ndtree.tiles import TileMapper, open_tiles, storage_of
 from ndtree.tiles.mapper import MAX_RESIDENT
-from ndtree.tuning.settings import Settings
+from ndtree.tuning.config import Config
 
 _SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*([kMGT]?)(i?)B?")
 _POWERS = {"": 0, "k": 1, "M": 2, "G": 3, "T": 4}
@@ -39,18 +39,17 @@ def bytes_of(flag: str, text: Optional[str]) -> int:
 def map_into_tiles(
     log: Log,
     output: Path,
-    settings: Settings,
-    fixed: bool,
+    config: Config,
     tile_size: Optional[float],
     max_resident: Optional[str],
 ) -> dict[str, Any]:
     """Map a log, or go on with what was killed. Returns figures."""
     limit = bytes_of("--max-resident", max_resident)
-    target = new_map(log.dim, fixed, settings.options)
+    target = new_map(log.dim, config)
     source = {
         "log": Path(log.name).name,
-        "no_return": settings.no_return,
-        "max_range": str(settings.max_range),
+        "no_return": config.no_return,
+        "max_range": str(config.max_range),
     }
     try:
         mapper = TileMapper(
@@ -61,10 +60,10 @@ def map_into_tiles(
             raise WrongCall(str(error)) from None
         raise
     known = mapper.done
-    passage = Passage(log, settings)
+    passage = Passage(log, config)
     with progress() as advance:
         for _ in passage.into(
-            lambda scan: mapper.insert(scan, max_range=settings.max_range),
+            lambda scan: mapper.insert(scan, max_range=config.max_range),
             is_final=lambda error: str(error).startswith(str(output)),  # Of the tiles, not of the scan.
         ):
             advance("mapping", passage.scans, length_of(log))
@@ -86,11 +85,11 @@ def map_into_tiles(
     }
 
 
-def print_tiled(figures: dict[str, Any], settings: Settings, output: Path) -> None:
+def print_tiled(figures: dict[str, Any], config: Config, output: Path) -> None:
     """What map_into_tiles() did."""
     known = f", {figures['known_scans']} of them known already" if figures["known_scans"] else ""
     print(f"{figures['log']}: {number_of(figures['scans'], 'scan')}{known}, {counted(figures['beams'])}")
-    for line in settings.lines():
+    for line in config.notes:
         print(indented(line))
     print(
         f"  {figures['observed_leaves']:,} cells in {figures['tiles']} tiles of {figures['tile_size']:g} m"

@@ -16,14 +16,15 @@ from ndtree.base.progress import Progress
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
 from ndtree.cli.commands.figures import counted, indented, map_figures, print_map
-from ndtree.cli.commands.logs import made, new_map, settled, skipped, timed
+from ndtree.cli.commands.logs import new_map, skipped, timed
 from ndtree.cli.commands.options import PictureStyle
 from ndtree.cli.commands.pictures import draw
 from ndtree.cli.commands.progress import mapping_progress, progress
 from ndtree.evaluation.moved import MovedPoints
 from ndtree.logs import Log
+from ndtree.tuning.config import Config
+from ndtree.tuning.inspection import BEYOND_MEMORY
 from ndtree.tuning.scale import Scale
-from ndtree.tuning.settings import BEYOND_MEMORY, Settings
 
 
 @dataclass
@@ -35,10 +36,10 @@ class Standing:
     moved: int = 0
 
     @classmethod
-    def of(cls, log: Log, settings: Settings, progress: Progress) -> "Standing":
+    def of(cls, log: Log, config: Config, progress: Progress) -> "Standing":
         """Reads the log twice."""
         begin = time.perf_counter()
-        points = MovedPoints(log, settings.options, settings.max_range, settings.no_return).look(progress)
+        points = MovedPoints(log, config.options, config.max_range, config.no_return).look(progress)
         return cls(points, time.perf_counter() - begin)
 
     def take(self, scan: Scan) -> Scan:
@@ -61,7 +62,7 @@ class Mapped:
 
     log: Log
     target: OccupancyMap
-    settings: Settings
+    config: Config
     report: dict[str, int]
     scans: int
     seconds: float
@@ -75,7 +76,7 @@ class Mapped:
             "log": self.log.name,
             "format": self.log.format,
             "uses": self.log.uses,
-            "chosen": None if self.settings.look is None else self.settings.look.figures(),
+            "chosen": None if self.config.look is None else self.config.look.figures(),
             "scans": self.scans,
             "beams": self.report,
             "seconds": self.seconds,
@@ -95,7 +96,7 @@ class Mapped:
         print(f"{self.log.name}: {number_of(self.scans, 'scan')}, {counted(self.report)}")
         absurd = self.scale.warning()
         lines = [f"uses {self.log.uses}"] if self.log.uses else []
-        for line in lines + self.settings.lines() + ([absurd] if absurd else []):
+        for line in [*lines, *self.config.notes] + ([absurd] if absurd else []):
             print(indented(line))
         if self.standing is not None:
             print(indented(str(self.standing)))
@@ -109,7 +110,7 @@ class Passage:
     """The scans of a log on their way into a map, and what became of them."""
 
     log: Log
-    settings: Settings
+    config: Config
     read_seconds: float = 0.0
     scans: int = 0
     ignored: int = 0  # Beams without return, which the settings leave out.
@@ -120,7 +121,7 @@ class Passage:
         """Each scan that was inserted, with what that gave; skips others, unless an error `is_final`."""
         for number, (scan, took) in enumerate(timed(self.log)):
             self.read_seconds += took
-            beams, scan = len(scan), self.settings.usable(scan)
+            beams, scan = len(scan), self.config.usable(scan)
             self.ignored += beams - len(scan)
             name = f"{self.log.name}: scan {number}"
             try:
@@ -150,35 +151,30 @@ class Passage:
 
 def mapped(
     log: Log,
-    fixed: bool,
-    options: dict[str, Any],
+    config: Config,
     *,
-    max_range: float,
-    no_return: str,
     read_seconds: float = 0.0,
     observers: Sequence[Any] = (),
     static: bool = False,
 ) -> Mapped:
-    """Insert all scans of a log; observers see the map after each.
+    """Insert all scans of a log as it was decided; observers see the map after each.
 
     With `static`, the log is read twice before, for what moved, and beams do not end there.
     """
-    made(lambda: new_map(log.dim, fixed, options))
-    settings = settled(log, options, max_range, no_return, with_sigma=True)
-    target = new_map(log.dim, fixed, settings.options)
+    target = new_map(log.dim, config)
     counts = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
     seconds = 0.0
     track = np.full((2, log.dim), np.nan)
-    scale = Scale(target.options["min_cell_size"], settings.max_range)
-    passage = Passage(log, settings, read_seconds)
+    scale = Scale(target.options["min_cell_size"], config.max_range)
+    passage = Passage(log, config, read_seconds)
     standing: Optional[Standing] = None
     if static:
         with progress() as show:
-            standing = Standing.of(log, settings, show)
+            standing = Standing.of(log, config, show)
 
     def insert(scan: Scan) -> Any:
         scan = scan if standing is None else standing.take(scan)
-        return scan.insert_into(target, max_range=settings.max_range)
+        return scan.insert_into(target, max_range=config.max_range)
 
     with mapping_progress(log, target) as advance:
         for scan, one in passage.into(insert):
@@ -193,7 +189,7 @@ def mapped(
             advance(passage.scans, counts["beams"])
     report = passage.report(counts)
     return Mapped(
-        log, target, settings, report, passage.scans, seconds, passage.read_seconds, track, scale, standing
+        log, target, config, report, passage.scans, seconds, passage.read_seconds, track, scale, standing
     )
 
 

@@ -111,6 +111,8 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("box", "X,Y[,Z],X,Y[,Z]", "everything", "one room of a building [m]"),
         Row("origin", "X,Y[,Z]", "0,0[,0] m", "coordinates far away, as UTM"),
         Row("limit", "N", "all scans", "a quick estimate"),
+        Row("config", "FILE", "none", "the same robot again, or values of your own, with their reasons"),
+        Row("write_config", "FILE", "none", "the next log of this robot: --config FILE maps it alike"),
         Row("keep_going", "", "off", "a damaged log: read what is whole"),
         Row("strict", "", "off", "refuse a log with scans without a pose"),
         Row("points_only", "", "off", "points alone, without a sensor's place: occupied cells"),

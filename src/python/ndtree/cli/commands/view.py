@@ -12,7 +12,7 @@ import typer
 
 from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.flags import reading_options
+from ndtree.cli.commands.flags import opened, reading_options, require_none
 from ndtree.cli.commands.logs import length_of, load_map
 from ndtree.cli.commands.options import CellColor, Port, StyleOption
 from ndtree.cli.commands.output import check_picture
@@ -62,7 +62,7 @@ def view(
     ] = None,
     port: Port = None,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
-    reading: Any = None,
+    given: Any = None,
 ) -> None:
     """Show a map on a page of this computer until Ctrl-C, or draw it into a file.
 
@@ -70,7 +70,7 @@ def view(
     """
     axis, at = parsed_slice(slice_)
     if log is None:
-        reading.require_none("a map alone")
+        require_none(given, "a map alone")
     if png is not None:
         for flag, value in (("--free", free), ("--unknown", unknown), ("--log", log), ("--port", port)):
             if value is not None:
@@ -90,13 +90,13 @@ def view(
     m = suited(_loaded(map_name), color, axis)
     shown = {"color": color and color.value, "free": free, "unknown": unknown}
     look = Look.below_ceiling(m, **shown, axis=axis, slice_at=at)
-    opened = reading.open(log, None) if log is not None else None
+    read = opened(given, log) if log is not None else None
     with Viewer(m, port=PORT if port is None else port, look=look, name=_title(map_name)) as page:
-        if opened is not None:
+        if read is not None:
             with progress() as advance:
-                for done, scan in enumerate(opened, start=1):
+                for done, scan in enumerate(read, start=1):
                     page.add_track(scan)
-                    advance("reading", done, length_of(opened))
+                    advance("reading", done, length_of(read))
             page.refresh()
         with suppress(KeyboardInterrupt):
             print(f"{map_name}: {page.url} until Ctrl-C", flush=True)

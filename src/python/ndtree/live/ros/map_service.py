@@ -23,7 +23,7 @@ from ndtree.live.mapper import LiveMapper
 from ndtree.live.messages import MessagesIntake
 from ndtree.live.ros.messages import header, optional_class, pose_with_covariance, transform
 from ndtree.live.ros.middleware import Level, Middleware
-from ndtree.live.ros.parameters import in_parameters, reading_options
+from ndtree.live.ros.parameters import config_of, in_parameters
 from ndtree.live.ros.sinks import CellsSink, FrontiersSink, GridSink, OctomapSink
 from ndtree.live.saver import Saver
 from ndtree.live.serving import MapServer, address_of
@@ -32,6 +32,7 @@ from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.storage import Raw
 from ndtree.maps.open import open_map
 from ndtree.maps.writers import write
+from ndtree.tuning.config import Config
 
 #: How often a node looks around for topics, and lets measurements give up [s].
 TICK = 0.1
@@ -68,38 +69,32 @@ class MapService:
     def __init__(self, node: Middleware) -> None:
         self._node = node
         value = node.value
-        limit = value("max_range") or math.inf
-        target, options = None, node.map_options()
+        given = config_of(value, node.map_options())
+        self._fixed = bool(given.get("fixed"))
+        target = None
         file = value("map_file")
         if value("resume") and file and Path(file).exists():
             target = _loaded(file)
-            options = dict(target.options)
+            given = given.overridden(Config.of(**target.options).values)
         localizer = None
         if value("localize"):
             for name in ("resume", "window", "fade", "follow"):
                 if value(name):
                     raise ValueError(f"{name}: not with localize, which makes no map")
             target = _loaded(value("localize"))
-            options = dict(target.options)
+            given = given.overridden(Config.of(**target.options, dim=2).values)
             place = place_of(value("initial_pose")) if value("initial_pose") else None
             localizer = Localizer(target, place)
         self._localizer = localizer
         if target is None:
-            self._new_map(value("dim") or 3, options)  # Refuses what no map can be made of.
+            self._new_map(given.get("dim", 3), given.options)  # Refuses what no map can be made of.
         self._intake = MessagesIntake(
             node.name,
-            options=options,
-            reading=reading_options(value),
-            dim=2 if localizer is not None else value("dim") or None,
-            max_range=limit,
-            no_return=value("no_return"),
+            given,
             look=value("look"),
             follow=value("follow"),
             body=value("follow_frame"),
-            parts=lambda dim: {"min_range": value("min_range")} if value("min_range") else {},
         )
-        if value("no_return") not in ("auto", "free", "ignore"):
-            raise ValueError(f"no_return = {value('no_return')}: must be auto, free or ignore")
         self._announced: list[str] = []
         self._began = time.monotonic()
         self._waits_for_clock = True
@@ -142,7 +137,7 @@ class MapService:
         )
 
     def _new_map(self, dim: int, options: dict[str, Any]) -> OccupancyMap:
-        if not self._node.value("fixed_cells"):
+        if not self._fixed:
             return _core.AdaptiveMap(dim=dim, **options)
         named = {("cell_size" if name == "min_cell_size" else name): one for name, one in options.items()}
         return _core.FixedMap(dim=dim, **named)

@@ -13,6 +13,7 @@ from ndtree.live.localizing import ODOMETRY
 from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK
 from ndtree.maps.kinds import MAP_OPTIONS
+from ndtree.tuning.config import WORDS, Config
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class Row:
 
 
 ROWS = (
+    Row("config", "", "A file of ndtree info --write-config: what holds where no parameter says more."),
     Row("autostart", True, "Configure and activate at once; else a lifecycle manager does."),
     Row("topics", [""], "Topics of sensors, @SIGMA [m] may follow; none: of those that there are, the best."),
     Row("fixed_frame", "", "Frame of the map; else map, odom, world or a root of /tf."),
@@ -76,32 +78,29 @@ ROWS = (
     Row("diagnostics_period", 1.0, "Of diagnostics [s].", (0.01, 1e3)),
     Row("clear_radius", 1.0, "What clear_around forgets around the sensor [m].", (0.0, 1e6), True),
 )  # fmt: skip
-#: Parameters that are options of reading, if they are not empty.
-READING = (
-    "fixed_frame", "base_frame", "sensor_frame", "mount", "odometry", "poses", "sweep", "camera", "zero_is",
-    "body", "pose_covariance",
-)  # fmt: skip
 #: A flag of the commands in what readers say.
 _FLAG = re.compile(r"--(?P<name>[a-z][a-z-]*)")
 _OTHER_NAMES = {"topic": "topics"}
 CHANGING = {row.name for row in ROWS if row.changes}
 
 
-def reading_options(value: Callable[[str], Any]) -> dict[str, Any]:
-    """What a user said of sensors and frames, of a function that tells the value of a parameter."""
-    options = {name: value(name) for name in READING if value(name)}
+def config_of(value: Callable[[str], Any], options: dict[str, Any] | None = None) -> Config:
+    """What a user said, of a function that tells the value of a parameter, and of the options of the map.
+
+    A parameter that is at its default leaves what the file says.
+    """
+    rows = [row for row in ROWS if row.name in WORDS]
+    given = {row.name: value(row.name) for row in rows if value(row.name) != row.default}
     topics = [topic for topic in value("topics") if topic]
     if topics:
-        options["topic"] = topics
-    if value("still"):
-        options["still"] = True
-    if value("time_offset"):
-        options["time_offset"] = value("time_offset")
-    if value("pixel_stride") != 1:
-        options["pixel_stride"] = value("pixel_stride")
-    if value("localize"):
-        options.setdefault("fixed_frame", ODOMETRY)
-    return {**options, "deskew": value("deskew")}
+        given["topic"] = topics
+    if value("fixed_cells"):
+        given["fixed"] = True
+    if given.get("no_return", "auto") not in ("auto", "free", "ignore"):
+        raise ValueError(f"no_return = {given['no_return']}: must be auto, free or ignore")
+    whole = Config.load(value("config")) if value("config") else Config()
+    whole = whole.overridden(Config.of(**given, **(options or {})).values)
+    return Config.of(fixed_frame=ODOMETRY).overridden(whole.values) if value("localize") else whole
 
 
 def in_parameters(text: str) -> str:

@@ -14,7 +14,7 @@ from std_srvs.srv import Empty, EmptyResponse, Trigger
 
 from ndtree.live.ros.map_service import TICK, MapService
 from ndtree.live.ros.middleware import Level, Publisher
-from ndtree.live.ros.parameters import CHANGING, ROWS, followed, reading_options
+from ndtree.live.ros.parameters import CHANGING, ROWS, config_of, followed
 from ndtree.live.ros1.parameters import Parameters
 from ndtree.live.ros1.sources import Sources
 from ndtree.logs.ros.storage import Raw
@@ -86,7 +86,9 @@ class MapNode:
                 rospy.set_param(f"~{row.name}", self._parameters.value(row.name))
         self._publishers: list[_Publisher] = []
         self._map = MapService(self)
-        self._sources = Sources(self._put, {**reading_options(self.value), **followed(self.value("follow"))})
+        self._sources = Sources(
+            self._put, {**config_of(self.value).reading, **followed(self.value("follow"))}
+        )
         self._services = [
             rospy.Service("~save", Trigger, lambda request: self._map.save()),
             rospy.Service("~load", LoadMap, lambda request: {"result": int(self._map.load(request.map_url))}),

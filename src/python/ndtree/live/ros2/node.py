@@ -19,7 +19,7 @@ from std_srvs.srv import Empty, Trigger
 
 from ndtree.live.ros.map_service import TICK, MapService
 from ndtree.live.ros.middleware import Level, Publisher
-from ndtree.live.ros.parameters import CHANGING, followed, reading_options
+from ndtree.live.ros.parameters import CHANGING, config_of, followed
 from ndtree.live.ros2.parameters import declare, map_options, value
 from ndtree.live.ros2.sources import Sources
 from ndtree.logs.ros.storage import Raw
@@ -120,7 +120,7 @@ class MapNode(LifecycleNode):
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        options = {**reading_options(lambda name: value(self, name)), **followed(value(self, "follow"))}
+        options = {**config_of(lambda name: value(self, name)).reading, **followed(value(self, "follow"))}
         self._sources = Sources(
             self, self._put, options, reliable=value(self, "reliable"), queue=value(self, "queue")
         )

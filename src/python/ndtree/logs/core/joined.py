@@ -4,9 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import Log, Skipped
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 
 class JoinedLog(Log):
@@ -34,15 +38,25 @@ class JoinedLog(Log):
         self._logs = tuple(logs)
         self.format = ", ".join(dict.fromkeys(log.format for log in logs))
         self.uses = "; ".join(f"{log.name}: {log.uses}" for log in logs if log.uses)
-        self.keep_going = any(log.keep_going for log in logs)
-        self.strict = any(log.strict for log in logs)
+        self.rules = first.rules
         self.knows_no_returns = any(log.knows_no_returns for log in logs)
         self.is_depth_camera = all(log.is_depth_camera for log in logs)
         self.is_raw = any(log.is_raw for log in logs)
         self.has_sensor = any(log.has_sensor for log in logs)
         self.may_be_zero = any(log.may_be_zero for log in logs)
-        self.zero_is = first.zero_is
         self._at = 0
+
+    def ruled(self, **changes: Any) -> Self:
+        """Of all logs; each keeps the end of its own ranges."""
+        changes.pop("cut_off", None)
+        other = super().ruled(**changes)
+        other._logs = tuple(log.ruled(**changes) for log in self._logs)
+        return other
+
+    @property
+    def notes(self) -> list[str]:
+        """Of all logs."""
+        return [*(note for log in self._logs for note in log.notes), *super().notes]
 
     @property
     def cut_off(self) -> float | None:
@@ -58,14 +72,11 @@ class JoinedLog(Log):
         return None if share is None else (self._at + share) / len(self._logs)
 
     def _scans(self) -> Iterator[Scan]:
-        self.notes.clear()
         for i, log in enumerate(self._logs):
             self._at = i
-            log.zero_is = self.zero_is
             try:
                 yield from log
             finally:
-                self.notes += log.notes
                 self.zeros += log.zeros
                 for kind, one in log.skipped.items():
                     self._take_over(kind, one)

@@ -7,10 +7,15 @@ import contextlib
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import dataclass, replace
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from ndtree._native import _core
 from ndtree.base.files import require_no_input
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
@@ -18,8 +23,12 @@ from ndtree.logs.core.archive import save_archive
 from ndtree.logs.core.failures import NoPose, readable
 from ndtree.logs.core.padding import without_padding
 from ndtree.logs.core.plain_file import DamagedStream, open_plain
+from ndtree.logs.core.rules import UNSEARCHED, Decision, Rules
 from ndtree.logs.core.selection import Selection
-from ndtree.logs.core.silence import CutOff, cut_off_of
+from ndtree.logs.core.silence import CutOff, CutOffSearch
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 #: The kind of scans that are left out unless `Log.strict`.
 UNPOSED = "scans without a pose"
@@ -41,6 +50,12 @@ def require_log(log: object) -> None:
         raise TypeError(f"log = {name!r}: expected a Log, as of:\n  ndtree.read({name!r})")
 
 
+def is_sampled(number: int) -> bool:
+    """Whether `spread` looks at a scan, of those from 0 on, before it knows how many there are."""
+    run = number // _core.sample_run
+    return run % _core.sample_step(run * _core.sample_run + 1) == 0
+
+
 class Log(ABC):
     """An iterable of `Scan`; every loop starts again from the first.
 
@@ -56,22 +71,14 @@ class Log(ABC):
         What of the file is read, where it holds more than one log.
     hint : str
         What may help where no scan has a pose.
-    keep_going : bool
-        Pass over what is damaged instead of raising.
-    strict : bool
-        Raise for scans whose pose is not known, and for files that end too early, instead of leaving out what
-        cannot be used.
-    no_return_range : float or None
-        Up to where a beam that met nothing is free [m] if the log does not say; None: it says nothing then.
+    rules : Rules
+        How it is read; `ruled` gives the same log with others.
     notes : list of str
         What the reader decided, and a user should know, each in one line.
     knows_no_returns : bool
         Whether the scans may say of beams that nothing was hit.
     is_depth_camera : bool
         Whether ranges are from structured light or stereo, whose noise grows with the squared range.
-    zero_is : {"no-echo", "invalid"} or None
-        What beams with a range of 0 mean: that nothing was hit, or nothing at all. None: not stated, and they
-        mean nothing; `ndtree.tuning.settings.settle` lets the log decide.
     may_be_zero : bool
         Whether the format can tell such beams, and their directions.
     zeros : int
@@ -106,16 +113,54 @@ class Log(ABC):
     def __init__(self, path: str | None, dim: int) -> None:
         self.path = path
         self.dim = dim
-        self.keep_going = False
-        self.strict = False
-        self.no_return_range: float | None = None
-        self.zero_is: str | None = None
-        self.zeros = 0
-        self.notes: list[str] = []
+        self.rules = Rules()
+        self._decided: list[str] = []
+        self._begin()
+        self._found: list[CutOff | None] = []  # Once it was searched, also for those with other rules.
+        self._is_sampled = False
+
+    def _begin(self) -> None:
+        """Forget what earlier loops have seen."""
         self.skipped: dict[str, Skipped] = {}
-        self._done = 0
-        self._cut_off: CutOff | None = None
-        self._is_searched = not self.may_be_cut_off
+        self._unposed: dict[str, float] = {}
+        self._seen: list[str] = []
+        self._done = self.zeros = 0
+
+    @property
+    def notes(self) -> list[str]:
+        """What was decided when it was opened, and what the last loop has seen; a line each."""
+        return [*self._decided, *self._seen]
+
+    @property
+    def decisions(self) -> dict[str, Decision]:
+        """What opening it has decided, by the words of `read`: the same words make the same log."""
+        return {}
+
+    def ruled(self, **changes: Any) -> Self:
+        """The same log, read in another way: `changes` are fields of `Rules`."""
+        other = copy(self)
+        other.rules = replace(self.rules, **changes)
+        other._decided = list(self._decided)
+        other._begin()
+        return other
+
+    def sampled(self) -> Self:
+        """The same log for `spread`: scans that it passes over may come without beams, as not decoded."""
+        other = self.ruled()
+        other._is_sampled = True
+        return other
+
+    def _passed_over(self) -> Scan | None:
+        """What stands for the next scan if it need not be decoded."""
+        if not self._is_sampled or is_sampled(self._done):
+            return None
+        return Scan(np.empty((0, self.dim)), np.zeros(self.dim))
+
+    def noted(self, line: str) -> Self:
+        """The same log with a note that it was opened with."""
+        other = self.ruled()
+        other._decided.append(line)
+        return other
 
     @property
     def name(self) -> str:
@@ -123,15 +168,13 @@ class Log(ABC):
         return self.path or self.format
 
     def __iter__(self) -> Iterator[Scan]:
-        self.skipped.clear()
-        self._unposed: dict[str, float] = {}
-        self._done = self.zeros = 0
+        self._begin()
+        limit = self.limit() if self.may_be_cut_off else None
         try:
             with readable(self.path, f"cannot be read as a {self.format} log"):
-                self._search_cut_off()
                 for scan in self._scans():
                     self._done += 1
-                    yield self.completed(scan)
+                    yield self.completed(scan, limit)
             if self._unposed and not self._done:
                 self._sum_up_unposed()
                 left_out = self.skipped[UNPOSED]
@@ -144,34 +187,41 @@ class Log(ABC):
         finally:
             self._sum_up_unposed()
 
-    def completed(self, scan: Scan) -> Scan:
-        """A scan as it was read, without padding, and with beams cut off at the log's largest range."""
+    def completed(self, scan: Scan, limit: CutOff | None = None) -> Scan:
+        """A scan as it was read, without padding, and with beams cut off at a limit."""
         if self.may_be_padded:
             scan = _without_padding(scan)
-        return scan if self._cut_off is None else self._cut_off.applied(scan)
+        return scan if limit is None else limit.applied(scan)
 
-    def _search_cut_off(self) -> None:
-        """Read the log once for where its ranges end; the loop that follows reports what is damaged."""
-        if self._is_searched:
-            return
-        self._is_searched = True
-        self._cut_off = self._found_cut_off()
-        self._done = self.zeros = 0
-        self.skipped.clear()
-        self._unposed = {}
+    def limit(self) -> CutOff | None:
+        """Where its ranges end; without a rule the log is read once for it, whatever is damaged."""
+        if not self.may_be_cut_off:
+            return None
+        if self.rules.cut_off is not UNSEARCHED:
+            return self.rules.cut_off
+        if not self._found:
+            self._found.append(self._search())
+        return self._found[0]
 
-    def _found_cut_off(self) -> CutOff | None:
-        def whole() -> Iterator[Scan]:
-            with contextlib.suppress(ValueError, OSError):
-                yield from self._scans()
+    def _search(self) -> CutOff | None:
+        search = CutOffSearch(says_itself=self.marks_no_returns)
+        with contextlib.suppress(ValueError, OSError):
+            for scan in self.ruled(cut_off=None)._scans():
+                search.add(scan)
+                if search.is_said:
+                    break
+        return search.found()
 
-        return cut_off_of(whole(), says_itself=self.marks_no_returns)
+    @property
+    def needs_search(self) -> bool:
+        """Whether a loop over all of it will find where its ranges end, and nothing else says it."""
+        return self.may_be_cut_off and self.rules.cut_off is UNSEARCHED and not self._found
 
     @property
     def cut_off(self) -> float | None:
         """The log's largest range [m], if readings there are taken for beams that met nothing."""
-        self._search_cut_off()
-        return None if self._cut_off is None else self._cut_off.at
+        limit = self.limit() if self.may_be_cut_off else None
+        return None if limit is None else limit.at
 
     @property
     def spans(self) -> dict[str, tuple[float, float]]:
@@ -275,7 +325,7 @@ class Log(ABC):
 
         `kind` is in the plural, as in "scans without a pose"; a reader returns where nothing can follow.
         """
-        if not self.keep_going:
+        if not self.rules.keep_going:
             raise error
         if kind in self.skipped:
             self.skipped[kind].count += 1
@@ -284,7 +334,7 @@ class Log(ABC):
 
     def _leave_out(self, kind: str, error: Exception, summary: str | None = None) -> None:
         """Note what cannot be used but is no damage either; with ``strict`` raise it."""
-        if self.strict:
+        if self.rules.strict:
             raise error
         if kind in self.skipped:
             self.skipped[kind].count += 1
@@ -376,33 +426,33 @@ class DerivedLog(Log):
 
     def __init__(self, log: Log) -> None:
         super().__init__(log.path, log.dim)
-        self.format, self.uses, self.keep_going = log.format, log.uses, log.keep_going
-        self.strict, self.notes, self.knows_no_returns = log.strict, log.notes, log.knows_no_returns
+        self.format, self.uses, self.rules = log.format, log.uses, log.rules
+        self.knows_no_returns, self.has_sensor = log.knows_no_returns, log.has_sensor
         self.is_depth_camera, self.is_raw = log.is_depth_camera, log.is_raw
-        self.has_sensor = log.has_sensor
-        self.skipped = log.skipped
-        self.zero_is, self.may_be_zero = log.zero_is, log.may_be_zero
+        self.may_be_zero = log.may_be_zero
         self._log = log
 
-    @property
-    def name(self) -> str:
-        """How reports call the log: as the other one."""
-        return self._log.name
+    def ruled(self, **changes: Any) -> Self:
+        other = super().ruled(**changes)
+        other._log = self._log.ruled(**changes)
+        return other
+
+    # As of the other log, which has applied the limit to its scans, too.
+    name = property(attrgetter("_log.name"))
+    decisions = property(attrgetter("_log.decisions"))
+    cut_off = property(attrgetter("_log.cut_off"))
+    spans = property(attrgetter("_log.spans"))
+    share_read = property(attrgetter("_log.share_read"))
+    skipped = property(attrgetter("_log.skipped"), lambda self, _: None)
+    zeros = property(attrgetter("_log.zeros"), lambda self, _: None)
+
+    def limit(self) -> CutOff | None:
+        return self._log.limit()
 
     @property
-    def cut_off(self) -> float | None:
-        """As of the other log."""
-        return self._log.cut_off
-
-    @property
-    def spans(self) -> dict[str, tuple[float, float]]:
-        """As of the other log."""
-        return self._log.spans
-
-    @property
-    def share_read(self) -> float | None:
-        """As of the other log."""
-        return self._log.share_read
+    def notes(self) -> list[str]:
+        """Of the other log, and its own."""
+        return [*self._log.notes, *super().notes]
 
 
 class SelectedLog(DerivedLog):
@@ -413,6 +463,4 @@ class SelectedLog(DerivedLog):
         self._selection = selection
 
     def _scans(self) -> Iterator[Scan]:
-        self._log.zero_is = self.zero_is
-        yield from self._selection.of(self._log, self.name)
-        self.zeros = self._log.zeros
+        return self._selection.of(self._log, self.name)

@@ -8,7 +8,6 @@ scan with several of them, these readings did not return.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,41 +49,56 @@ class CutOff:
         return replace(scan, returned=returned)
 
 
-def cut_off_of(scans: Iterable[Scan], *, says_itself: bool, least_scans: int = 1) -> CutOff | None:
-    """Where the ranges of a log are cut off; None if they are not.
-
-    Nor are they if all readings of the log are equal: a round room around a laser that stands would be none.
+class CutOffSearch:
+    """Looks for where the ranges of a log are cut off; they are not if all its readings are equal.
 
     Parameters
     ----------
-    scans : iterable of Scan
     says_itself : bool
         The log has a mark for beams that did not return: if it has any, it means all.
     least_scans : int
         This many scans have several readings there: 1 where all scans are given, more of a sample.
+
+    Attributes
+    ----------
+    is_said : bool
+        The log has such marks: nothing is cut off, whatever else is added.
     """
-    largest = tolerance = 0.0
-    has_shorter, cut, there, below = False, 0, 0, 0
-    for scan in scans:
-        if says_itself and scan.returned is not None and not scan.returned.all():
-            return None
+
+    def __init__(self, *, says_itself: bool, least_scans: int = 1) -> None:
+        self._says_itself, self._least_scans = says_itself, least_scans
+        self._largest = self._tolerance = 0.0
+        self._has_shorter = self.is_said = False
+        self._cut = self._there = self._below = 0
+
+    def add(self, scan: Scan) -> None:
+        """Look at the next scan."""
+        if self._says_itself and scan.returned is not None and not scan.returned.all():
+            self.is_said = True
+        if self.is_said:
+            return
         ranges = _ranges(scan)
         farthest = float(ranges.max(initial=-1.0))
         if farthest <= 0:
-            continue
-        if farthest >= largest - tolerance:
+            return
+        if farthest >= self._largest - self._tolerance:
             own = _rounding(scan)
-            has_shorter |= 0 < largest < farthest - own
-            if farthest > largest + own:
-                cut = there = below = 0
-            largest, tolerance = max(largest, farthest), own
-            count = int(np.count_nonzero(ranges >= largest - tolerance))
+            self._has_shorter |= 0 < self._largest < farthest - own
+            if farthest > self._largest + own:
+                self._cut = self._there = self._below = 0
+            self._largest, self._tolerance = max(self._largest, farthest), own
+            count = int(np.count_nonzero(ranges >= self._largest - own))
             if count >= LEAST_CUT_OFF:
-                cut += 1
-                there += count
-                below += int(np.count_nonzero(ranges >= (1 - _NEAR) * largest)) - count
-        has_shorter = has_shorter or bool(((ranges > 0) & (ranges < largest - tolerance)).any())
-    return CutOff(largest, tolerance) if cut >= least_scans and has_shorter and there > below else None
+                self._cut += 1
+                self._there += count
+                self._below += int(np.count_nonzero(ranges >= (1 - _NEAR) * self._largest)) - count
+        shorter = (ranges > 0) & (ranges < self._largest - self._tolerance)
+        self._has_shorter = self._has_shorter or bool(shorter.any())
+
+    def found(self) -> CutOff | None:
+        """Where they are cut off by what was added; None if they are not."""
+        is_cut = self._cut >= self._least_scans and self._has_shorter and self._there > self._below
+        return CutOff(self._largest, self._tolerance) if is_cut and not self.is_said else None
 
 
 def _ranges(scan: Scan) -> NDArray[np.float64]:

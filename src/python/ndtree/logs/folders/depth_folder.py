@@ -77,7 +77,7 @@ class DepthFolderLog(FolderLog):
         elif (found := _camera_in(source)) is not None:
             self._camera = found
         else:
-            self.notes.append(
+            self._decided.append(
                 "the camera is taken for a PrimeSense: 525,525,319.5,239.5,1000; --camera says another"
             )
         self._poses = PosesOfFiles(trajectory, self._files, None, time_offset)

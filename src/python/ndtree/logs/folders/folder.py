@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.log import SizedLog
-from ndtree.logs.core.silence import CutOff, cut_off_of
+from ndtree.logs.core.silence import CutOff, CutOffSearch
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.trajectory import Trajectory
 from ndtree.logs.poses.trajectory_files import read_times, read_trajectory
@@ -49,8 +49,12 @@ class FolderLog(SizedLog):
     @property
     def knows_no_returns(self) -> bool:  # type: ignore[override]
         """Where ranges are cut off: of beams without return there is no point in a file."""
-        self._search_cut_off()
-        return self._cut_off is not None
+        return self.limit() is not None
+
+    @property
+    def needs_search(self) -> bool:
+        """Some of the files tell."""
+        return False
 
     def _scans(self) -> Iterator[Scan]:
         for i in range(len(self)):
@@ -62,6 +66,10 @@ class FolderLog(SizedLog):
             except (ValueError, OSError) as error:
                 self._skip("scans without a pose", error)
                 continue
+            nothing = self._passed_over()
+            if nothing is not None:
+                yield nothing
+                continue
             try:
                 points = self._points(i)
             except (ValueError, OSError) as error:
@@ -70,10 +78,13 @@ class FolderLog(SizedLog):
             self.file = self._files[i]
             yield self._scan(i, points, T_map_sensor)
 
-    def _found_cut_off(self) -> CutOff | None:
+    def _search(self) -> CutOff | None:
         """From some of the files, evenly spread: they may be large."""
         chosen = sorted({i * (len(self) - 1) // max(_SAMPLE - 1, 1) for i in range(_SAMPLE)})
-        return cut_off_of(self._some(chosen), says_itself=False, least_scans=min(2, len(chosen)))
+        search = CutOffSearch(says_itself=False, least_scans=min(2, len(chosen)))
+        for scan in self._some(chosen):
+            search.add(scan)
+        return search.found()
 
     def _some(self, numbers: Sequence[int]) -> Iterator[Scan]:
         for i in numbers:

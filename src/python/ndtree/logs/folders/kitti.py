@@ -76,7 +76,7 @@ class KittiLog(FolderLog):
         """How many numbers a point has, in all files."""
         width = floats_a_point(self._files)
         if width != 4:
-            self.notes.append(f"{width} numbers a point in {SCANS}, as the content tells: {WIDTHS[width]}")
+            self._decided.append(f"{width} numbers a point in {SCANS}, as the content tells: {WIDTHS[width]}")
         return width
 
     def _stamp(self, i: int) -> float:

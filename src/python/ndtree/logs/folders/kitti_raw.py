@@ -89,7 +89,7 @@ class KittiRawLog(FolderLog):
     def _width(self) -> int:
         width = floats_a_point(self._files)
         if width != 4:
-            self.notes.append(f"{width} numbers a point in {SCANS}, as the content tells: {WIDTHS[width]}")
+            self._decided.append(f"{width} numbers a point in {SCANS}, as the content tells: {WIDTHS[width]}")
         return width
 
     @cached_property

@@ -104,7 +104,6 @@ class PointCloudLog(FolderLog):
         self._trajectory: PosesOfFiles | None = None
         if unplaced:
             self.may_be_cut_off = unplaced.origin is not None
-            self._is_searched = not self.may_be_cut_off
             return
         if trajectory is None:
             found = poses_of(source.path, scans) if source.is_folder else _beside_file(scans)
@@ -123,7 +122,7 @@ class PointCloudLog(FolderLog):
         """Note poses that are not in the folder of the scans."""
         one = found.trajectory or next((name for name in found.beside if name), None)
         if one is not None and os.path.dirname(one) != folder:
-            self.notes.append(f"poses are from {one if found.trajectory else os.path.dirname(one)}")
+            self._decided.append(f"poses are from {one if found.trajectory else os.path.dirname(one)}")
 
     @property
     def knows_no_returns(self) -> bool:  # type: ignore[override]
@@ -188,7 +187,7 @@ class PointCloudLog(FolderLog):
     def _width(self) -> int:
         """How many numbers a point has, in all files of bare numbers."""
         width = floats_a_point(self._files)
-        self.notes.append(f"{width} numbers a point in .bin, as the content tells: {WIDTHS[width]}")
+        self._decided.append(f"{width} numbers a point in .bin, as the content tells: {WIDTHS[width]}")
         return width
 
     def _scan(self, i: int, points: NDArray[np.floating], T_map_sensor: Pose) -> Scan:

@@ -20,8 +20,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.decimals import decimals
-from ndtree.logs.core.plain_file import open_plain, split_lines
+from ndtree.logs.core.plain_file import open_plain
 from ndtree.logs.core.separators import separator_of
 from ndtree.logs.core.source import Source
 
@@ -178,21 +177,11 @@ def text_points(path: str) -> Floats:
         head = list(islice(file, _LOOKED_AT))  # Headers are among the first lines.
         parts.append(_parsed(path, columns, 1, head))
         first = file.line + 1
-        while block := file.block(_BLOCK):
-            found = _at_once(columns, block)
-            parts.append(_parsed(path, columns, first, split_lines(block)) if found is None else found)
+        while lines := list(islice(file, _BLOCK)):
+            parts.append(_parsed(path, columns, first, lines))
             first = file.line + 1
     found = np.concatenate(parts)
     return found if columns.metres == 1.0 else found * columns.metres
-
-
-def _at_once(columns: Columns, block: bytes) -> Floats | None:
-    """Points of lines that are all alike; None of others."""
-    if columns.decimal_comma:
-        block = block.replace(b",", b".")
-    if b'"' in block:
-        block = _QUOTED.sub(rb"\1", block)
-    return decimals(block, columns.separator, columns.xyz)
 
 
 def _parsed(path: str, columns: Columns, first: int, lines: list[bytes]) -> Floats:
@@ -219,6 +208,7 @@ def _quick(columns: Columns, lines: list[bytes]) -> Floats | None:
     delimiter = None if columns.separator is None else columns.separator.decode()
     if columns.decimal_comma:
         lines = [line.replace(b",", b".") for line in lines]
+    lines = [_QUOTED.sub(rb"\1", line) if b'"' in line else line for line in lines]
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")

@@ -42,7 +42,7 @@ class ThreeDtkLog(FolderLog):
         stems = [os.path.splitext(file)[0] for file in self._files]
         self._matched = [os.path.isfile(f"{stem}.frames") for stem in stems]
         if any(self._matched):
-            self.notes.append(
+            self._decided.append(
                 f"{sum(self._matched)} of {len(stems)} poses are those of the matching, the last in .frames"
             )
 

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from ndtree._native import _core
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import LineLog
-from ndtree.logs.core.source import Format, ReaderOption, Source, require_dim
-from ndtree.logs.core.zeros import NO_ECHO, ZERO_IS, checked
+from ndtree.logs.core.rules import NO_ECHO, Rules
+from ndtree.logs.core.source import ZERO_IS, Format, ReaderOption, Source, check_zero_is, require_dim
 from ndtree.logs.formats.text import first_fields
 
 #: Records of the format.
@@ -55,13 +55,14 @@ class CarmenLog(LineLog):
         if fov is not None and not 0.0 < fov <= 360.0:
             raise ValueError(f"fov = {fov} degrees: must be in (0, 360]")
         self._fov = fov
-        self.zero_is = checked(path, zero_is)
+        check_zero_is(path, zero_is)
+        self.rules = Rules(zero_is=zero_is)
 
     def _scans(self) -> Iterator[Scan]:
         parser = _core.CarmenParser(field_of_view=None if self._fov is None else math.radians(self._fov))
 
         def parse(line: str) -> Scan | None:
-            record = parser.parse_line(_with_no_echo(line) if self.zero_is == NO_ECHO else line)
+            record = parser.parse_line(_with_no_echo(line) if self.rules.zero_is == NO_ECHO else line)
             if record is None:
                 return None
             scan = Scan(*record, heading=_heading_of(line))
@@ -81,20 +82,16 @@ class CarmenLog(LineLog):
 
     def _say_field_of_view(self, beams: int, found: tuple[float, str] | None) -> None:
         """Note what the first record is taken for, where neither the log nor the user said it."""
-        self.notes[:] = [note for note in self.notes if not note.startswith(_NOTE)]
         if found is None or found[1] in ("option", "param"):
             return
         degrees = round(math.degrees(found[0]), 3)
         if found[1] == "none":
-            self.notes.append(
-                f"{_NOTE} {degrees:g} degrees is assumed: no PARAM says it, and no laser is known for "
-                f"{beams} beams; --fov says another"
+            self._seen.append(
+                f"field of view of {degrees:g} degrees is assumed: no PARAM says it, and no laser is known "
+                f"for {beams} beams; --fov says another"
             )
         elif degrees != 180:
-            self.notes.append(f"{_NOTE} {degrees:g} degrees is that of lasers with {beams} beams")
-
-
-_NOTE = "field of view of"
+            self._seen.append(f"field of view of {degrees:g} degrees is that of lasers with {beams} beams")
 
 
 def _recognises(source: Source) -> bool:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,16 +12,13 @@ from numpy.typing import NDArray
 
 from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import NoPose
-from ndtree.logs.core.zeros import NO_ECHO
-from ndtree.logs.poses.covariances import PoseCovariances
+from ndtree.logs.core.rules import NO_ECHO, Rules
 from ndtree.logs.poses.transforms import plain
-from ndtree.logs.ros.clock import Clock
 from ndtree.logs.ros.files.bag import Bag
 from ndtree.logs.ros.messages.beams import SENSOR_NAMES, SENSORS, Beams, Floats, stamp_of
-from ndtree.logs.ros.messages.sweep import Sweep
-from ndtree.logs.ros.placement.body import Body
 from ndtree.logs.ros.placement.placement import Placement
 from ndtree.logs.ros.placement.standing import Standing
+from ndtree.logs.ros.plan import BagPlan
 from ndtree.logs.ros.sensors import Sensor
 from ndtree.logs.ros.storage import Raw
 
@@ -81,27 +77,8 @@ class MessageReader:
     ----------
     bag : Bag
         That decodes them.
-    sensors : list of Sensor
-    places : mapping of str to Placement
-        By topic.
-    sweeps : mapping of str to Sweep
-        By topic.
-    elsewhere : mapping of str to list of str
-        By topic, frames of messages without a known place.
-    clock : Clock
-    time_offset : float
-        Added to the stamps of scans [s].
-    dim : int
-    no_return_range : float or None
-        As `Log.no_return_range`.
-    zero_is : str or None
-        As `Log.zero_is`.
-    body : Body, optional
-        The robot's: beams that end in it are left out.
-    bodies : mapping of str to str, optional
-        By topic, the frame that it is in.
-    covariances : PoseCovariances, optional
-        Of poses, for sensors whose poses are of its topic.
+    plan : BagPlan
+    rules : Rules
 
     Attributes
     ----------
@@ -109,36 +86,23 @@ class MessageReader:
         Beams with a range of 0.
     """
 
-    def __init__(
-        self,
-        bag: Bag,
-        sensors: list[Sensor],
-        places: Mapping[str, Placement],
-        sweeps: Mapping[str, Sweep],
-        elsewhere: Mapping[str, list[str]],
-        *,
-        clock: Clock,
-        time_offset: float,
-        dim: int,
-        no_return_range: float | None,
-        zero_is: str | None,
-        body: Body | None = None,
-        bodies: Mapping[str, str] | None = None,
-        covariances: PoseCovariances | None = None,
-    ) -> None:
-        self._bag, self._places, self._sweeps, self._elsewhere = bag, places, sweeps, elsewhere
-        self._sensors = {sensor.topic.name: sensor for sensor in sensors}
-        self._clock, self._time_offset, self._dim = clock, time_offset, dim
-        self._no_return_range, self._zero_is = no_return_range, zero_is
+    def __init__(self, bag: Bag, plan: BagPlan, rules: Rules) -> None:
+        self._bag, self._plan, self._rules = bag, plan, rules
+        self._places, self._clock = plan.places, plan.clock
+        self._time_offset = plan.options.time_offset
+        self._sensors = {sensor.topic.name: sensor for sensor in plan.sensors}
         self._numbers = dict.fromkeys(self._sensors, -1)
         self._endless = self.zeros = self._own = 0
-        self._body, self._bodies, self._covariances = body, bodies or {}, covariances
         self._told: dict[tuple[str, str], tuple[int, str]] = {}
         self._watched = {
-            sensor.topic.name: Standing(sensor.is_planar)
-            for sensor in sensors
-            if places[sensor.topic.name].stands
+            name: Standing(sensor.is_planar)
+            for name, sensor in self._sensors.items()
+            if self._places[name].stands
         }
+
+    def pass_over(self, raw: Raw) -> None:
+        """Count a message that is not decoded."""
+        self._numbers[raw.connection.topic] += 1
 
     def measured(self, raw: Raw) -> Measured:
         """What a message measured.
@@ -160,11 +124,11 @@ class MessageReader:
             message = self._bag.decoded(raw)
             own = plain(message.header.frame_id)
             stamp = self._clock.stamp((name, own), 1e-9 * raw.received, stamp_of(message))
-            beams = sensor.beams(message, stamp, self._no_return_range, self._zero_is == NO_ECHO)
-            beams = self._sweeps[name].applied(beams)
+            beams = sensor.beams(message, stamp, self._rules.no_return_range, self._rules.zero_is == NO_ECHO)
+            beams = self._plan.sweeps[name].applied(beams)
         except ValueError as error:
             raise ValueError(f"{where}: {error}") from None
-        if own in self._elsewhere[name]:
+        if own in self._plan.elsewhere[name]:
             raise OtherFrame(f"{where}: is in {own}, expected {sensor.seen.frame}", sensor)
         frame = own if place.is_own else place.frame
         stamp = self._clock.time((name, own), 1e-9 * raw.received, stamp)
@@ -186,15 +150,15 @@ class MessageReader:
         """A message's beams in the map; raises `NoPose` where the pose at its time is not known."""
         place, beams, own = self._places[one.topic], one.beams, 0
         try:
-            if self._body is not None:
-                where = (one.frame, self._bodies[one.topic], one.stamp + self._time_offset)
-                beams, own = self._body.left_out(beams, place, *where)
+            if self._plan.body is not None:
+                where = (one.frame, self._plan.bodies[one.topic], one.stamp + self._time_offset)
+                beams, own = self._plan.body.left_out(beams, place, *where)
             ends, origins = place.in_map(one.frame, beams, one.stamp + self._time_offset)
         except NoPose as error:
             raise NoPose(f"{one.where}: {error}", error.where, error.seconds) from None
         self._endless += beams.endless
         self._own += own
-        if beams.senseless and self._sweeps[one.topic].is_used and not place.stands:
+        if beams.senseless and self._plan.sweeps[one.topic].is_used and not place.stands:
             self._tell(one, _SENSELESS, beams.senseless)
         if beams.unlimited:
             self._tell(one, _UNLIMITED, beams.unlimited)
@@ -206,7 +170,7 @@ class MessageReader:
                 del self._watched[one.topic]
         sigma = self._sensors[one.topic].sigma
         sigmas = None if sigma is None else np.full(len(ends), sigma)
-        dim = self._dim
+        dim = self._plan.dim
         heading = heading_of(beams.points, ends, origins) if dim == 2 and place.observer is None else None
         return Scan(
             ends[:, :dim],
@@ -220,14 +184,15 @@ class MessageReader:
 
     def _covariance(self, place: Placement, one: Measured, origins: Floats) -> Floats | None:
         """How sure the pose of a message's sensor is, where poses tell."""
-        if self._covariances is None or place.origin != self._covariances.topic or not len(origins):
+        covariances = self._plan.covariances
+        if place.origin != covariances.topic or not len(origins):
             return None
         stamp = one.stamp + self._time_offset
         moving = place.tree.moving(place.fixed_frame, place.observer or one.frame)
         if not moving:
             return None
         body = place.tree.pose_at(place.fixed_frame, moving[-1][1], stamp).position
-        return self._covariances.at(stamp, np.atleast_2d(origins).mean(axis=0) - body)
+        return covariances.at(stamp, np.atleast_2d(origins).mean(axis=0) - body)
 
     def _tell(self, one: Measured, what: str, said: str) -> None:
         """Count messages of a topic in which something is wrong that they are mapped in spite of."""
@@ -248,7 +213,7 @@ class MessageReader:
             lines.append(
                 f"{name}: in {count} of {self._numbers[name] + 1} messages {what}; the first: {first}"
             )
-        said = self._covariances.note() if self._covariances is not None else None
+        said = self._plan.covariances.note()
         lines += [said] if said else []
         for name, standing in self._watched.items():
             warning = standing.warning(name, self._places[name])

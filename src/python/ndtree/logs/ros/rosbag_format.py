@@ -6,14 +6,14 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from ndtree.logs.core.source import TIME_OFFSET, Format, ReaderOption, Source
-from ndtree.logs.core.zeros import ZERO_IS
+from ndtree.logs.core.source import TIME_OFFSET, ZERO_IS, Format, ReaderOption, Source
 from ndtree.logs.folders.depth_image import CAMERA, PIXEL_STRIDE
 from ndtree.logs.formats.velodyne import STILL
 from ndtree.logs.poses.covariances import USES
 from ndtree.logs.poses.trajectory_files import TRAJECTORY
 from ndtree.logs.ros.files.bag import ENDINGS, MAGICS, METADATA, METADATA_BEGINS, ZSTD_MAGIC, open_bag
 from ndtree.logs.ros.messages.sweep import BY_WORD
+from ndtree.logs.ros.options import BagOptions
 from ndtree.logs.ros.outline import outline
 from ndtree.logs.ros.rosbag import RosbagLog
 from ndtree.logs.ros.survey import POSE_NAMES
@@ -68,7 +68,7 @@ def _bag_of(source: Source) -> str:
 
 
 def _open(source: Source, *, dim: int | None = None, **options: Any) -> RosbagLog:
-    return RosbagLog(_bag_of(source), dim=dim, **options)
+    return RosbagLog(_bag_of(source), BagOptions(**options), dim=dim)
 
 
 def _contents(source: Source, whole: bool = True) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from ndtree.logs.ros.clock import Clock
 from ndtree.logs.ros.files.bag import Bag
 from ndtree.logs.ros.messages.beams import IMAGES, Beams, stamp_of
 from ndtree.logs.ros.messages.sweep import AS_SAID, BY_WORD, GROUP, OFF, Sweep, sharpest, turning
+from ndtree.logs.ros.options import BagOptions
 from ndtree.logs.ros.placement.placement import STILL, Placement
 from ndtree.logs.ros.sensors import Sensor
 from ndtree.logs.ros.storage import Raw
@@ -26,19 +27,21 @@ def understood(
     sensors: list[Sensor],
     places: dict[str, Placement],
     clock: Clock,
-    time_offset: float,
-    deskew: bool,
-    word: str | None = None,
+    options: BagOptions,
+    *,
     so_far: bool = False,
-) -> tuple[dict[str, Sweep], list[str]]:
-    """What the times of each sensor's beams mean, and a line for each that is not what its messages say.
+) -> tuple[dict[str, Sweep], list[str], Sweep | None]:
+    """What the times of each sensor's beams mean, a line for each that is not what its messages say, and what
+    scans have shown of all.
 
     Times by which a scan would last longer than it takes until the next are none. Of the others a sample of
-    scans decides in which the sensor turns, see `ndtree.logs.ros.messages.sweep.sharpest`. A user's `word` of
+    scans decides in which the sensor turns, see `ndtree.logs.ros.messages.sweep.sharpest`. A user's word of
     `BY_WORD` overrules both. If the bag is what a robot has measured `so_far`, a sensor that stands may move
     later.
     """
     sweeps: dict[str, Sweep] = {}
+    shown: list[Sweep] = []
+    deskew, word = options.deskew, options.sweep
     lines: list[str] = []
     for sensor in sensors:
         name = sensor.topic.name
@@ -65,16 +68,17 @@ def understood(
             continue
         stamps = np.array(sensor.seen.own_stamps)
         starts = turning(place.tree, place.fixed_frame, place.frame, stamps, lasts)
-        groups = _groups(bag, sensor, starts, clock, time_offset)
+        groups = _groups(bag, sensor, starts, clock, options.time_offset)
         if groups:
             sweep, gain = sharpest(place.tree, place.fixed_frame, place.frame, groups, base)
             sweeps[name] = sweep
+            shown.append(sweep)
             if sweep is not base:
                 lines.append(
                     f"{name}: {sweep.name}: so scans agree better than as their messages say "
                     f"({100 * (1 - gain):.0f} % fewer cells)"
                 )
-    return sweeps, lines
+    return sweeps, lines, shown[0] if len(set(shown)) == 1 and len(shown) == len(sensors) else None
 
 
 def _duration(bag: Bag, sensor: Sensor, clock: Clock) -> tuple[float, bool]:

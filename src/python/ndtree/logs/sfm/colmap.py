@@ -97,7 +97,7 @@ class ColmapLog(SfmLog):
             for rows, center, focal_length in self._observations(identities):
                 triangulation.observe(rows, center, focal_length)
         except ValueError:
-            if not self.keep_going:
+            if not self.rules.keep_going:
                 raise  # Else the loop over the scans comes upon it again, and notes it.
         return identities, triangulation
 

@@ -156,7 +156,7 @@ def find_mount(log: RosbagLog, *, progress: Callable[[str, int, int], None] | No
     yaw, pitch, roll = _angles(rotation)
     turned = (yaw + best[2] + math.pi) % (2 * math.pi) - math.pi
     others = (float(given.position[2]), roll, pitch)
-    offset = log.time_offset + float(best[3])
+    offset = log.plan.options.time_offset + float(best[3])
     gain = 1 - math.exp(cells(best, COARSE, level) - as_given)
     return Mounting(float(best[0]), float(best[1]), turned, others, offset, gain)
 
@@ -179,15 +179,15 @@ def _sample(log: RosbagLog) -> tuple[Floats, Floats, NDArray[np.int64]]:
             try:
                 message = bag.decoded(raw)
                 stream = (sensor.topic.name, sensor.seen.frame)
-                stamp = log.clock.stamp(stream, 1e-9 * raw.received, stamp_of(message))
-                beams = thinned(log.sweeps[sensor.topic.name].applied(sensor.beams(message, stamp)))
+                stamp = log.plan.clock.stamp(stream, 1e-9 * raw.received, stamp_of(message))
+                beams = thinned(log.plan.sweeps[sensor.topic.name].applied(sensor.beams(message, stamp)))
             except ValueError:
                 continue
             stride = max(1, len(beams.points) // BEAMS)
             points.append(np.asarray(beams.points, dtype=np.float64)[::stride])
             times = np.zeros(len(points[-1])) if beams.times is None else beams.times[::stride]
             steps, which = np.unique(np.round(times / TIME_STEP), return_inverse=True)
-            begin = log.clock.time(stream, 1e-9 * raw.received, stamp) + log.time_offset
+            begin = log.plan.clock.time(stream, 1e-9 * raw.received, stamp) + log.plan.options.time_offset
             stamps.append(begin + TIME_STEP * steps)
             numbers.append(known + which)
             known += len(steps)

@@ -14,6 +14,7 @@ from ndtree.logs.poses.transforms import TransformTree, plain
 from ndtree.logs.ros.files.bag import Topic
 from ndtree.logs.ros.messages.beams import CLOUDS, Beams, Floats
 from ndtree.logs.ros.messages.deskew import in_map
+from ndtree.logs.ros.options import BagOptions
 from ndtree.logs.ros.placement.advice import HOW_TO_MOUNT, MOUNT, listed, standing, typed, unconnected
 from ndtree.logs.ros.placement.mount import mount_of
 from ndtree.logs.ros.placement.registered import USUAL, bases_in, observer_of
@@ -27,19 +28,6 @@ _TRAJECTORY_FRAME = "the trajectory's frame"
 _BODY = "the body"
 #: A frame that has poses for this share of the scans is good enough.
 ENOUGH = 0.5
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What a user said of poses; None where nothing was said."""
-
-    fixed_frame: str | None = None
-    poses: str | None = None
-    trajectory: str | None = None
-    still: bool = False
-    mount: str | None = None
-    sensor_frame: str | None = None
-    base_frame: str | None = None
 
 
 @dataclass(frozen=True)
@@ -90,7 +78,7 @@ class Placement:
         return ends, self.tree.pose_at(self.fixed_frame, self.observer, stamp).position
 
 
-def placed(path: str, survey: Survey, topic: Topic, asked: Asked, others: dict[str, str]) -> Placement:
+def placed(path: str, survey: Survey, topic: Topic, asked: BagOptions, others: dict[str, str]) -> Placement:
     """Find the way from a topic's sensor to the map.
 
     Parameters
@@ -100,7 +88,7 @@ def placed(path: str, survey: Survey, topic: Topic, asked: Asked, others: dict[s
     survey : Survey
         With the stamps of the topic.
     topic : Topic
-    asked : Asked
+    asked : BagOptions
     others : dict of str to str
         Topics with poses that the bag has and their types, for errors.
 
@@ -121,7 +109,7 @@ def placed(path: str, survey: Survey, topic: Topic, asked: Asked, others: dict[s
     return _by_transforms(path, survey, topic.name, frame, asked, others, may_be_registered)
 
 
-def _still(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> Placement:
+def _still(path: str, survey: Survey, topic: str, frame: str, asked: BagOptions) -> Placement:
     tree = survey.tree_of(topic, frame).fixed_only()
     if asked.mount is not None:
         base = plain(asked.base_frame or _BODY)
@@ -138,7 +126,7 @@ def _still(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> P
     return Placement(tree, fixed, frame, asked.sensor_frame is None, STILL)
 
 
-def _registered(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> Placement:
+def _registered(path: str, survey: Survey, topic: str, frame: str, asked: BagOptions) -> Placement:
     """Points that are in the frame in which the poses of a topic are."""
     assert asked.poses is not None
     tree = TransformTree()
@@ -154,7 +142,7 @@ def _said(topic: str, frame: str, observer: str) -> str:
     )
 
 
-def _by_poses(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> Placement:
+def _by_poses(path: str, survey: Survey, topic: str, frame: str, asked: BagOptions) -> Placement:
     """Poses of a body, or of the sensor itself, from a trajectory or a topic."""
     tree = survey.tree_of(topic, frame).fixed_only()
     notes: list[str] = []
@@ -223,7 +211,7 @@ def _by_transforms(
     survey: Survey,
     topic: str,
     frame: str,
-    asked: Asked,
+    asked: BagOptions,
     others: dict[str, str],
     may_be_registered: bool,
 ) -> Placement:
@@ -265,7 +253,7 @@ def _by_transforms(
     return Placement(tree, fixed, sensor, is_own, TRANSFORMS, notes)
 
 
-def _base(path: str, tree: TransformTree, asked: Asked) -> str:
+def _base(path: str, tree: TransformTree, asked: BagOptions) -> str:
     """The frame that a sensor is mounted on."""
     frames = tree.frames()
     if asked.base_frame is not None:

@@ -7,24 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from ndtree.logs.ros.files.bag import Bag, Topic
-from ndtree.logs.ros.placement.placement import Asked, Placement, placed
+from ndtree.logs.ros.options import BagOptions
+from ndtree.logs.ros.placement.placement import Placement, placed
 from ndtree.logs.ros.sensors import listed
-from ndtree.logs.ros.survey import ODOMETRY, POSE_NAMES, POSES, Survey
+from ndtree.logs.ros.survey import ODOMETRY, POSES, Survey
 
 #: Makes the survey of a bag with the poses of a topic, or without any.
 Surveyed = Callable[["str | None"], Survey]
-
-
-def poses_topic(bag: Bag, odometry: str | None, poses: str | None) -> str | None:
-    """The topic with poses that was asked for."""
-    wanted, types = (odometry, (ODOMETRY,)) if odometry is not None else (poses, POSES)
-    if wanted is None:
-        return None
-    topic = bag.topic(wanted)
-    if topic is None or topic.type not in types or not topic.messages:
-        what = "Odometry" if odometry is not None else f"poses ({POSE_NAMES})"
-        raise ValueError(f"{bag.path}: no {what} in {wanted}, expected one of {listed(bag.of_type(*types))}")
-    return topic.name
 
 
 @dataclass(frozen=True)
@@ -49,7 +38,7 @@ class Placed:
 
 
 def find_places(
-    bag: Bag, surveyed: Surveyed, topics: list[Topic], asked: Asked, poor: set[str] | None
+    bag: Bag, surveyed: Surveyed, topics: list[Topic], asked: BagOptions, poor: set[str] | None
 ) -> Placed:
     """Where sensors are: all of them, or the first of which it is known where `poor` is not None.
 
@@ -88,7 +77,9 @@ def find_places(
     raise wrong
 
 
-def _placed(bag: Bag, survey: Survey, topics: list[Topic], asked: Asked, poor: set[str] | None) -> Placed:
+def _placed(
+    bag: Bag, survey: Survey, topics: list[Topic], asked: BagOptions, poor: set[str] | None
+) -> Placed:
     if poor is None:
         return Placed(topics, _together(bag, survey, topics, asked), survey)
     wrong: ValueError | None = None
@@ -111,7 +102,7 @@ def _placed(bag: Bag, survey: Survey, topics: list[Topic], asked: Asked, poor: s
     raise wrong
 
 
-def _together(bag: Bag, survey: Survey, topics: list[Topic], asked: Asked) -> dict[str, Placement]:
+def _together(bag: Bag, survey: Survey, topics: list[Topic], asked: BagOptions) -> dict[str, Placement]:
     """Where some sensors are, all of them in the frame of the first."""
     others = {one.name: one.type.rpartition("/")[2] for one in bag.of_type(*POSES)}
     places: dict[str, Placement] = {}

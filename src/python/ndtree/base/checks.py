@@ -63,6 +63,66 @@ numbers = _checked(
 )
 
 
+def list_of(check: Check) -> Check:
+    """A list of values."""
+
+    def checked(value: Any) -> list[Any]:
+        if not isinstance(value, list):
+            raise ValueError(f"a list, each {check.expected}")
+        return [check(one) for one in value]
+
+    return Check(checked, f"a list, each {check.expected}")
+
+
+def one_or_more(check: Check) -> Check:
+    """A value, or several different ones in a list."""
+
+    def checked(value: Any) -> Any:
+        if not isinstance(value, list):
+            return check(value)
+        found = [check(one) for one in value]
+        if not found or len(set(found)) != len(found):
+            raise ValueError
+        return found
+
+    return Check(checked, f"{check.expected}, or a list of different ones")
+
+
+def parsed(file: Path) -> dict[str, Any]:
+    """What a TOML file says.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    ValueError
+        If it is no TOML.
+    ImportError
+        If Python is older than 3.11 and has no tomli.
+    """
+    try:
+        import tomllib
+    except ModuleNotFoundError:
+        try:
+            import tomli as tomllib  # type: ignore[no-redef]
+        except ImportError:
+            raise ImportError(
+                "before Python 3.11 files of TOML need tomli; "
+                "install it with:\n  pip install 'ndtree-mapping[cli]'"
+            ) from None
+    try:
+        with open(file, "rb") as opened:
+            return tomllib.load(opened)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{file}: {error}: expected TOML") from None
+
+
+pair_or_none = _checked(
+    lambda v: isinstance(v, list) and len(v) in (0, 2) and all(map(_is_number, v)),
+    "a list of two numbers, or []",
+)
+
+
 class Table:
     """A table of the file; keys that are never read are refused in the end."""
 

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a user said of a bag."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ndtree.logs.core.source import WrongOption, check_zero_is
+from ndtree.logs.folders.depth_image import check_stride
+from ndtree.logs.poses.covariances import USES
+from ndtree.logs.ros.files.bag import Bag, Topic
+from ndtree.logs.ros.messages.beams import IMAGES
+from ndtree.logs.ros.messages.sweep import BY_WORD
+from ndtree.logs.ros.sensors import Wanted, listed
+from ndtree.logs.ros.survey import ODOMETRY, POSE_NAMES, POSES
+
+
+@dataclass(frozen=True)
+class BagOptions:
+    """The options of the format, as of `ndtree.logs.ros.rosbag_format`; None where nothing was said."""
+
+    topic: str | Sequence[str] | None = None
+    fixed_frame: str | None = None
+    odometry: str | None = None
+    poses: str | None = None
+    trajectory: str | None = None
+    still: bool = False
+    mount: str | None = None
+    sensor_frame: str | None = None
+    base_frame: str | None = None
+    time_offset: float = 0.0
+    deskew: bool = True
+    sweep: str | None = None
+    camera: str | None = None
+    pixel_stride: int = 1
+    zero_is: str | None = None
+    body: str | None = None
+    pose_covariance: str | None = None
+
+    @property
+    def wanted(self) -> list[Wanted]:
+        """The sensors that were named."""
+        return [Wanted.of(one) for one in ([self.topic] if isinstance(self.topic, str) else self.topic or [])]
+
+    def check(self, path: str) -> None:
+        """Refuse what makes no sense for any bag.
+
+        Raises
+        ------
+        WrongOption
+        """
+        ways = ("fixed_frame", "odometry", "poses", "trajectory")
+        given = [name for name in ways if getattr(self, name) is not None]
+        given += ["still"] if self.still and given != ["fixed_frame"] else []
+        if len(given) > 1:
+            raise WrongOption(f"{path}: {' and '.join(given)}: expected one of them")
+        if not np.isfinite(self.time_offset):
+            raise WrongOption(f"time_offset = {self.time_offset:g} s: must be finite")
+        for name, words in (("sweep", BY_WORD), ("pose_covariance", USES)):
+            value = getattr(self, name)
+            if value is not None and value not in words:
+                raise WrongOption(f"{path}: {name} = {value}: expected one of {', '.join(words)}")
+        if self.sweep is not None and not self.deskew:
+            raise WrongOption(f"{path}: sweep = {self.sweep}: is for beams that are deskewed")
+        check_stride(self.pixel_stride)
+        check_zero_is(path, self.zero_is)
+
+    def check_topics(self, path: str, topics: list[Topic]) -> None:
+        """Refuse what makes no sense for some sensors.
+
+        Raises
+        ------
+        WrongOption
+        """
+        names = ", ".join(one.name for one in topics)
+        if self.camera is not None and not any(one.type in IMAGES for one in topics):
+            raise WrongOption(f"{path}: camera: {names} has no depth images")
+        if len(self.wanted) > 1 and (self.mount is not None or self.sensor_frame is not None):
+            what = "mount" if self.mount is not None else "sensor_frame"
+            raise WrongOption(f"{path}: {what}: is of one sensor, and there are {len(topics)}: {names}")
+
+    def with_poses_of(self, bag: Bag) -> BagOptions:
+        """With the topic that was asked for as `poses`, also of odometry; ValueError if there is none."""
+        wanted, types = (self.odometry, (ODOMETRY,)) if self.odometry is not None else (self.poses, POSES)
+        if wanted is None:
+            return self
+        topic = bag.topic(wanted)
+        if topic is None or topic.type not in types or not topic.messages:
+            what = "Odometry" if self.odometry is not None else f"poses ({POSE_NAMES})"
+            found = listed(bag.of_type(*types))
+            raise ValueError(f"{bag.path}: no {what} in {wanted}, expected one of {found}")
+        return replace(self, poses=topic.name)

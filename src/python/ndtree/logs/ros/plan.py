@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is decided of a bag before it is read: its sensors, where they are, and what their messages mean."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ndtree.logs.core.rules import MEASURED, Decision
+from ndtree.logs.core.source import WrongOption
+from ndtree.logs.poses.covariances import AUTO, IGNORE, REMEMBERED, USE, PoseCovariances
+from ndtree.logs.ros.choice import in_order as in_order_of_sight
+from ndtree.logs.ros.choice import poor, sights
+from ndtree.logs.ros.clock import Clock
+from ndtree.logs.ros.files.bag import Bag
+from ndtree.logs.ros.messages.sweep import BY_WORD, Sweep
+from ndtree.logs.ros.options import BagOptions
+from ndtree.logs.ros.placement.advice import without_sensors
+from ndtree.logs.ros.placement.body import Body
+from ndtree.logs.ros.placement.level import dimension_of
+from ndtree.logs.ros.placement.placement import TRANSFORMS, Placement
+from ndtree.logs.ros.placement.placing import Placed, find_places
+from ndtree.logs.ros.sensors import Sensor, Wanted, chosen, encodings_in, listed, readable
+from ndtree.logs.ros.survey import Survey
+from ndtree.logs.ros.sweep_choice import understood
+
+#: Stamps and poses that are further apart are of two clocks [s].
+TWO_CLOCKS = 1.0
+
+
+@dataclass(frozen=True)
+class BagPlan:
+    """All that a reader of a bag's messages obeys; what goes by topic has its name as the key.
+
+    Attributes
+    ----------
+    places : dict of str to Placement
+        How poses are found.
+    sweeps : dict of str to Sweep
+        What the times of beams mean.
+    covariances : PoseCovariances
+        Of the topic of the first sensor's poses.
+    elsewhere : dict of str to list of str
+        Frames of messages without a known place.
+    body, bodies : Body, dict of str to str
+        The robot's, whose beams are left out, and the frame that it is in.
+    damaged, damage : list
+        An error for each message with poses that is not whole, and why files were read without their index.
+    hint : str
+        What may help where no scan has a pose.
+    decisions : dict of str to Decision
+        The options by which the next bag of the robot is read alike.
+    """
+
+    options: BagOptions
+    sensors: list[Sensor]
+    places: dict[str, Placement]
+    sweeps: dict[str, Sweep]
+    clock: Clock
+    covariances: PoseCovariances
+    elsewhere: dict[str, list[str]]
+    dim: int
+    body: Body | None
+    bodies: dict[str, str]
+    damaged: list[ValueError]
+    damage: list[str]
+    notes: list[str]
+    hint: str
+    decisions: dict[str, Decision] = field(default_factory=dict)
+
+    @property
+    def place(self) -> Placement:
+        """How the first sensor's poses are found."""
+        return self.places[self.sensors[0].topic.name]
+
+    @property
+    def spans(self) -> dict[str, tuple[float, float]]:
+        """Of all scans, by the poses' clock, and of the first sensor's poses unless it stands."""
+        return _spans(self.sensors, self.place)
+
+
+def planned(bag: Bag, options: BagOptions, dim: int | None, *, so_far: bool, in_memory: bool) -> BagPlan:
+    """Look at a bag once, and decide how it is read; where `so_far`, more of its messages may follow."""
+    try:
+        body = None if options.body is None else Body.of(options.body)
+    except ValueError as error:
+        raise WrongOption(f"{bag.path}: {error}") from None
+    found, wanted, notes = _placed(bag, options)
+    survey = found.survey
+    sensors = [
+        Sensor(bag, one, survey, sigma=want.sigma, camera=options.camera, pixel_stride=options.pixel_stride)
+        for one, want in zip(found.topics, wanted)
+    ]
+    sweeps, said, shown = understood(bag, sensors, found.places, survey.clock, options, so_far=so_far)
+    place = found.places[sensors[0].topic.name]
+    dim = dimension_of(bag.path, sensors, found.places, dim)
+    covariances = _covariances(bag.path, place, survey, options.pose_covariance or AUTO, dim, in_memory)
+    units = [sensor.note for sensor in sensors if sensor.note]
+    return BagPlan(
+        options=options,
+        sensors=sensors,
+        places=found.places,
+        sweeps=sweeps,
+        clock=survey.clock,
+        covariances=covariances,
+        elsewhere={one.topic.name: _unplaced(one, found.places[one.topic.name], options) for one in sensors},
+        dim=dim,
+        body=body,
+        bodies={
+            name: body.frame_of(one, options.base_frame)
+            for name, one in found.places.items()
+            if body is not None
+        },
+        damaged=survey.damaged,
+        damage=bag.damage,
+        notes=[*notes, *units, *place.notes, *bag.damage, *said],
+        hint=_clocks(sensors[0], survey, _spans(sensors, place)),
+        decisions=_decisions(options, wanted, place, shown, covariances),
+    )
+
+
+def _placed(bag: Bag, options: BagOptions) -> tuple[Placed, list[Wanted], list[str]]:
+    """Which topics are read, where their sensors are, and what is to be said of both."""
+    wanted = options.wanted
+    topics = chosen(bag, wanted) if wanted else readable(bag)
+    seen = sights(bag, topics) if not wanted and len(topics) > 1 else {}
+    topics = in_order_of_sight(topics, seen) if seen else topics
+    if not topics:
+        raise ValueError(without_sensors(bag.path, bag.topics, encodings_in(bag), bag.unread))
+    options.check_topics(bag.path, topics)
+    asked = options.with_poses_of(bag)
+
+    def surveyed(poses: str | None) -> Survey:
+        return Survey(bag, [one.name for one in topics], poses, options.time_offset)
+
+    found = find_places(bag, surveyed, topics, asked, None if wanted else poor(seen))
+    notes = [
+        f"the clock begins again at {stamp:.3f} s: what follows is mapped as if it came later"
+        for stamp in found.survey.clock.falls
+    ]
+    notes += found.notes
+    left = [one for one in topics if one not in found.topics]
+    if left:
+        notes.append(f"--topic would take another sensor than {found.topics[0].name}: {listed(left)}")
+    return found, wanted or [Wanted(one.name) for one in found.topics], notes
+
+
+def _unplaced(sensor: Sensor, place: Placement, options: BagOptions) -> list[str]:
+    """Frames of some of a topic's messages without a pose."""
+    if options.sensor_frame is not None:  # Whatever the messages say.
+        return []
+    known = place.tree.connected(place.fixed_frame) if place.is_own else []
+    return sorted(sensor.seen.frames.keys() - {sensor.seen.frame} - set(known))
+
+
+def _covariances(
+    path: str, place: Placement, survey: Survey, use: str, dim: int, in_memory: bool
+) -> PoseCovariances:
+    """Those of the topic that the poses of the first sensor are of."""
+    covariances = PoseCovariances(place.origin, use, dim, REMEMBERED if in_memory else None)
+    for row in survey.poses:
+        covariances.add(row.stamp, row.covariance)
+    if use == USE and not covariances.are_used and not in_memory:
+        raise WrongOption(
+            f"{path}: pose_covariance = {use}: the poses of {place.origin} have no covariance, "
+            "expected --odometry or --poses with a topic whose poses have some"
+        )
+    return covariances
+
+
+def _decisions(
+    options: BagOptions,
+    wanted: list[Wanted],
+    place: Placement,
+    shown: Sweep | None,
+    covariances: PoseCovariances,
+) -> dict[str, Decision]:
+    """What was found, as a user would say it."""
+    found: dict[str, Decision] = {}
+    if options.topic is None:
+        found["topic"] = Decision([one.name for one in wanted], MEASURED, "sees most of the world")
+    if options.still or options.trajectory is not None or options.poses is not None:
+        pass
+    elif place.origin == TRANSFORMS and options.fixed_frame is None:
+        found["fixed_frame"] = Decision(place.fixed_frame, MEASURED, "/tf has poses in it for most scans")
+    elif place.origin != TRANSFORMS and options.odometry is None:
+        found["odometry"] = Decision(place.origin, MEASURED, "/tf does not say where the sensor is")
+    if place.origin == TRANSFORMS and place.observer is not None and options.base_frame is None:
+        found["base_frame"] = Decision(place.observer, MEASURED, "points are in a fixed frame already")
+    if shown is not None:
+        word = next(word for word, sweep in BY_WORD.items() if sweep == shown)
+        found["sweep"] = Decision(word, MEASURED, "so scans agree best")
+    if covariances.told and options.pose_covariance is None:
+        use = USE if covariances.are_used else IGNORE
+        found["pose_covariance"] = Decision(use, MEASURED, "whether they change and fall")
+    return found
+
+
+def _spans(sensors: list[Sensor], place: Placement) -> dict[str, tuple[float, float]]:
+    stamps = [stamp for sensor in sensors for stamp in sensor.seen.own_stamps]
+    spans = {"scans": (min(stamps), max(stamps))} if stamps else {}
+    first, last = place.tree.span(place.fixed_frame, place.observer or place.frame)
+    return {**spans, "poses": (first, last)} if np.isfinite(first) else spans
+
+
+def _clocks(sensor: Sensor, survey: Survey, spans: dict[str, tuple[float, float]]) -> str:
+    """What to say where scans and poses have no time in common, though they were recorded together."""
+    scans, poses = spans.get("scans"), spans.get("poses")
+    if scans is None or poses is None or not sensor.seen.lags or not survey.lags:
+        return ""
+    apart = float(np.median(sensor.seen.lags) - np.median(survey.lags))
+    if (scans[0] <= poses[1] and poses[0] <= scans[1]) or abs(apart) < TWO_CLOCKS:
+        return ""
+    return (
+        "their stamps are of two clocks, which the times of recording bring together by "
+        f"--time-offset {apart:.3f}"
+    )
