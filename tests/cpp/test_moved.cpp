@@ -14,6 +14,7 @@
 
 #include "ndtree/core/random.hpp"
 #include "ndtree/core/simd.hpp"
+#include "ndtree/evaluation/beam_image.hpp"
 #include "ndtree/evaluation/cell_numbers.hpp"
 #include "ndtree/evaluation/moved.hpp"
 #include "ndtree/evaluation/range_pyramid.hpp"
@@ -99,6 +100,40 @@ TYPED_TEST(RangePyramidTest, NeverSaysMoreThanTheBeamsAroundAPoint) {
   EXPECT_GT(answers, 500);
   EXPECT_GT(at_edges, 20) << "of the cube, where pixels of two faces do not line up";
   EXPECT_GT(hidden, 100);
+}
+
+TEST(BeamImage, SurfacesAreAsWideAsNeighboursTellWhateverTheirSpacing) {
+  // A wall at 2 m, a rod before it that one column meets; columns 2 degrees apart, rows 0.2. And turned, so
+  // that some are behind a cube's edge.
+  constexpr float kDegree = 0.0174532925F;
+  for (const float turn : {0.0F, 44.0F, 90.0F}) {
+    BeamImage<3> image;
+    std::size_t on_rod = 0;
+    std::size_t on_wall = 0;
+    for (int column = -10; column <= 10; ++column)
+      for (int row = -20; row <= 20; ++row) {
+        const float around = (2.0F * static_cast<float>(column) + turn) * kDegree;
+        const float up = 0.2F * static_cast<float>(row) * kDegree;
+        if (column == 0 && row == 0) on_rod = image.beams().size();
+        if (column == 5 && row == 0) on_wall = image.beams().size();
+        image.add({std::cos(around) * std::cos(up), std::sin(around) * std::cos(up), std::sin(up)},
+                  column == 0 ? 1.0F : 2.0F);
+      }
+    image.build();
+    const auto wall = image.size_of_surface(on_wall, 0.02F, 0.8F);
+    EXPECT_NEAR(wall[0], 2.0F * 9.5F * 2.0F * kDegree, 0.04F) << turn;
+    EXPECT_GT(wall[1], 0.2F) << turn;
+    EXPECT_EQ(image.size_of_surface(on_rod, 0.02F, 0.8F)[0], 0.0F) << turn;
+    const auto place = image.beams()[on_wall].direction;
+    EXPECT_TRUE(image.surely_meets(place, {2.1F * kDegree, 0.3F * kDegree}, {0.0F, 0.0F}, 1.5F)) << turn;
+    const float between = (11.0F + turn) * kDegree;
+    const BeamImage<3>::Point gap(std::cos(between), std::sin(between), 0.0F);
+    EXPECT_TRUE(image.surely_meets(gap, {2.1F * kDegree, 0.3F * kDegree}, {0.0F, 0.0F}, 1.5F)) << turn;
+    EXPECT_FALSE(image.surely_meets(gap, {1.5F * kDegree, 2.0F * kDegree}, {0.0F, 0.0F}, 1.5F))
+        << "no column";
+    EXPECT_FALSE(image.surely_meets(gap, {2.1F * kDegree, 0.3F * kDegree}, {0.0F, 0.0F}, 2.5F))
+        << "none passes";
+  }
 }
 
 TYPED_TEST(RangePyramidTest, CellsKeepTheirNumbers) {

@@ -86,7 +86,7 @@ def test_evidence_finds_what_moves_and_one_scan_finds_nothing(office):
         truth.append(office.moved(i)[returned])
     scores = moved_scores(np.concatenate(removed), np.concatenate(truth))
     assert scores.static_accuracy > 0.97
-    assert scores.dynamic_accuracy > 0.7
+    assert scores.dynamic_accuracy > 0.75
     alone = ndtree.MovedEvidence(dim=2, range_sigma=0.02)
     scan = office[20]
     for use in (alone.add, alone.look):
@@ -239,7 +239,7 @@ def test_clean_writes_the_log_without_what_moved(log, tmp_path):
     assert len(after["points"]) == len(before["points"]) - figures["moved"]
     assert len(after["offsets"]) == len(before["offsets"])
     assert np.array_equal(after["points"], before["points"][after["intensity"]], equal_nan=True)
-    assert figures["scores"]["HA"] > 0.82
+    assert figures["scores"]["HA"] > 0.85
     assert after["moving"].sum() < 0.3 * before["moving"].sum()
     assert (tmp_path / "p.png").stat().st_size > 10_000
     assert len(list(ndtree.read(out))) == 150
@@ -316,14 +316,13 @@ def test_clean_keeps_a_folder_of_clouds_with_all_fields(clouds, tmp_path):
         removed += before["ring"].sum() - after["ring"].sum()
         kept += after["ring"].sum()
         wrong += (before["ring"] == 0).sum() - (after["ring"] == 0).sum()
-    # Beams in random directions: of a part of the box no scan has neighbours that meet the same piece.
-    assert removed > 2 * kept
+    assert removed > 10 * kept
     assert wrong < 0.01 * 12 * 6000
     assert len(list(ndtree.read(out))) == 12
     assert run("clean", clouds, "-o", tmp_path / "marked", "--mark", "--range-sigma", 0.01).exit_code == 0
     marked = columns_of(tmp_path / "marked" / "000000.pcd")
     assert len(marked) == 6000
-    assert (marked["moved"][marked["ring"] == 1] > 0.5).mean() > 0.7
+    assert (marked["moved"][marked["ring"] == 1] > 0.5).mean() > 0.95
     own = run("clean", clouds, "-o", clouds)
     assert own.exit_code == 2
     assert "which is read" in own.output
