@@ -66,10 +66,15 @@ TYPED_TEST(RangePyramidTest, NeverSaysMoreThanTheBeamsAroundAPoint) {
     }
     image.build();
     pyramid.build(origin, image);
-    for (int i = 0; i < 500; ++i) {
+    for (int i = 0; i < 2000; ++i) {
       const float distance = static_cast<float>(random.uniform(1.5, 9.0));
       const float radius = static_cast<float>(random.uniform(0.02, 0.15));
-      const Point point = origin + distance * random_direction<D>(random);
+      Point direction = random_direction<D>(random);
+      if (i % 2 == 1) {  // Near an edge of the cube, where pixels of two faces do not line up.
+        const int axis = random.uniform(0.0, 1.0) < 0.5 ? 0 : 1;
+        direction[axis] = direction[(axis + 1) % D] * static_cast<float>(random.uniform(0.97, 1.03));
+      }
+      const Point point = origin + distance * direction.normalized();
       const Point way = (point - origin).normalized();
       float least = std::numeric_limits<float>::infinity();
       float most = 0.0F;
@@ -98,7 +103,7 @@ TYPED_TEST(RangePyramidTest, NeverSaysMoreThanTheBeamsAroundAPoint) {
     }
   }
   EXPECT_GT(answers, 500);
-  EXPECT_GT(at_edges, 20) << "of the cube, where pixels of two faces do not line up";
+  EXPECT_GT(at_edges, 1000);
   EXPECT_GT(hidden, 100);
 }
 
@@ -269,7 +274,7 @@ TEST(Moved, WhatStandsStaysAndWhatMovesGoes) {
     options.cell_size = 0.1;
     const Shares street = shares_of(simulate_street(simulation, {32, 256}), options, 2);
     EXPECT_LT(street.standing, 0.03);
-    EXPECT_GT(street.moving, 0.55) << "of what is wide enough for beams 1.4 degrees apart, not too oblique";
+    EXPECT_GT(street.moving, 0.6) << "of what is wide enough for beams 1.4 degrees apart, not too oblique";
     EXPECT_GT(street.num_moving, 1000);
   }
 }
