@@ -261,7 +261,7 @@ class Matcher:
     radius : float, optional
         Of the points that shape a piece of the surface [m]. Default: four cells.
     noise : float
-        Least standard deviation across a surface, in the refinement [m].
+        Standard deviation of an end point across a surface, in the refinement [m].
 
     Raises
     ------
@@ -1501,9 +1501,9 @@ class OccupancyMap:
         cell_size: float | None = None,
         sigma: float | None = None,
         radius: float | None = None,
-        noise: float = 0.02,
+        noise: float | None = None,
     ) -> Matcher:
-        """A matcher of the map's occupied cells as they are now.
+        """A matcher of the map's surfaces as they are now: occupied cells beside free space.
 
         Parameters
         ----------
@@ -1511,8 +1511,12 @@ class OccupancyMap:
             Only cells that share a point with it [m].
         cell_size : float, optional
             Of the grid of poses [m]. Default: that of the smallest cells.
-        sigma, radius, noise
+        sigma : float, optional
             As of `Matcher`.
+        radius : float, optional
+            As of `Matcher`. Default: ten cells.
+        noise : float, optional
+            As of `Matcher`. Default: the map's range_sigma.
 
         Returns
         -------
