@@ -215,7 +215,7 @@ TEST(Change, WalkingPeopleLeaveNoGhostsAndDoNotShatterTheMap) {
     EXPECT_LT(static_cast<double>(map.stats().observed_leaves), 1.1 * static_cast<double>(before));
   }
   // Walls and door are still there.
-  const auto door = cast_ray(map, Vector<2>(1.3, 0.03), Vector<2>(1.0, 0.02), 20.0);
+  const auto door = cast_ray(map, Vector<2>(1.3, 0.03), Vector<2>(1.0, 0.02), 20.0, RayAim::cell);
   ASSERT_TRUE(door);
   EXPECT_NEAR(*door, 4.73, 0.1);
 }
@@ -232,7 +232,8 @@ TEST(Change, ADoorThatOpensAndClosesIsSeenSoon) {
     Corridor corridor(212);
     // Three degrees off, so that the beam goes between the others.
     const auto seen_at = [&] {
-      const auto distance = cast_ray(map, Vector<2>(1.75, 0.03), Vector<2>(1.0, std::tan(0.0524)), 20.0);
+      const auto distance =
+          cast_ray(map, Vector<2>(1.75, 0.03), Vector<2>(1.0, std::tan(0.0524)), 20.0, RayAim::cell);
       return distance ? 1.75 + *distance : 100.0;
     };
     const auto scans_until_seen = [&](bool closed) {

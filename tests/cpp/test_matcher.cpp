@@ -4,10 +4,12 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 #include <stdexcept>
+#include <vector>
 
 #include "ndtree/alignment/likelihood_pyramid.hpp"
 #include "ndtree/alignment/matcher.hpp"
@@ -83,6 +85,7 @@ void search_is_exhaustive(int cases, double reach, double angle) {
   Random random(D == 2 ? 11 : 12);
   int with_points = 0;
   int with_second = 0;
+  int with_prior = 0;
   for (int i = 0; i < cases; ++i) {
     MatchOptions options;
     options.cell_size = random.uniform(0.08, 0.2);
@@ -94,7 +97,12 @@ void search_is_exhaustive(int cases, double reach, double angle) {
     window.half = random_motion<D>(random, reach, angle).cwiseAbs();
     window.apart = random.uniform(0.1, 0.6);
     window.apart_angle = random.uniform(0.1, 0.6);
-    const PoseGrid<D> grid = matcher.grid_of(points, window.half);
+    PoseGrid<D> grid = matcher.grid_of(points, window.half);
+    if (i % 2 == 0) {  // A guess that is known beforehand, also in directions beside the axes.
+      const MotionMatrix<D> root = MotionMatrix<D>::NullaryExpr([&] { return random.uniform(-2.0, 2.0); });
+      grid.set_prior(root * root.transpose(), 255.0);
+      with_prior += grid.prior.isZero() ? 0 : 1;
+    }
     const GridPose<D> expected = best_of_all<D>(matcher, points, guess, grid, window, nullptr);
     const GridPose<D> found = matcher.search(points, guess, grid, window);
     ASSERT_EQ(found.score, expected.score) << "case " << i;
@@ -108,6 +116,7 @@ void search_is_exhaustive(int cases, double reach, double angle) {
   }
   EXPECT_GT(with_points, cases / 2);
   EXPECT_GT(with_second, cases / 4);
+  EXPECT_EQ(with_prior, (cases + 1) / 2);
 }
 
 TEST(Matcher, SearchFindsTheBestOfAllPosesInThePlane) { search_is_exhaustive<2>(1500, 1.2, 0.4); }
@@ -163,14 +172,18 @@ TEST(LikelihoodPyramid, LevelsAreMaximaInSpace) { bounds_are_maxima<3>(15); }
 /// The walls of a room that looks different from everywhere.
 template <int D>
 Points<D> room(double spacing) {
-  PointsOfBoxes<D> walls(spacing);
-  const auto wall = [&](double x, double y, double to_x, double to_y) {
-    Box<D> box;
-    box.lower.setZero();
-    box.upper.setConstant(D == 3 ? 2.5 : 0.0);
-    box.lower.template head<2>() << x, y;
-    box.upper.template head<2>() << to_x, to_y;
-    walls.add(box);
+  std::vector<Vector<D>> all;
+  const auto wall = [&](double x, double y, double to_x, double to_y, double to_z = 2.5) {
+    const double length = std::max(std::hypot(to_x - x, to_y - y), spacing);
+    const int along = static_cast<int>(std::ceil(length / spacing));
+    const int up = D == 3 ? std::max(1, static_cast<int>(std::ceil(to_z / spacing))) : 1;
+    for (int i = 0; i < along; ++i)
+      for (int k = 0; k < up; ++k) {
+        Vector<D> point = Vector<D>::Zero();
+        point.template head<2>() << x + (to_x - x) * (i + 0.5) / along, y + (to_y - y) * (i + 0.5) / along;
+        if constexpr (D == 3) point[2] = to_z * (k + 0.5) / up;
+        all.push_back(point);
+      }
   };
   wall(-4.0, -3.0, 5.0, -3.0);
   wall(-4.0, -3.0, -4.0, 3.5);
@@ -178,11 +191,11 @@ Points<D> room(double spacing) {
   wall(-4.0, 3.5, 1.0, 3.5);
   wall(2.0, 3.5, 5.0, 3.5);
   wall(2.0, 1.5, 2.0, 3.5);
-  if constexpr (D == 3) {
-    Box<D> floor{Vector<D>(-4.0, -3.0, 0.0), Vector<D>(5.0, 3.5, 0.0)};
-    walls.add(floor);
-  }
-  return walls.points();
+  if constexpr (D == 3)
+    for (double y = -3.0 + 0.5 * spacing; y < 3.5; y += spacing) wall(-4.0, y, 5.0, y, 0.0);
+  Points<D> points(D, static_cast<Eigen::Index>(all.size()));
+  for (std::size_t i = 0; i < all.size(); ++i) points.col(static_cast<Eigen::Index>(i)) = all[i];
+  return points;
 }
 
 /// What a scan at a pose sees of points, with noise.

@@ -219,8 +219,8 @@ TEST(OctomapBaseline, QueriesAgreeWithTheFixedMap) {
     states += state(octomap, point) == state(fixed, point);
     near += occupied_within(octomap, point, 0.3) == occupied_within(fixed, point, 0.3);
     const Vector<3> direction = anywhere();
-    const auto a = cast_ray(octomap, point, direction, 6.0);
-    const auto b = cast_ray(fixed, point, direction, 6.0);
+    const auto a = cast_ray(octomap, point, direction, 6.0, RayAim::cell);
+    const auto b = cast_ray(fixed, point, direction, 6.0, RayAim::cell);
     casts += a.has_value() == b.has_value() && (!a || std::abs(*a - *b) < 1e-4);
     found += b.has_value();
   }
@@ -278,7 +278,8 @@ TEST(OctomapBaseline, BalancedEvidenceIsUnknown) {
   map.insert(beam<2>({0.05, 0.05}, {1.05, 0.05}));
   ASSERT_EQ(map.log_odds({0.55, 0.05, 0.0}), 0.0f);
   EXPECT_EQ(state(map, Vector<2>(0.55, 0.05)), CellState::unknown);
-  EXPECT_NEAR(cast_ray(map, Vector<2>(0.05, 0.05), Vector<2>(1.0, 0.0), 5.0).value(), 0.95, 1e-6);
+  EXPECT_NEAR(cast_ray(map, Vector<2>(0.05, 0.05), Vector<2>(1.0, 0.0), 5.0, RayAim::cell).value(), 0.95,
+              1e-6);
 }
 
 TEST(OctomapBaseline, CastsEndWhereTheRayEntersTheCell) {
@@ -286,12 +287,13 @@ TEST(OctomapBaseline, CastsEndWhereTheRayEntersTheCell) {
   map.insert(beam<2>({0.05, 0.05}, {2.05, 0.05}));
   map.insert(beam<2>({0.05, 0.05}, {-1.95, 0.05}));
   const Vector<2> origin(0.05, 0.05);
-  EXPECT_NEAR(cast_ray(map, origin, Vector<2>(1.0, 0.0), 5.0).value(), 1.95, 1e-9);
-  EXPECT_NEAR(cast_ray(map, origin, Vector<2>(-7.0, 0.0), 5.0).value(), 1.95, 1e-9);
-  EXPECT_NEAR(cast_ray(map, origin, Vector<2>(1.0, 0.02), 5.0).value(), std::hypot(1.95, 0.039), 1e-9);
-  EXPECT_EQ(cast_ray(map, Vector<2>(2.05, 0.05), Vector<2>(1.0, 0.0), 5.0), 0.0);
-  EXPECT_EQ(cast_ray(map, origin, Vector<2>(1.0, 0.0), 1.94), std::nullopt);
-  EXPECT_TRUE(cast_ray(map, origin, Vector<2>(1.0, 0.0), 1.96).has_value());
+  EXPECT_NEAR(cast_ray(map, origin, Vector<2>(1.0, 0.0), 5.0, RayAim::cell).value(), 1.95, 1e-9);
+  EXPECT_NEAR(cast_ray(map, origin, Vector<2>(-7.0, 0.0), 5.0, RayAim::cell).value(), 1.95, 1e-9);
+  EXPECT_NEAR(cast_ray(map, origin, Vector<2>(1.0, 0.02), 5.0, RayAim::cell).value(), std::hypot(1.95, 0.039),
+              1e-9);
+  EXPECT_EQ(cast_ray(map, Vector<2>(2.05, 0.05), Vector<2>(1.0, 0.0), 5.0, RayAim::cell), 0.0);
+  EXPECT_EQ(cast_ray(map, origin, Vector<2>(1.0, 0.0), 1.94, RayAim::cell), std::nullopt);
+  EXPECT_TRUE(cast_ray(map, origin, Vector<2>(1.0, 0.0), 1.96, RayAim::cell).has_value());
   EXPECT_EQ(cast_ray(map, origin, Vector<2>(0.0, 1.0), kUnlimitedRange), std::nullopt);
   EXPECT_EQ(cast_ray(map, Vector<2>(1e9, 0.0), Vector<2>(-1.0, 0.0), kUnlimitedRange), std::nullopt);
   EXPECT_THROW(static_cast<void>(cast_ray(map, origin, Vector<2>(0.0, 0.0), 5.0)), std::invalid_argument);
@@ -328,7 +330,7 @@ TEST(OctomapBaseline, CellsOfARayAreThoseAtItsPoints) {
       return exit < 3.0;
     });
     EXPECT_GE(last, 3.0);
-    const auto entry = cast_ray(map, origin, unit, 6.0);
+    const auto entry = cast_ray(map, origin, unit, 6.0, RayAim::cell);
     const auto surface = cast_ray(map, origin, unit, 6.0, RayAim::surface);
     ASSERT_EQ(surface.has_value(), entry.has_value());
     if (!surface) continue;

@@ -164,8 +164,8 @@ void rays_end_where_leaves_say(Random& random, int& all_outside) {
     Vector<D> direction = random_point<D>(random, 1.0);
     if (direction.norm() == 0.0) continue;
     const double max_range = random.chance(0.3) ? 50.0 : random.uniform(0.1, 5.0);
-    const auto plain = cast_ray(map, origin, direction, max_range);
-    const auto traced = trace_ray(map, origin, direction, max_range, false);
+    const auto plain = cast_ray(map, origin, direction, max_range, RayAim::cell);
+    const auto traced = trace_ray(map, origin, direction, max_range, false, RayAim::cell);
     ASSERT_EQ(plain.has_value(), traced.has_value());
     if (plain) {
       ASSERT_EQ(*plain, traced->distance);
@@ -173,7 +173,7 @@ void rays_end_where_leaves_say(Random& random, int& all_outside) {
       const Vector<D> end = origin + traced->distance * direction.normalized();
       ASSERT_LT(traced->cell->squared_distance(end), 1e-18);
     }
-    const auto stopped = trace_ray(map, origin, direction, max_range, true);
+    const auto stopped = trace_ray(map, origin, direction, max_range, true, RayAim::cell);
     // Small steps along the ray: free up to its end, and not behind it.
     const double end = stopped ? stopped->distance : max_range;
     for (double t = 0.003; t < end - 1e-6; t += 0.01) {
@@ -233,7 +233,8 @@ TEST(PlanningQueries, ARayThatEndsInFreeSpaceMeetsNothing) {
     const Vector<2> direction(random.uniform(0.1, 3.0), 0.0);
     const double range = random.uniform(0.1, 3.0);
     shorter += range / direction.norm() * direction.norm() < range;
-    ASSERT_FALSE(trace_ray(map, origin, direction, range, true).has_value()) << direction[0] << ", " << range;
+    ASSERT_FALSE(trace_ray(map, origin, direction, range, true, RayAim::cell).has_value())
+        << direction[0] << ", " << range;
   }
   EXPECT_GT(shorter, 20);
 }

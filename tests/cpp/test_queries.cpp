@@ -179,7 +179,7 @@ TYPED_TEST(QueriesOf, RaysEndAtTheNearestOccupiedLeaf) {
     }
     const double max_range = cases % 5 == 0 ? kInfinity : random.uniform(0.1, 6.0);
     const auto expected = nearest_crossing(leaves, origin, direction, max_range);
-    const auto distance = cast_ray(map, origin, direction, max_range);
+    const auto distance = cast_ray(map, origin, direction, max_range, RayAim::cell);
     ASSERT_EQ(distance.has_value(), expected.has_value())
         << "from " << origin.transpose() << " towards " << direction.transpose() << " up to " << max_range;
     if (!distance) continue;
@@ -189,11 +189,11 @@ TYPED_TEST(QueriesOf, RaysEndAtTheNearestOccupiedLeaf) {
     ASSERT_LT(*distance, max_range);
     // The length of the direction does not matter, also if its square is no normal number, or none at all.
     for (const double scale : {0.125, 0x1p-530, 0x1p-1000, 0x1p1000})
-      ASSERT_NEAR(*cast_ray(map, origin, Vector<D>(scale * direction), max_range), *distance,
+      ASSERT_NEAR(*cast_ray(map, origin, Vector<D>(scale * direction), max_range, RayAim::cell), *distance,
                   1e-12 * (1.0 + *expected));
     const Vector<D> tiny = std::numeric_limits<double>::denorm_min() * direction.cwiseSign();
-    ASSERT_EQ(cast_ray(map, origin, tiny, max_range),
-              cast_ray(map, origin, Vector<D>(direction.cwiseSign()), max_range));
+    ASSERT_EQ(cast_ray(map, origin, tiny, max_range, RayAim::cell),
+              cast_ray(map, origin, Vector<D>(direction.cwiseSign()), max_range, RayAim::cell));
   }
   EXPECT_EQ(cases, 1200);
   EXPECT_GT(found, 25);
@@ -235,7 +235,7 @@ TYPED_TEST(QueriesOf, TheSurfaceIsWhereHalfOfTheBeamsHaveEnded) {
     const Vector<D> unit =
         random_point<D>(random, {Vector<D>::Constant(-1.0), Vector<D>::Constant(1.0)}).normalized();
     const double max_range = i % 3 == 0 ? kInfinity : random.uniform(0.1, 6.0);
-    const auto at_cell = cast_ray(map, origin, unit, max_range);
+    const auto at_cell = cast_ray(map, origin, unit, max_range, RayAim::cell);
     const auto surface = cast_ray(map, origin, unit, max_range, RayAim::surface);
     ASSERT_EQ(surface.has_value(), at_cell.has_value());
     if (!surface) continue;
@@ -363,7 +363,8 @@ TEST(Queries, RaysByHand) {
                       {"away from it, without limit", {-0.5, 0.5}, {-1.0, 0.0}, kInfinity, none}};
   int cases = 0;
   for (const Row& row : rows) {
-    EXPECT_EQ(cast_ray(map, row.origin, row.direction, row.max_range), row.distance) << row.what;
+    EXPECT_EQ(cast_ray(map, row.origin, row.direction, row.max_range, RayAim::cell), row.distance)
+        << row.what;
     ++cases;
   }
   EXPECT_EQ(cases, 17);

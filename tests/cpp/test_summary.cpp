@@ -122,7 +122,7 @@ void queries_equal_those_over_all_leaves(Random& random, Map map) {
                       if (leaf.cell().state() == CellState::occupied)
                         nearest = std::min(nearest, t_enter * direction.norm());
                     });
-      const auto cast = cast_ray(copy, from, direction, 5.0);
+      const auto cast = cast_ray(copy, from, direction, 5.0, RayAim::cell);
       ASSERT_EQ(cast.value_or(std::numeric_limits<double>::infinity()), nearest);
     }
   }

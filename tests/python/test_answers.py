@@ -40,7 +40,7 @@ POINTWISE: dict[str, Callable[[Any, Any], Any]] = {
     "nearest distance": lambda m, p: m.nearest_occupied(p).distance,
     "nearest point": lambda m, p: m.nearest_occupied(p).point,
     "cast_rays": lambda m, p: m.cast_rays(np.full(m.dim, 0.1), p),
-    "surfaces": lambda m, p: m.cast_rays(np.full(m.dim, 0.1), p, at="surface"),
+    "cells": lambda m, p: m.cast_rays(np.full(m.dim, 0.1), p, at="cell"),
     "cast_rays from each": lambda m, p: m.cast_rays(0.1 * np.asarray(p), p),
     "ends": lambda m, p: m.cast_rays(np.full(m.dim, 0.1), p, details=True, unknown="stop").lower,
     "states_in": lambda m, p: m.states_in(p, np.asarray(p) + 0.2),

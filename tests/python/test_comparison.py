@@ -74,7 +74,7 @@ def test_held_out_truth_is_that_of_a_plain_count(log: ndtree.Log, comparison: nd
                 found[key] += int(np.count_nonzero(states == value))
             found["endpoints"] += len(far)
             found["endpoints_near"] += int(np.count_nonzero(m.occupied_within(scan.endpoints[use], 0.05)))
-            casts = m.cast_rays(scan.origin, way, max_range=100.0)
+            casts = m.cast_rays(scan.origin, way, max_range=100.0, at="cell")
             errors.append(np.abs(casts - far))
         truth = comparison.row(name)["truth"]
         for key, count in found.items():

@@ -45,8 +45,11 @@ def carmen(path: Path, limit: float = 20.0) -> Path:
     return path
 
 
-@pytest.fixture(params=["bag", "carmen"])
+@pytest.fixture(params=["bag", "carmen", "npz"])
 def log(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    if request.param == "npz":
+        ndtree.simulate("office", scans=40).save(tmp_path / "a.npz")
+        return tmp_path / "a.npz"
     return carmen(tmp_path / "a.log") if request.param == "carmen" else robot(tmp_path, "mcap", stands=1.0)
 
 

@@ -73,14 +73,16 @@ def test_it_is_tracked_while_odometry_drifts(world: World) -> None:
         found = localizer.track(world.points(i), world.odometry[i], float(i))
         assert not found.is_lost and found.stamp == i
         far.append(world.far(i, found.pose))
+        sigma = math.sqrt(np.linalg.eigvalsh(found.covariance[:2, :2]).max())
+        assert far[-1] < max(0.1, 3 * sigma) and sigma < 0.15
         turn = inverse(world.poses[i]) @ found.pose
         turned.append(abs(math.atan2(turn[1, 0], turn[0, 0])))
         np.testing.assert_allclose(found.map_odometry @ world.odometry[i], found.pose, atol=1e-12)
         np.testing.assert_array_equal(found.body, found.pose)
         assert np.linalg.eigvalsh(found.covariance).min() > 0
-    assert max(far) < 0.1 and np.median(far) < 0.04 and max(turned) < 0.02
+    assert max(far) < 0.15 and np.median(far) < 0.03 and max(turned) < 0.02
     assert world.far(N - 1, world.odometry[-1]) > 1.0
-    assert localizer.fitting == localizer.scans == N and localizer.times_lost == 0
+    assert N - 2 <= localizer.fitting <= localizer.scans == N and localizer.times_lost == 0
 
 
 def kidnapped(world: World, localizer: Localizer, order: list[int]) -> list[Any]:

@@ -84,7 +84,7 @@ def test_rays_end_at_the_first_occupied_leaf(filled):
     random = np.random.default_rng(2)
     origins = random.uniform(-0.3, 0.3, (40, filled.dim))
     directions = random.normal(size=(40, filled.dim)) * 7
-    found = filled.cast_rays(origins, directions, max_range=20)
+    found = filled.cast_rays(origins, directions, max_range=20, at="cell")
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     for o, d, distance in zip(origins, unit, found):
         enter = np.max(np.minimum((lower - o) / d, (upper - o) / d), axis=1)
@@ -168,7 +168,7 @@ def test_four_dimensions_hold_time_as_a_fourth_axis():
     ahead = np.tile([1.0, 0.0, 0.0, 0.0], (300, 1))
     cell = 0.8  # hits deep inside a cell leave no conflict that would split it further
     for points, distance in ((closed, 1.05), (opened, 2.05)):
-        ranges = m.cast_rays(points * [0, 0, 0, 1], ahead)
+        ranges = m.cast_rays(points * [0, 0, 0, 1], ahead, at="cell")
         assert distance - cell <= np.median(ranges) <= distance
 
 

@@ -65,6 +65,58 @@ def test_a_scan_is_found_in_a_map():
         np.testing.assert_allclose(again.pose, found.pose, atol=1e-9)
 
 
+@pytest.mark.parametrize("beams", [90, 1440])
+@pytest.mark.parametrize("cell", [0.025, 0.1])
+def test_errors_are_as_large_as_told(cell, beams):
+    rng, ratios = np.random.default_rng(8), []
+    for _ in range(30):  # Walls are anywhere in the cells.
+        corner, size = rng.uniform(-0.1, 0.1, 2), rng.uniform((5, 4), (7, 6))
+        m = ndtree.AdaptiveMap(dim=2, min_cell_size=cell, range_sigma=0.01)
+        for _ in range(15):
+            pose = rng.uniform((0.5, 0.5, -3), (4.5, 3.5, 3))
+            m.insert(seen_from(box_scan(pose, corner, size, 360, rng), inverse(pose)), pose[:2])
+        matcher = m.matcher()
+        for _ in range(3):
+            pose = rng.uniform((0.5, 0.5, -3), (4.5, 3.5, 3))
+            guess = pose + np.array([0.05, -0.05, 0.02])
+            found = matcher.match(box_scan(pose, corner, size, beams, rng), guess, window=(0.2, 0.2, 0.1))
+            ratios.append((pose_of(found) - pose) / np.sqrt(np.diag(found.covariance)))
+    assert (np.sqrt(np.mean(np.square(ratios), axis=0)) < 1.5).all()
+    assert 0.4 < np.sqrt(np.mean(np.square(ratios))) < 1.3
+
+
+def box_scan(pose, corner, size, beams, rng):
+    """What a laser in a room of four walls sees, with noise."""
+    angles = np.linspace(-math.pi, math.pi, beams, endpoint=False)
+    ways = np.column_stack((np.cos(angles + pose[2]), np.sin(angles + pose[2])))
+    ranges = (np.where(ways > 0, corner + size, corner) - pose[:2]) / ways
+    ranges = ranges.min(axis=1) + rng.normal(0, 0.01, beams)
+    return ranges[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
+
+
+def inverse(pose):
+    return np.array([*seen_from(np.zeros((1, 2)), pose)[0], -pose[2]])
+
+
+def test_a_corridor_keeps_what_was_known_before():
+    x = np.arange(-20, 20, 0.02)
+    walls = np.concatenate([np.column_stack((x, np.full(len(x), y))) for y in (-1.01, 1.02)])
+    c, s = math.cos(0.4), math.sin(0.4)
+    turn = np.array([[c, s], [-s, c]])
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05, range_sigma=0.01)
+    for way in range(-15, 16):
+        m.insert(walls[np.abs(walls[:, 0] - way) < 5] @ turn, np.array([way, 0.0]) @ turn)
+    scan = walls[np.abs(walls[:, 0]) < 5][::9] + np.array([0.003, -0.2])  # From (0, 0.2).
+    sigma = 0.1
+    prior = np.diag(np.array([sigma, sigma, 0.02]) ** -2.0)
+    guess = np.array([*(np.array([0.3, 0.25]) @ turn), 0.4])
+    found = m.matcher().match(scan, guess, window=(0.3, 0.3, 0.06), information=prior)
+    off = (pose_of(found)[:2] - guess[:2]) @ turn.T
+    told = turn @ found.covariance[:2, :2] @ turn.T
+    assert abs(off[0]) < 0.3 * sigma and abs(off[1] + 0.05) < 0.02
+    assert 0.8 * sigma < math.sqrt(told[0, 0]) < 1.5 * sigma and math.sqrt(told[1, 1]) < 0.02
+
+
 def test_the_search_is_exhaustive():
     """By the score alone: a window of one pose gives that pose's score."""
     tried = 0

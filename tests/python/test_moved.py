@@ -316,14 +316,13 @@ def test_clean_keeps_a_folder_of_clouds_with_all_fields(clouds, tmp_path):
         removed += before["ring"].sum() - after["ring"].sum()
         kept += after["ring"].sum()
         wrong += (before["ring"] == 0).sum() - (after["ring"] == 0).sum()
-    # Beams in random directions: of a part of the box no scan has neighbours that meet the same piece.
-    assert removed > 2 * kept
+    assert removed > 10 * kept
     assert wrong < 0.01 * 12 * 6000
     assert len(list(ndtree.read(out))) == 12
     assert run("clean", clouds, "-o", tmp_path / "marked", "--mark", "--range-sigma", 0.01).exit_code == 0
     marked = columns_of(tmp_path / "marked" / "000000.pcd")
     assert len(marked) == 6000
-    assert (marked["moved"][marked["ring"] == 1] > 0.5).mean() > 0.7
+    assert (marked["moved"][marked["ring"] == 1] > 0.5).mean() > 0.95
     own = run("clean", clouds, "-o", clouds)
     assert own.exit_code == 2
     assert "which is read" in own.output

@@ -117,7 +117,7 @@ def plain_count(scans: list[Scan]) -> tuple[int, float, float]:
     for number, scan in enumerate(scans[1::2]):
         length = np.linalg.norm(scan.endpoints - scan.origin, axis=1)
         ways = (scan.endpoints - scan.origin) / length[:, None]
-        casts = surfaces.cast_rays(np.broadcast_to(scan.origin, ways.shape), ways)
+        casts = surfaces.cast_rays(np.broadcast_to(scan.origin, ways.shape), ways, at="cell")
         for way, end, cast, returned in zip(ways, length - 3 * cell, casts, scan.returned):
             count = counts[bool(returned)]
             if not cast < end:

@@ -109,8 +109,8 @@ def test_rays_at_the_surface_end_a_little_behind_the_entry(any_room):
     origin = np.full(any_room.dim, 0.3)
     for unknown in ("pass", "stop"):
         asked = {"max_range": 9.0, "unknown": unknown, "details": True}
-        cell = any_room.cast_rays(origin, directions, **asked)
-        surface = any_room.cast_rays(origin, directions, at="surface", **asked)
+        cell = any_room.cast_rays(origin, directions, at="cell", **asked)
+        surface = any_room.cast_rays(origin, directions, **asked)
         for name in ("state", "lower", "size"):
             np.testing.assert_array_equal(getattr(surface, name), getattr(cell, name))
         np.testing.assert_array_equal(

@@ -17,7 +17,7 @@ pytest.importorskip("typer")
 
 from bags import Messages, write_bag
 
-from ndtree.cli.commands.flags import in_flags
+from ndtree.cli.commands.messages import in_words
 from ndtree.logs import contents, read
 from ndtree.logs.ros.messages.beams import pitch_of
 from ndtree.logs.ros.messages.foxglove import decoded, type_of
@@ -240,9 +240,9 @@ def test_what_is_wrong_is_said_in_flags_on_the_command_line(ros2: Messages, tmp_
 
 def test_texts_that_only_look_like_options_stay() -> None:
     for text in ("/poses: no pose in it", "a.bag: /x/poses: poses of a", "2 trajectories in topic /scan"):
-        assert in_flags(text) == text
-    assert in_flags("x: 2, a and b: say which by the option trajectory").endswith("by --trajectory")
-    assert in_flags("x: mount: a log takes no such option, it takes topic, poses").endswith(
+        assert in_words(text) == text
+    assert in_words("x: 2, a and b: say which by the option trajectory").endswith("by --trajectory")
+    assert in_words("x: mount: a log takes no such option, it takes topic, poses").endswith(
         "--topic, --poses"
     )
 

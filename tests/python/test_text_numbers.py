@@ -3,15 +3,13 @@
 
 from __future__ import annotations
 
-import gzip
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ndtree.logs.core import plain_file
-from ndtree.logs.core.plain_file import DamagedStream, open_plain, split_lines
+from ndtree.logs.folders import text_clouds
 from ndtree.logs.folders.text_clouds import text_points
 
 hypothesis = pytest.importorskip("hypothesis")
@@ -53,64 +51,9 @@ def test_random_numbers_of_any_length_are_exact(tmp_path: Path) -> None:
         same(text_points(str(tmp_path / "a.xyz")).ravel(), [float(text) for text in texts])
 
 
-def lines_of(path: Path, most: list[int]) -> tuple[list[bytes], int]:
-    """Lines by blocks of some sizes, in turn with single lines."""
-    found = []
-    with open_plain(path) as file:
-        while True:
-            for line in file:
-                found.append(line.rstrip(b"\n"))
-                break
-            size = most.pop(0) if most else 10**9
-            block = file.block(size)
-            lines = split_lines(block)
-            assert len(lines) <= size
-            found += lines
-            assert file.line == len(found)
-            if not block and next(iter(file), None) is None:
-                return found, file.line
-
-
-@pytest.mark.parametrize("packed", [False, True])
-@pytest.mark.parametrize("ended", [False, True])
-def test_blocks_are_the_lines_of_the_file(
-    packed: bool, ended: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(plain_file, "BLOCK_BYTES", 100)
-    rng = np.random.default_rng(2)
-    for case in range(30):
-        lines = [b"x" * int(n) for n in rng.choice([0, 1, 20, 90, 300], rng.integers(1, 60))] + [b"end"]
-        data = b"\n".join(lines) + b"\n" * ended
-        path = tmp_path / f"{case}"
-        path.write_bytes(gzip.compress(data) if packed else data)
-        assert lines_of(path, rng.integers(1, 7, 40).tolist())[0] == lines
-
-
-def test_blocks_end_where_a_file_is_damaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All whole lines before it are given, and the error says how many these are."""
-    monkeypatch.setattr(plain_file, "BLOCK_BYTES", 1000)
-    monkeypatch.setattr(plain_file, "LINE_BYTES", 5000)
-    rng = np.random.default_rng(3)
-    data = b"".join(b"%d %d\n" % tuple(pair) for pair in rng.integers(0, 10**9, (3000, 2)))
-    (tmp_path / "cut.gz").write_bytes(gzip.compress(data)[:-5000])
-    found = b""
-    with open_plain(tmp_path / "cut.gz") as file:
-        with pytest.raises(
-            DamagedStream, match=r"cut\.gz: behind line \d+: the gzip stream is cut off"
-        ) as caught:
-            while block := file.block(10**9):
-                found += block
-    assert data.startswith(found) and found.endswith(b"\n")
-    assert f"behind line {found.count(10)}:" in str(caught.value) and found.count(b"\n") > 1000
-    (tmp_path / "long").write_bytes(b"1\n" + b"x" * 6000)
-    with open_plain(tmp_path / "long") as file, pytest.raises(ValueError, match="long: line 2: longer than"):
-        while file.block(10**9):
-            pass
-
-
 def test_points_of_any_block_are_those_of_its_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks that are parsed at once, and such that have blank lines, words or long numbers in them."""
-    monkeypatch.setattr(plain_file, "BLOCK_BYTES", 2000)
+    monkeypatch.setattr(text_clouds, "_BLOCK", 50)
     rng = np.random.default_rng(4)
     rows = rng.normal(scale=30, size=(4000, 3))
     forms = [

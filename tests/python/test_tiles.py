@@ -226,8 +226,7 @@ def test_answers_are_those_of_the_whole_map(both, parts):
             one = tiles.cast_rays(good, ways, max_range=limit, unknown=unknown)
             np.testing.assert_array_equal(one, whole.cast_rays(good, ways, max_range=limit, unknown=unknown))
             at, expected = (
-                m.cast_rays(good, ways, max_range=limit, unknown=unknown, at="surface")
-                for m in (tiles, whole)
+                m.cast_rays(good, ways, max_range=limit, unknown=unknown, at="cell") for m in (tiles, whole)
             )
             np.testing.assert_array_equal(at, expected)
     assert np.isfinite(one).sum() > 30

@@ -139,7 +139,7 @@ def test_the_cell_that_is_picked_is_the_first_on_the_ray(dim: int, flat: Any, so
             origin = generator.uniform(-0.5, 0.5, 3)
             direction = generator.normal(size=3)
             direction /= np.linalg.norm(direction)
-            (far,) = m.cast_rays(origin[None], direction[None], max_range=10.0)
+            (far,) = m.cast_rays(origin[None], direction[None], max_range=10.0, at="cell")
             expected = origin + (far + 1e-6) * direction if np.isfinite(far) else None
         found = seen.picked(origin - seen.origin, direction, look)
         assert (found is None) == (expected is None)

@@ -150,7 +150,7 @@ template <int D>
 template <int D>
 [[nodiscard]] std::optional<double> cast_ray(const OctomapBaseline& map, const Vector<D>& origin,
                                              const Vector<D>& direction, double max_range,
-                                             RayAim aim = RayAim::cell) {
+                                             RayAim aim = RayAim::surface) {
   return map.cast_ray(detail::in_space(origin), detail::in_space(direction), max_range, aim);
 }
 

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
@@ -16,6 +17,8 @@
 #include <vector>
 
 #include "ndtree/alignment/likelihood_pyramid.hpp"
+#include "ndtree/alignment/match_options.hpp"
+#include "ndtree/alignment/pose_likelihood.hpp"
 #include "ndtree/alignment/rigid_motion.hpp"
 #include "ndtree/alignment/surface_elements.hpp"
 #include "ndtree/core/body.hpp"
@@ -24,22 +27,6 @@
 #include "ndtree/core/types.hpp"
 
 namespace ndtree {
-
-struct MatchOptions {
-  double cell_size = 0.05;  ///< Of the likelihood's grid, and the step of the grid of poses [m].
-  double sigma = 0.05;      ///< Of an end point's distance from a surface, in the search [m].
-  double radius = 0.2;      ///< Of the points that shape a piece of the surface [m].
-  double noise = 0.02;      ///< Least standard deviation across a surface, in the refinement [m].
-
-  /// @throws std::invalid_argument naming the first option that is out of bounds.
-  void validate() const {
-    constexpr OptionBounds kSizes{1e-4, 1e4, " m"};
-    require_within("cell_size", cell_size, kSizes);
-    require_within("sigma", sigma, kSizes);
-    require_within("radius", radius, kSizes);
-    require_within("noise", noise, kSizes);
-  }
-};
 
 /// Where a scan may be, and which of its poses are different ones.
 template <int D>
@@ -56,7 +43,9 @@ struct GridPose {
   static constexpr std::int64_t kNone = -1;
 
   Steps steps{};
-  std::int64_t score = kNone;  ///< Sum of the end points' likelihoods in 255ths; kNone if there is no pose.
+  /// Sum of the end points' likelihoods in 255ths, less what the prior takes off, at least 0; kNone if there
+  /// is no pose.
+  std::int64_t score = kNone;
 
   /// Squared steps from the guess.
   [[nodiscard]] std::int64_t away() const {
@@ -71,16 +60,68 @@ struct GridPose {
   }
 };
 
+/// A guess has heavy tails: a wheel slips more often than a normal distribution knows.
+struct PriorTail {
+  static constexpr double kFar = 3.0;  ///< Standard deviations from which on a guess counts half, and less.
+
+  /// Negative log-likelihood of a squared distance in standard deviations.
+  [[nodiscard]] static double cost(double square) {
+    return 0.5 * kFar * kFar * std::log1p(square / (kFar * kFar));
+  }
+  /// Factor of the guess's information there.
+  [[nodiscard]] static double weight(double square) { return 1.0 / (1.0 + square / (kFar * kFar)); }
+};
+
 /// The grid of poses of a window: how many steps to each side, and how large they are [m, rad].
 template <int D>
 struct PoseGrid {
   typename GridPose<D>::Steps count{};
   Motion<D> step = Motion<D>::Ones();
+  MotionMatrix<D> prior = MotionMatrix<D>::Zero();  ///< Of a guess: takes a motion to standard deviations.
+  double worth = 0.0;                               ///< 255ths that are worth a log-likelihood of 1.
 
   [[nodiscard]] Motion<D> motion(const GridPose<D>& pose) const {
     Motion<D> result;
     for (int a = 0; a < kFreedoms<D>; ++a) result[a] = pose.steps[static_cast<std::size_t>(a)] * step[a];
     return result;
+  }
+  /// @param information of a guess, its inverse covariance.
+  void set_prior(const MotionMatrix<D>& information, double worth_of_one) {
+    const Eigen::SelfAdjointEigenSolver<SmallMatrix<6>> solver{SmallMatrix<6>(information)};
+    const Motion<D> lengths = solver.eigenvalues().cwiseMax(0.0).cwiseSqrt();
+    prior = lengths.asDiagonal() * solver.eigenvectors().transpose();
+    worth = worth_of_one;
+  }
+  /// What the prior takes off the score of each pose of a block, at least: its translations are up to `more`
+  /// steps from the pose.
+  [[nodiscard]] std::int64_t penalty(const GridPose<D>& pose, std::int32_t more = 0) const {
+    const Motion<D> first = prior * motion(pose);
+    double sum = 0.0;
+    for (int k = 0; k < kFreedoms<D>; ++k) {
+      double low = first[k];
+      double high = first[k];
+      for (int a = 0; a < D && more > 0; ++a) {
+        const double way = prior(k, a) * more * step[a];
+        (way < 0.0 ? low : high) += way;
+      }
+      const double least = low > 0.0 ? low : std::min(high, 0.0);
+      sum += least * least;
+    }
+    // Sums of other steps are rounded otherwise.
+    return static_cast<std::int64_t>(worth * PriorTail::cost(more > 0 ? sum * (1.0 - 1e-9) : sum));
+  }
+};
+
+/// Poses of a grid whose scores are nearly the best: where else a scan may be.
+template <int D>
+struct NearPoses {
+  static constexpr std::size_t kMost = 4000;
+
+  std::int64_t margin = 0;  ///< By which a score may be less than the best, in 255ths.
+  std::vector<GridPose<D>> poses;
+
+  [[nodiscard]] bool wants(const GridPose<D>& pose, const GridPose<D>& best) const {
+    return pose.score > 0 && pose.score >= best.score - margin && poses.size() < kMost;
   }
 };
 
@@ -104,10 +145,10 @@ struct Match {
 /// point by a cell at most, are scored by the likelihood of the end points. Branch and bound, best first,
 /// over blocks of translations of each rotation: a block's bound is the sum of its points' maxima in the
 /// LikelihoodPyramid, so no pose in it scores more, and the first pose that leaves the queue is the grid's
-/// best. The refinement is Gauss-Newton on the distances of the points from the nearest surface elements, in
-/// their metric, with a Cauchy kernel. Invariant, tested: a search gives what trying all poses gives, bit for
-/// bit. Safe to use from several threads. Cost: O(points of the surface · cells within 3 sigma) to make; a
-/// search O(rotations · points), and what the bounds leave.
+/// best. The refinement is Gauss-Newton on PoseLikelihood, times the prior of the guess. Invariant,
+/// tested: a search gives what trying all poses gives, bit for bit. Safe to use from several threads. Cost:
+/// O(points of the surface · cells within 3 sigma) to make; a search O(rotations · points), and what the
+/// bounds leave.
 template <int D>
 class Matcher {
  public:
@@ -116,8 +157,11 @@ class Matcher {
   /// @param points of surfaces [m]; points with NaN or infinity are left out.
   /// @throws std::invalid_argument if an option is out of bounds, or the surface too large for its cells.
   explicit Matcher(const Points<D>& points, const MatchOptions& options = {})
+      : Matcher(SurfacePoints<D>{finite(points), {}}, options) {}
+  /// @param points of surfaces, finite [m]. @throws as above.
+  explicit Matcher(const SurfacePoints<D>& points, const MatchOptions& options = {})
       : options_(validated(options)),
-        surface_(finite(points), options.cell_size, options.radius, options.noise),
+        surface_(points, options),
         pyramid_(surface_.points, options.cell_size, options.sigma) {
     pyramid_.grow_to(kTop);
   }
@@ -148,12 +192,14 @@ class Matcher {
                                    const GridPose<D>& pose) const {
     std::vector<Cell> cells;
     place(points, guess, grid, pose, cells);
-    return bound(cells, 0, pose);
+    return std::max<std::int64_t>(0, bound(cells, 0, pose) - grid.penalty(pose));
   }
   /// The best pose of a grid. @param except poses that are not `apart` from this one, if it is given.
+  /// @param near gets the poses that it wants, the best first, if it is given.
   /// @pre the points are finite.
   [[nodiscard]] GridPose<D> search(const Points<D>& points, const Pose<D>& guess, const PoseGrid<D>& grid,
-                                   const MatchWindow<D>& window, const GridPose<D>* except = nullptr) const {
+                                   const MatchWindow<D>& window, const GridPose<D>* except = nullptr,
+                                   NearPoses<D>* near = nullptr) const {
     const Exclusion excluded(grid, window, except);
     std::vector<std::vector<Cell>> placed;  // By rotation.
     std::priority_queue<Block> queue;
@@ -162,7 +208,9 @@ class Matcher {
       if (excluded.contains(block)) return;
       pace.spend(static_cast<std::size_t>(points.cols()) + 1);
       Block bounded = block;
-      bounded.pose.score = bound(placed[block.rotation], block.level, block.pose);
+      const std::int32_t more = (std::int32_t{1} << block.level) - 1;
+      bounded.pose.score = std::max<std::int64_t>(
+          0, bound(placed[block.rotation], block.level, block.pose) - grid.penalty(block.pose, more));
       queue.push(bounded);
     };
     Block block;
@@ -182,9 +230,11 @@ class Matcher {
     while (!queue.empty()) {
       block = queue.top();
       // Where nothing is likely, one pose is as good as another.
-      if (block.pose.score < best.score || (block.pose.score == 0 && best.score == 0)) break;
+      if (block.pose.score < best.score && !(near != nullptr && near->wants(block.pose, best))) break;
+      if (block.pose.score == 0 && best.score == 0) break;
       queue.pop();
       if (block.level == 0) {
+        if (near != nullptr) near->poses.push_back(block.pose);
         if (block.pose.is_better_than(best)) best = block.pose;
         continue;
       }
@@ -210,69 +260,68 @@ class Matcher {
   void refine(const Points<D>& points, const Pose<D>& from, const Pose<D>& guess,
               const MotionMatrix<D>& information, Match<D>& match) const {
     constexpr int kSteps = 30;
-    constexpr double kKernel = 2.0;  // Standard deviations from which on a point counts half, and less.
     constexpr double kLeast = 1e-6;  // Information: keeps a match without points solvable.
     constexpr double kStill = 1e-6;  // [m, rad]
-    const MotionMatrix<D> least = kLeast * MotionMatrix<D>::Identity();
-    MotionMatrix<D> hessian;
+    PoseLikelihood<D> likelihood(surface_, options_);
     match.pose = from;
-    double squares = 0.0;
-    double weights = 0.0;
     for (int step = 0; step < kSteps; ++step) {
-      hessian = information + least;
-      Motion<D> gradient = information * motion_between(guess, match.pose);
-      squares = weights = 0.0;
-      int inliers = 0;
+      likelihood.begin(match.pose);
       for (Eigen::Index i = 0; i < points.cols(); ++i) {
         const Vector<D> turned = match.pose.rotation * points.col(i);
-        const Vector<D> at = turned + match.pose.translation;
-        const std::int32_t nearest = pyramid_.nearest(pyramid_.cell_of(at));
-        if (nearest == LikelihoodPyramid<D>::kNoPoint) continue;
-        const Vector<D> error = at - surface_.points.col(nearest);
-        const auto& metric = surface_.information[static_cast<std::size_t>(nearest)];
-        const Vector<D> weighted = metric * error;
-        const double square = error.dot(weighted);
-        const double weight = 1.0 / (1.0 + square / (kKernel * kKernel));
-        const Eigen::Matrix<double, D, kFreedoms<D>> jacobian = jacobian_of(turned);
-        hessian.noalias() += weight * jacobian.transpose() * metric * jacobian;
-        gradient.noalias() += weight * jacobian.transpose() * weighted;
-        squares += weight * square;
-        weights += weight;
-        if (square < 2.0 * kKernel * kKernel) ++inliers;
+        const std::int32_t nearest = pyramid_.nearest(pyramid_.cell_of(turned + match.pose.translation));
+        if (nearest != LikelihoodPyramid<D>::kNoPoint)
+          likelihood.add(turned, static_cast<std::size_t>(nearest));
       }
-      match.inliers = points.cols() == 0 ? 0.0 : inliers / static_cast<double>(points.cols());
-      const Motion<D> change = -Decomposition(hessian).solve(gradient);
+      const typename PoseLikelihood<D>::Result found = likelihood.result();
+      const Motion<D> off = motion_between(guess, match.pose);
+      const MotionMatrix<D> known =
+          PriorTail::weight(off.dot(information * off)) * information + kLeast * MotionMatrix<D>::Identity();
+      const Motion<D> gradient = found.gradient + known * off;
+      const Decomposition posterior(found.information / found.spread + known);
+      match.inliers = points.cols() == 0 ? 0.0 : found.inliers / static_cast<double>(points.cols());
+      match.covariance = posterior.inverse();
+      const Motion<D> change = -Decomposition(found.information + known).solve(gradient);
       if (!change.allFinite()) break;
       match.pose = moved(match.pose, change);
       if (change.cwiseAbs().maxCoeff() < kStill) break;
     }
-    // Points that lie closer than their model says are no reason to be surer than it is.
-    const double spread = weights > 0.0 ? std::max(squares / weights, 0.1) : 1.0;
-    match.covariance = spread * Decomposition(hessian).inverse();
   }
 
   /// The best pose of a window, refined.
-  /// @param information as of refine(); it counts less where the search ends far from the guess.
+  /// @param information as of refine().
   /// @param wants_second whether `second` is looked for, which costs another search.
   /// @throws std::invalid_argument as grid_of().
   [[nodiscard]] Match<D> match(const Points<D>& points, const Pose<D>& guess, const MatchWindow<D>& window,
                                const MotionMatrix<D>& information = MotionMatrix<D>::Zero(),
                                bool wants_second = true) const {
-    constexpr double kFar = 3.0;  // Standard deviations from which on a guess counts half, and less.
     const Points<D> good = finite(points);
-    const PoseGrid<D> grid = grid_of(good, window.half);
+    PoseGrid<D> grid = grid_of(good, window.half);
     const double most = LikelihoodPyramid<D>::kMaximum * std::max(1.0, static_cast<double>(good.cols()));
+    const double worth = most / std::max(1.0, static_cast<double>(pieces_of(good)));
+    grid.set_prior(information, worth);
     Match<D> match;
-    match.grid = search(good, guess, grid, window);
-    match.score = static_cast<double>(match.grid.score) / most;
+    NearPoses<D> near;
+    near.margin = static_cast<std::int64_t>(kLeastLikely * worth);
+    match.grid = search(good, guess, grid, window, nullptr, &near);
+    match.score = likelihood(good, guess, grid, match.grid) / most;
     if (wants_second) {
       const GridPose<D> second = search(good, guess, grid, window, &match.grid);
-      match.second = static_cast<double>(std::max<std::int64_t>(second.score, 0)) / most;
+      if (second.score > 0) match.second = likelihood(good, guess, grid, second) / most;
     }
-    const Motion<D> off = grid.motion(match.grid);
-    const double weight = 1.0 / (1.0 + off.dot(information * off) / (kFar * kFar));
-    refine(good, moved(guess, off), guess, weight * information, match);
+    refine(good, moved(guess, grid.motion(match.grid)), guess, information, match);
+    match.covariance = with_others(match, guess, grid, near.poses);
     return match;
+  }
+
+  /// Pieces of surface that a scan sees: end points on one are wrong alike, and count once in the search.
+  [[nodiscard]] std::size_t pieces_of(const Points<D>& points) const {
+    std::vector<std::array<std::int64_t, std::size_t{D}>> cells(static_cast<std::size_t>(points.cols()));
+    for (std::size_t i = 0; i < cells.size(); ++i)
+      for (int a = 0; a < D; ++a)
+        cells[i][static_cast<std::size_t>(a)] = static_cast<std::int64_t>(
+            std::floor(points(a, static_cast<Eigen::Index>(i)) / (kCellsOfPiece * options_.cell_size)));
+    std::sort(cells.begin(), cells.end());
+    return static_cast<std::size_t>(std::unique(cells.begin(), cells.end()) - cells.begin());
   }
 
   /// Columns without NaN or infinity.
@@ -289,6 +338,9 @@ class Matcher {
   static constexpr int kAngles = kFreedoms<D> - D;
   static constexpr int kTop = 6;  // Highest level: blocks of 64 steps.
   static constexpr double kMostSteps = 1e6;
+  static constexpr double kCellsOfPiece = 4.0;
+  static constexpr double kLeastLikely =
+      5.0;  // Less than the best by this log-likelihood, poses do not count.
 
   /// Of a MotionMatrix.
   using Decomposition = Eigen::PartialPivLU<SmallMatrix<kFreedoms<3>>>;
@@ -339,19 +391,6 @@ class Matcher {
     options.validate();
     return options;
   }
-  /// Of a point's place, by a Motion of its scan's pose. @param turned from the scan's origin.
-  [[nodiscard]] static Eigen::Matrix<double, D, kFreedoms<D>> jacobian_of(const Vector<D>& turned) {
-    Eigen::Matrix<double, D, kFreedoms<D>> jacobian;
-    jacobian.template leftCols<D>().setIdentity();
-    if constexpr (D == 2) {
-      jacobian.col(2) << -turned[1], turned[0];
-    } else {
-      jacobian.template rightCols<3>() << 0.0, turned[2], -turned[1],  //
-          -turned[2], 0.0, turned[0],                                  //
-          turned[1], -turned[0], 0.0;
-    }
-    return jacobian;
-  }
   /// Steps on in axes [begin, end), the first fastest. @returns false at the end, where it begins anew.
   [[nodiscard]] static bool next(GridPose<D>& pose, const PoseGrid<D>& grid, std::size_t begin,
                                  std::size_t end, std::int32_t step) {
@@ -371,7 +410,36 @@ class Matcher {
     for (Eigen::Index i = 0; i < points.cols(); ++i)
       cells[static_cast<std::size_t>(i)] = pyramid_.cell_of(pose * points.col(i));
   }
-  /// Not less than the score of any pose in a block.
+  /// The covariance of a match and of the posterior's other modes around it: poses that are farther than
+  /// kMode standard deviations and steps of the grid, and likelier than on the slope of the first mode.
+  [[nodiscard]] MotionMatrix<D> with_others(const Match<D>& match, const Pose<D>& guess,
+                                            const PoseGrid<D>& grid,
+                                            const std::vector<GridPose<D>>& near) const {
+    constexpr double kMode = 3.0;
+    constexpr double kValley = 1.0;  // Log-likelihood.
+    MotionMatrix<D> width = match.covariance;
+    width.diagonal() += grid.step.cwiseAbs2();
+    const Decomposition inverse(width);
+    MotionMatrix<D> others = MotionMatrix<D>::Zero();
+    double all = 0.0;
+    for (const GridPose<D>& pose : near) {
+      const double likely = static_cast<double>(pose.score - match.grid.score) / grid.worth;
+      const Motion<D> off = motion_between(match.pose, moved(guess, grid.motion(pose)));
+      const double square = off.dot(inverse.solve(off));
+      all += std::exp(likely);
+      if (square > kMode * kMode && likely > kValley - PriorTail::cost(square))
+        others += std::exp(likely) * off * off.transpose();
+    }
+    return all > 0.0 ? MotionMatrix<D>(match.covariance + others / all) : match.covariance;
+  }
+  /// Sum of the end points' likelihoods at a pose of a grid, in 255ths.
+  [[nodiscard]] double likelihood(const Points<D>& points, const Pose<D>& guess, const PoseGrid<D>& grid,
+                                  const GridPose<D>& pose) const {
+    std::vector<Cell> cells;
+    place(points, guess, grid, pose, cells);
+    return static_cast<double>(bound(cells, 0, pose));
+  }
+  /// Not less than the sum of the likelihoods at any pose in a block.
   [[nodiscard]] std::int64_t bound(const std::vector<Cell>& cells, int level, const GridPose<D>& pose) const {
     std::int64_t sum = 0;
     for (const Cell& cell : cells) {

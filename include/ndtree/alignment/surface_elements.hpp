@@ -10,30 +10,78 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
+#include "ndtree/alignment/match_options.hpp"
 #include "ndtree/core/types.hpp"
 
 namespace ndtree {
 
-/// End points, averaged in cells, each with the inverse of the covariance of the points around it: small
-/// along a wall, large across it, so that distances in this metric are distances from the wall.
+/// Points of surfaces: measured, or the centres of a lattice's cells.
 template <int D>
-struct SurfaceElements {
+struct SurfacePoints {
+  Points<D> points;
+  Points<D> sides;       ///< As many, or none: vectors to where each is seen from, or 0 for any side.
+  double lattice = 0.0;  ///< Edge of the cells whose centres they are; 0 for points that were measured [m].
+};
+
+/// The shape of a surface around a point.
+template <int D>
+struct SurfaceShape {
+  /// Projects onto the directions across: the normal's of a flat piece, of an edge or a post more.
+  Eigen::Matrix<double, D, D> across = Eigen::Matrix<double, D, D>::Identity();
+  Vector<D> normal = Vector<D>::Zero();  ///< Of a flat piece, to the side that it is seen from; else 0.
+  double variance = 0.0;                 ///< Of the points around, along the normal [m²].
+  double turn = 0.0;                     ///< Variance of the normal's angle [rad²].
+  int axis = 0;                          ///< That the normal is nearest to.
+  std::int32_t piece = 0;                ///< Points of one piece share its error: see SurfaceElements.
+  bool is_flat = false;
+  bool has_side = false;
+};
+
+/// End points, averaged in cells, each with the shape of the points around it.
+///
+/// A piece is what errs alike. In a lattice of cells a surface may be anywhere in its row of cells, so the
+/// flat pieces of a row across the axis nearest to their normal are one piece. What is not flat is a piece by
+/// itself. O(points · points within the radius).
+template <int D>
+class SurfaceElements {
+ public:
   using Matrix = Eigen::Matrix<double, D, D>;
 
-  Points<D> points;
-  std::vector<Matrix> information;  ///< [1/m²].
-
-  /// @param cell_size each point is the mean of a cell of this size [m]. @param radius of points that shape
-  /// an element [m].
-  /// @param sigma least standard deviation across a surface [m].
-  SurfaceElements(const Points<D>& all, double cell_size, double radius, double sigma) {
-    average(all, cell_size);
-    shape(radius, sigma);
+  /// @param options cell_size, radius and noise count.
+  SurfaceElements(const SurfacePoints<D>& all, const MatchOptions& options) {
+    average(all, options.cell_size);
+    shapes.resize(static_cast<std::size_t>(points.cols()));
+    // Anywhere in a cell; and in which row it is decided by chance, where noise reaches into more.
+    constexpr double kOfNoise = 1.0 / 9.0;
+    const double noise = options.noise * options.noise;
+    const double in_cell = all.lattice * all.lattice / 12.0;
+    if (all.lattice > 0.0) shared = in_cell + kOfNoise * noise;
+    const double least = all.lattice > 0.0 ? 0.25 * in_cell : noise;
+    const auto is_sparse = [](int count, bool) { return count < kFewest; };
+    shape(options.radius, least, [](int, bool) { return true; });
+    // Beside corners, a shorter piece is flat.
+    if (all.lattice > 0.0)
+      shape(kShorter * options.radius, least,
+            [&](int count, bool is_flat) { return !is_flat && !is_sparse(count, is_flat); });
+    shape(kWider * options.radius, least, is_sparse);
+    group(all.lattice);
   }
 
+  Points<D> points;
+  Points<D> sides;  ///< Unit vectors, or 0.
+  std::vector<SurfaceShape<D>> shapes;
+  std::int32_t num_pieces = 0;
+  double shared = 0.0;  ///< Variance of a flat piece's place, which end points on it share [m²].
+
  private:
+  static constexpr int kFewest = 6;           // Points that tell a shape well.
+  static constexpr double kShorter = 0.4;     // Radius beside corners,
+  static constexpr double kWider = 3.0;       // Radius, where there are fewer.
+  static constexpr double kOtherSide = -0.1;  // Cosine: points that are seen from another side are others'.
+
   using Key = std::array<std::int64_t, std::size_t{D}>;
   struct Keyed {
     Key key;
@@ -55,36 +103,49 @@ struct SurfaceElements {
     return keyed;
   }
 
-  void average(const Points<D>& all, double cell_size) {
-    const std::vector<Keyed> keyed = sorted(all, cell_size);
-    points.resize(D, all.cols());
+  void average(const SurfacePoints<D>& all, double cell_size) {
+    const std::vector<Keyed> keyed = sorted(all.points, cell_size);
+    points.resize(D, all.points.cols());
+    sides = Points<D>::Zero(D, all.points.cols());
     Eigen::Index count = 0;
-    for (std::size_t i = 0; i < keyed.size();) {
+    for (std::size_t i = 0; i < keyed.size(); ++count) {
       Vector<D> sum = Vector<D>::Zero();
       std::size_t j = i;
-      for (; j < keyed.size() && keyed[j].key == keyed[i].key; ++j) sum += all.col(keyed[j].point);
-      points.col(count++) = sum / static_cast<double>(j - i);
+      for (; j < keyed.size() && keyed[j].key == keyed[i].key; ++j) {
+        sum += all.points.col(keyed[j].point);
+        if (all.sides.cols() > 0) sides.col(count) += all.sides.col(keyed[j].point);
+      }
+      points.col(count) = sum / static_cast<double>(j - i);
+      const double length = sides.col(count).norm();
+      if (length > 0.0) sides.col(count) /= length;
       i = j;
     }
     points.conservativeResize(D, count);
+    sides.conservativeResize(D, count);
   }
 
-  void shape(double radius, double sigma) {
+  /// Shapes of the points around points. @param least variance. @param wants whether a point's is looked for,
+  /// by how many points were around it before, and whether these were flat.
+  template <class Wants>
+  void shape(double radius, double least, const Wants& wants) {
     const std::vector<Keyed> keyed = sorted(points, radius);
-    information.assign(static_cast<std::size_t>(points.cols()), Matrix::Zero());
     const auto row_of = [&](Key key, std::int64_t last_axis_step) {
       key[D - 1] += last_axis_step;
       return std::lower_bound(keyed.begin(), keyed.end(), Keyed{key, -1});
     };
-    for (std::size_t i = 0; i < keyed.size(); ++i) {
-      const Vector<D> centre = points.col(keyed[i].point);
+    counts_.resize(shapes.size());
+    for (const Keyed& one : keyed) {
+      int& count = counts_[static_cast<std::size_t>(one.point)];
+      if (!wants(count, shapes[static_cast<std::size_t>(one.point)].is_flat)) continue;
+      const Vector<D> centre = points.col(one.point);
+      const Vector<D> side = sides.col(one.point);
       Vector<D> sum = Vector<D>::Zero();
       Matrix squares = Matrix::Zero();
-      int count = 0;
+      count = 0;
       // Rows of three cells around, which lie side by side in the order of the keys.
       constexpr int kRows = D == 2 ? 3 : 9;
       for (int row = 0; row < kRows; ++row) {
-        Key key = keyed[i].key;
+        Key key = one.key;
         int rest = row;
         for (std::size_t a = 0; a + 1 < std::size_t{D}; ++a) {
           key[a] += rest % 3 - 1;
@@ -93,32 +154,64 @@ struct SurfaceElements {
         for (auto at = row_of(key, -1), end = row_of(key, 2); at != end; ++at) {
           const Vector<D> away = points.col(at->point) - centre;
           if (away.squaredNorm() > radius * radius) continue;
+          if (side.dot(sides.col(at->point)) < kOtherSide) continue;
           sum += away;
           squares += away * away.transpose();
           ++count;
         }
       }
-      information[static_cast<std::size_t>(keyed[i].point)] =
-          information_of(sum, squares, count, radius, sigma);
+      shapes[static_cast<std::size_t>(one.point)] = shape_of(sum, squares, count, side, least);
     }
   }
 
-  [[nodiscard]] static Matrix information_of(const Vector<D>& sum, const Matrix& squares, int count,
-                                             double radius, double sigma) {
-    const double loose = 0.25 * radius * radius;
-    if (count < D + 1) return Matrix::Identity() / loose;
+  [[nodiscard]] static SurfaceShape<D> shape_of(const Vector<D>& sum, const Matrix& squares, int count,
+                                                const Vector<D>& side, double least) {
+    constexpr double kFlat = 0.1;  // Of the thickness, as variances.
+    SurfaceShape<D> shape;
+    if (count < D + 1) return shape;
     const Matrix covariance = squares / count - sum * sum.transpose() / (static_cast<double>(count) * count);
     Eigen::SelfAdjointEigenSolver<Matrix> solver;
     solver.computeDirect(covariance);
+    const Vector<D> values = solver.eigenvalues().cwiseMax(least);
     // Along a flat piece, a point may be anywhere: where the piece ends, another one begins.
-    constexpr double kFlat = 0.1;   // Of the thickness, as variances.
-    constexpr double kAlong = 1.0;  // [m²]
-    Vector<D> values = solver.eigenvalues().cwiseMax(sigma * sigma);
     for (int a = 1; a < D; ++a)
-      if (values[0] < kFlat * values[a]) values[a] = kAlong;
-    values = values.cwiseInverse();
-    return solver.eigenvectors() * values.asDiagonal() * solver.eigenvectors().transpose();
+      if (values[0] < kFlat * values[a])
+        shape.across -= solver.eigenvectors().col(a) * solver.eigenvectors().col(a).transpose();
+    shape.is_flat = values[0] < kFlat * values[1];
+    if (!shape.is_flat) return shape;
+    shape.normal = solver.eigenvectors().col(0);
+    shape.normal.cwiseAbs().maxCoeff(&shape.axis);
+    const double cosine = shape.normal.dot(side);
+    shape.has_side = cosine != 0.0;
+    if (cosine < 0.0) shape.normal = -shape.normal;
+    shape.variance = values[0];
+    const double gap = values[1] - values[0];
+    shape.turn = values[0] * values[1] / (gap * gap * count);
+    return shape;
   }
+
+  /// Gives pieces their numbers. @param row of cells [m]; 0: flat pieces share nothing, and all have 0.
+  void group(double row) {
+    num_pieces = 1;
+    std::vector<std::pair<std::pair<int, std::int64_t>, std::size_t>> rows;
+    for (std::size_t i = 0; i < shapes.size(); ++i) {
+      const SurfaceShape<D>& one = shapes[i];
+      if (!one.is_flat) {
+        shapes[i].piece = num_pieces++;
+      } else if (row > 0.0) {
+        const double place = std::floor(points(one.axis, static_cast<Eigen::Index>(i)) / row);
+        rows.push_back({{one.axis, static_cast<std::int64_t>(place)}, i});
+      }
+    }
+    std::sort(rows.begin(), rows.end());
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      if (i > 0 && rows[i].first != rows[i - 1].first) ++num_pieces;
+      shapes[rows[i].second].piece = num_pieces;
+    }
+    ++num_pieces;
+  }
+
+  std::vector<int> counts_;  // Points around, by which a shape was told.
 };
 
 }  // namespace ndtree

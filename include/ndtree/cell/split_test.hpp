@@ -18,7 +18,7 @@ struct SplitOptions {
   /// Probability of partial occupancy above which an occupied cell splits, unless predicted to re-merge.
   double split_probability = 0.7;
   /// Least probability of a smallest cell that would split if it could; 0: all its beams decide.
-  double partial_probability = 0.0;
+  double partial_probability = 0.45;
 
   /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
   template <class Options, class Visit>

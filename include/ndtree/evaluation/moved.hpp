@@ -27,6 +27,7 @@
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/core/unfused.hpp"
+#include "ndtree/evaluation/beam_image.hpp"
 #include "ndtree/evaluation/cell_numbers.hpp"
 #include "ndtree/evaluation/range_pyramid.hpp"
 
@@ -63,18 +64,23 @@ struct MovedOptions {
 /// these balls, and so on.
 ///
 /// A scan sees through a cell only if its beams are close enough together to meet what is there: the first
-/// pass measures how wide that is, in the images of the scans that hit it. A rod that no two neighbouring
-/// beams meet is never seen through, nor is ground so oblique that neighbouring beams end far apart.
+/// pass measures how wide and high that is, in the images of the scans that hit it, and each rectangle of
+/// that size around the cell's points must hold a beam that passed. A rod that no two neighbouring beams meet
+/// is never seen through, nor is ground so oblique that neighbouring beams end far apart. Nor does a scan
+/// whose own beams end in a cell see through it.
 ///
-/// Let v scans have seen through a cell, and h found a surface there. If something stands there, a fraction
-/// of the scans of at most e = error_rate sees through it: thin things, edges and wrong poses have more
-/// errors than walls. If it moved, a greater one does. With both equally likely before, and the fraction
-/// uniform within each,
+/// Let v scans have seen through a cell, and h found a surface there, in r rows of scans between which others
+/// saw through. If something stands there, mostly a fraction of the scans of at most e = error_rate sees
+/// through it; but of a part t of what stands any fraction does: fences, foliage, glass. And scans see
+/// through what stands at any time, by chance, so that of all orders of v and h scans none is more probable.
+/// What moved was there without a break, and after a stay comes back with a probability of q. With both
+/// equally likely before, and fractions uniform,
 ///
-///     P(moved) = m / (m + s),  m = (1 - I_e(v + 1, h + 1)) / (1 - e),  s = I_e(v + 1, h + 1) / e,
+///     P(moved) = m / (m + s),  m = (1 - I_e(v + 1, h + 1)) / (1 - e) q^(r - 1) / p(r),
+///     s = (1 - t) I_e(v + 1, h + 1) / e + t,  p(r) = C(h - 1, r - 1) C(v + 1, r) / C(v + h, h),
 ///
-/// I being the incomplete beta function. That is 1/2 without any scan, less without one that saw through, and
-/// less the more found it.
+/// I being the incomplete beta function, and p(r) the fraction of orders with r rows. That is 1/2 without any
+/// scan, less without one that saw through, and less the more found it or the more often it was found again.
 ///
 /// Once `most_scans` in a row have seen through, h counts for no more than these outweigh: what stood for
 /// long and left goes.
@@ -85,11 +91,11 @@ class MovedEvidence {
  public:
   /// @throws std::invalid_argument as MovedOptions::validate().
   explicit MovedEvidence(const MovedOptions& options)
-      : options_(validated(options)), below_(options.error_rate), known_(kKnown * kKnown) {
-    for (std::uint32_t v = 0; v < kKnown; ++v)
-      for (std::uint32_t h = 0; h < kKnown; ++h) known_[v * kKnown + h] = probability(v, h);
+      : options_(validated(options)), below_(options.error_rate), log_factorials_(kFactorials, 0.0) {
+    for (std::size_t n = 2; n < kFactorials; ++n)
+      log_factorials_[n] = log_factorials_[n - 1] + std::log(static_cast<double>(n));
     const auto passes = static_cast<std::uint32_t>(options.most_scans);
-    while (probability(passes, outweighed_ + 1) > 0.5F) ++outweighed_;
+    while (probability(passes, outweighed_ + 1, 1) > 0.5F) ++outweighed_;
   }
 
   /// The first pass: where returned beams end. Beams of a length of 0, longer than `max_range` or with a
@@ -114,18 +120,20 @@ class MovedEvidence {
         out[i] = 0.5F;
         return;
       }
-      const std::uint32_t through = workers_ ? through_[number] : 0;
-      const std::uint32_t hits = workers_ ? hits_[number] : 0;
-      out[i] =
-          through < kKnown && hits < kKnown ? known_[through * kKnown + hits] : probability(through, hits);
+      const Tally tally = workers_ ? tallies_[number] : Tally();
+      out[i] = probability(tally.through, tally.found, tally.stays);
     });
   }
-  /// Of a cell that `through` scans saw through, and in which `hits` found a surface.
-  [[nodiscard]] float probability(std::uint32_t through, std::uint32_t hits) const {
-    if (through == 0 && hits == 0) return 0.5F;
-    const double below = std::clamp(below_(through + 1.0, hits + 1.0), 0.0, 1.0);
-    const double moved = (1.0 - below) / (1.0 - options_.error_rate);
-    const double stands = below / options_.error_rate;
+  /// Of a cell that `through` scans saw through, and in which `found` found a surface, in `stays` rows of
+  /// scans without one that saw through. @pre stays <= found, and > 0 if found > 0.
+  [[nodiscard]] float probability(std::uint32_t through, std::uint32_t found, std::uint32_t stays) const {
+    if (through == 0 && found == 0) return 0.5F;
+    const double below = std::clamp(below_(through + 1.0, found + 1.0), 0.0, 1.0);
+    double moved = (1.0 - below) / (1.0 - options_.error_rate);
+    const double stands = (1.0 - kThin) * below / options_.error_rate + kThin;
+    if (found > 0)
+      moved *= std::exp((stays - 1.0) * std::log(kReturns) + log_choices(through + found, found) -
+                        log_choices(found - 1, stays - 1) - log_choices(through + 1, stays));
     return static_cast<float>(moved / (moved + stands));
   }
 
@@ -135,16 +143,26 @@ class MovedEvidence {
  private:
   using Point = Eigen::Matrix<float, D, 1>;
   static constexpr std::size_t kFanOut = 8;
-  static constexpr std::uint32_t kKnown = 64;
   static constexpr std::size_t kWidths = 12;
-  static constexpr float kWidthsApart = 2.0F;     // Pixels are up to twice as wide as beams are apart.
-  static constexpr double kNarrower = 1.0 / 3.0;  // Of a cell's points; fitted on simulated thin things.
+  static constexpr std::size_t kSides = D - 1;
+  static constexpr float kMostWidth = 8.0F;  // Of a surface, in cells: all wider ones are alike.
+  static constexpr std::size_t kFactorials = 1024;
+  static constexpr std::uint8_t kMostMeasured = 24;  // Surfaces in a cell: more change its width little.
+  // Fitted on simulated worlds in which nothing moves, and in which one thing does:
+  static constexpr double kThin = 0.1;            // Of what stands, that any fraction of scans sees through.
+  static constexpr double kReturns = 0.3;         // Of stays in a cell, that another one follows.
+  static constexpr double kNarrower = 1.0 / 3.0;  // Of a cell's surfaces, that look narrower than they are.
+  static constexpr float kCore =
+      0.25F;  // Of a width: so far is the middle of a cell's points from its border.
 
   struct Cell {
-    Point mean = Point::Zero();                   // Of the points in it, relative to base_ [m].
-    float sigma = 0.0F;                           // Of their ranges, on average [m].
-    std::array<std::uint16_t, kWidths> widths{};  // Numbers of points on surfaces of widths, see width_of().
+    Point mean = Point::Zero();  // Of the points in it, relative to base_ [m].
+    float sigma = 0.0F;          // Of their ranges, on average [m].
     std::uint32_t points = 0;
+    std::uint32_t scan = 0;  // The last one of which a point was measured: others of a scan look alike.
+    std::uint8_t measured = 0;
+    // By axis, numbers of points on surfaces of widths, see width_of().
+    std::array<std::array<std::uint8_t, kWidths>, kSides> widths{};
   };
   /// Balls around kFanOut cells or balls each, by the order of the tree; a few behind the last are empty.
   struct Balls {
@@ -152,6 +170,21 @@ class MovedEvidence {
     std::vector<float> radius;
     std::vector<float> margin;  // The largest of their cells.
     std::size_t size = 0;
+  };
+
+  /// What scans said of a cell.
+  struct Tally {
+    std::uint32_t through = 0;   // Scans that saw through it,
+    std::uint32_t streak = 0;    // of these the last in a row,
+    std::uint32_t found = 0;     // and scans that found a surface there,
+    std::uint32_t stays = 0;     // in how many rows without one that saw through.
+    std::uint32_t own_scan = 0;  // The last of which a beam ended in it.
+
+    void find() {
+      stays += found == 0 || streak > 0 ? 1 : 0;
+      ++found;
+      streak = 0;
+    }
   };
 
   static const MovedOptions& validated(const MovedOptions& options) {
@@ -164,14 +197,37 @@ class MovedEvidence {
   [[nodiscard]] Point relative(const Vector<D>& point) const {
     return (point - base_).template cast<float>();
   }
-  /// Counts a scan that saw through a cell, if what is there is wide enough for its beams to meet it.
-  void see_through(std::size_t i) {
-    Point mean;
-    for (std::size_t k = 0; k < D; ++k) mean[static_cast<int>(k)] = means_[k][i];
-    if (pyramid_.spacing(mean) > kWidthsApart * widths_[i]) return;
-    ++through_[i];
-    if (++streaks_[i] >= static_cast<std::uint32_t>(options_.most_scans))
-      hits_[i] = std::min(hits_[i], outweighed_);
+  /// Counts what the scan says of a cell in which none of its own beams ended.
+  void count(std::size_t i, bool is_passed, float distance) {
+    Tally& tally = tallies_[i];
+    if (tally.own_scan == looked_) return;
+    if (!is_passed) {
+      tally.find();
+      return;
+    }
+    Point way;
+    for (std::size_t k = 0; k < D; ++k)
+      way[static_cast<int>(k)] = means_[k][i] - origin_[static_cast<int>(k)];
+    typename BeamImage<D>::Offset size;
+    typename BeamImage<D>::Offset core;
+    for (std::size_t k = 0; k < kSides; ++k) {
+      size[k] = sizes_[k][i] / distance;
+      core[k] = kCore * size[k];
+    }
+    if (!image_.surely_meets(way / distance, size, core, distance + margins_[i])) return;
+    ++tally.through;
+    if (++tally.streak >= static_cast<std::uint32_t>(options_.most_scans)) {
+      tally.found = std::min(tally.found, outweighed_);
+      tally.stays = std::min(tally.stays, outweighed_);
+    }
+  }
+  [[nodiscard]] double log_factorial(std::uint32_t n) const {
+    return n < log_factorials_.size() ? log_factorials_[n] : std::lgamma(n + 1.0);
+  }
+  /// In how many ways some of several can be chosen; of more than there are, as one.
+  [[nodiscard]] double log_choices(std::uint32_t of, std::uint32_t chosen) const {
+    if (chosen > of) return 0.0;
+    return log_factorial(of) - log_factorial(chosen) - log_factorial(of - chosen);
   }
   /// By how much a beam must pass the middle of a cell's points [m].
   [[nodiscard]] float margin_of(const Cell& cell) const {
@@ -189,14 +245,16 @@ class MovedEvidence {
     return static_cast<float>(options_.cell_size) * 0.25F * kHalfOctaves[(of_class - 1) % 2] *
            static_cast<float>(1U << (of_class - 1) / 2);
   }
-  /// Of what a cell's points are on, at least [m]: at most a fraction of kNarrower of them looks narrower.
-  [[nodiscard]] float width_of(const Cell& cell) const {
-    std::uint32_t all = 0;
-    for (const std::uint16_t count : cell.widths) all += count;
+  /// Counts a surface of a size in a cell.
+  void count_size(Cell& cell, const typename BeamImage<D>::Offset& size) const {
+    for (std::size_t k = 0; k < kSides; ++k) ++cell.widths[k][width_class(size[k])];
+  }
+  /// Of what a cell's points are on, along an axis [m]: at most a fraction of kNarrower looks narrower.
+  [[nodiscard]] float width_of(const Cell& cell, std::size_t axis) const {
     std::uint32_t below = 0;
     for (std::size_t i = 0; i < kWidths; ++i) {
-      below += cell.widths[i];
-      if (static_cast<double>(below) > kNarrower * static_cast<double>(all)) return least_width(i);
+      below += cell.widths[axis][i];
+      if (static_cast<double>(below) > kNarrower * static_cast<double>(cell.measured)) return least_width(i);
     }
     return least_width(kWidths - 1);
   }
@@ -210,6 +268,8 @@ class MovedEvidence {
   [[nodiscard]] float sure_range(const ScanView<D>& scan, Eigen::Index i, double range,
                                  double max_range) const;
   void add_from(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last, double max_range);
+  /// Counts a scan for the cells in which its own beams end.
+  void find_own(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last, double max_range);
   void look_from();
   /// Whether a scan cannot say anything of a ball's cells.
   [[nodiscard]] bool is_hidden(const Balls& balls, std::size_t number) const;
@@ -225,20 +285,21 @@ class MovedEvidence {
 
   MovedOptions options_;
   QuickIncompleteBeta below_;              // Of error_rate.
+  std::vector<double> log_factorials_;     // Of numbers below kFactorials.
   std::uint32_t outweighed_ = 0;           // Scans that found a surface, by most_scans that saw through.
-  std::vector<float> known_;               // Probabilities of numbers of scans below kKnown.
   Vector<D> base_ = Vector<D>::Zero();     // Near the first end point, so that floats are exact enough.
   std::optional<CellNumbers<D>> numbers_;  // From the first end point on.
   std::vector<Cell> cells_;                // By number; none after plant().
   // After plant(), of cells in the order of the tree, and a few behind the last:
   std::array<std::vector<float>, std::size_t{D}> means_;  // Of their points, relative to base_ [m].
   std::vector<float> margins_;                            // By how much a beam must pass them [m].
-  std::vector<float> widths_;                             // Of what they are on, at least [m].
-  std::vector<std::uint32_t> hits_;                       // Scans that found a surface there.
-  std::vector<std::uint32_t> through_;                    // Scans that saw through them,
-  std::vector<std::uint32_t> streaks_;                    // and of these the last in a row.
+  std::array<std::vector<float>, kSides> sizes_;          // Of what they are on, see width_of() [m].
+  std::vector<Tally> tallies_;
   std::vector<Balls> balls_;  // Level 0 holds cells, each other one balls of the level below.
   std::size_t task_level_ = 0;
+  std::uint32_t scans_ = 0;   // That were added,
+  std::uint32_t looked_ = 0;  // and that were asked.
+  BeamImage<D> image_;
   RangePyramid<D> pyramid_;
   Point origin_ = Point::Zero();
   float in_view_ = 0.0F;  // The radius that beams around a cell must surround [m].
@@ -257,14 +318,16 @@ void MovedEvidence<D>::add_from(const ScanView<D>& scan, Eigen::Index first, Eig
                                 double max_range) {
   Pace pace;
   typename CellNumbers<D>::Cursor cursor;
-  bool is_seen = false;
+  see(scan, first, last, max_range);
+  ++scans_;
+  std::size_t seen = 0;
   for (Eigen::Index i = first; i < last; ++i) {
     pace.spend(2);
-    if (!scan.is_returned(i)) continue;
     const Vector<D> end = scan.endpoint(i);
-    const Vector<D> way = end - scan.origin(i);
-    const double range = way.norm();
-    if (!(range > 0.0) || !(range <= max_range) || !std::isfinite(range)) continue;
+    const double range = (end - scan.origin(i)).norm();
+    if (!(range > 0.0) || !std::isfinite(range)) continue;
+    const std::size_t beam = seen++;
+    if (!scan.is_returned(i) || !(range <= max_range)) continue;
     if (!numbers_) {
       base_ = end;
       numbers_.emplace(options_.cell_size, base_);
@@ -273,8 +336,6 @@ void MovedEvidence<D>::add_from(const ScanView<D>& scan, Eigen::Index first, Eig
     if (number == CellNumbers<D>::kNone)
       throw std::invalid_argument("beam " + std::to_string(i) + ": ends more than a million cells of " +
                                   describe_number(options_.cell_size) + " m from the log's first end point");
-    if (!is_seen) see(scan, first, last, max_range);
-    is_seen = true;
     if (number == cells_.size()) cells_.emplace_back();
     Cell& cell = cells_[number];
     ++cell.points;
@@ -284,11 +345,11 @@ void MovedEvidence<D>::add_from(const ScanView<D>& scan, Eigen::Index first, Eig
     const auto sigma =
         static_cast<float>(scan.range_sigma != nullptr ? scan.range_sigma[i] : sigma_at(range));
     cell.sigma = unfused((sigma - cell.sigma) * part) + cell.sigma;
-    const float noise = static_cast<float>(options_.noise_sigmas) * sigma;
-    const float width = pyramid_.width_of_surface((way / range).template cast<float>(),
-                                                  sure_range(scan, i, range, max_range), noise);
-    std::uint16_t& count = cell.widths[width_class(width)];
-    if (count < std::numeric_limits<std::uint16_t>::max()) ++count;
+    if (cell.scan == scans_ || cell.measured == kMostMeasured) continue;
+    cell.scan = scans_;
+    ++cell.measured;
+    count_size(cell, image_.size_of_surface(beam, static_cast<float>(options_.noise_sigmas) * sigma,
+                                            kMostWidth * static_cast<float>(options_.cell_size)));
   }
 }
 
@@ -346,14 +407,12 @@ void MovedEvidence<D>::plant(std::size_t threads) {
     for (std::size_t i = 0; i < n; ++i) means_[k][i] = cells_[i].mean[static_cast<int>(k)];
   }
   margins_.assign(padded, 0.0F);
-  widths_.assign(padded, 0.0F);
+  for (std::vector<float>& size : sizes_) size.assign(padded, 0.0F);
   for (std::size_t i = 0; i < n; ++i) {
     margins_[i] = margin_of(cells_[i]);
-    widths_[i] = width_of(cells_[i]);
+    for (std::size_t k = 0; k < kSides; ++k) sizes_[k][i] = width_of(cells_[i], k);
   }
-  hits_.assign(padded, 0);
-  through_.assign(padded, 0);
-  streaks_.assign(padded, 0);
+  tallies_.assign(n, {});
   cells_ = {};
   workers_ = std::make_unique<Workers>(threads);
   constexpr std::size_t kTasksPerThread = 8;
@@ -381,6 +440,10 @@ void MovedEvidence<D>::look(const ScanView<D>& scan, double max_range, std::size
   for_each_origin(scan, [&](Eigen::Index first, Eigen::Index last) {
     if (!scan.origin(first).allFinite()) return;
     see(scan, first, last, max_range);
+    ++looked_;
+    find_own(scan, first, last, max_range);
+    origin_ = relative(scan.origin(first));
+    pyramid_.build(origin_, image_);
     look_from();
   });
 }
@@ -396,15 +459,30 @@ float MovedEvidence<D>::sure_range(const ScanView<D>& scan, Eigen::Index i, doub
 
 template <int D>
 void MovedEvidence<D>::see(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last, double max_range) {
-  origin_ = relative(scan.origin(first));
-  pyramid_.reset(origin_);
+  image_.reset();
   for (Eigen::Index i = first; i < last; ++i) {
     const Vector<D> way = scan.endpoint(i) - scan.origin(i);
     const double range = way.norm();
     if (!(range > 0.0) || !std::isfinite(range)) continue;
-    pyramid_.add((way / range).template cast<float>(), sure_range(scan, i, range, max_range));
+    image_.add((way / range).template cast<float>(), sure_range(scan, i, range, max_range));
   }
-  pyramid_.build();
+  image_.build();
+}
+
+template <int D>
+void MovedEvidence<D>::find_own(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last,
+                                double max_range) {
+  typename CellNumbers<D>::Cursor cursor;
+  for (Eigen::Index i = first; i < last; ++i) {
+    if (!scan.is_returned(i)) continue;
+    const Vector<D> end = scan.endpoint(i);
+    const double range = (end - scan.origin(i)).norm();
+    if (!(range > 0.0) || !(range <= max_range) || !std::isfinite(range)) continue;
+    const std::uint32_t number = numbers_->find(end, cursor);
+    if (number == CellNumbers<D>::kNone || tallies_[number].own_scan == looked_) continue;
+    tallies_[number].own_scan = looked_;
+    tallies_[number].find();
+  }
 }
 
 template <int D>
@@ -461,12 +539,7 @@ void MovedEvidence<D>::visit(std::size_t level, std::size_t number) {
     const float distance = std::sqrt(sum);
     const float margin = margins_[i];
     const float passed = pyramid_.surely_passed(mean, distance, in_view_, std::max(distance - margin, 0.0F));
-    if (passed > distance + margin) {
-      see_through(i);
-    } else if (passed >= 0.0F) {
-      ++hits_[i];
-      streaks_[i] = 0;
-    }
+    if (passed >= 0.0F) count(i, passed > distance + margin, distance);
   }
 }
 
@@ -499,13 +572,12 @@ NDTREE_BY_EIGHTS void MovedEvidence<D>::ask_by_eights(std::size_t i, std::size_t
   const EightFloats margin = EightFloats::load(margins_.data() + i);
   const EightFloats passed = pyramid_.surely_passed(mean, distance, in_view_, max_of(distance - margin, 0.0F),
                                                     EightMask::first(end - i));
-  const EightMask is_beyond = passed > distance + margin;
-  const EightMask found = (passed >= 0.0F) & EightMask::all().without(is_beyond);
-  (EightInts::load(hits_.data() + i) - EightInts::minus_one_where(found)).store(hits_.data() + i);
-  select(found, 0, EightInts::load(streaks_.data() + i)).store(streaks_.data() + i);
-  unsigned beyond = is_beyond.set();
-  for (std::size_t k = i; beyond != 0; beyond >>= 1U, ++k)
-    if ((beyond & 1U) != 0) see_through(k);
+  const unsigned beyond = (passed > distance + margin).set();
+  unsigned answers = (passed >= 0.0F).set();
+  std::array<float, 8> distances{};
+  distance.store(distances.data());
+  for (std::size_t k = 0; answers != 0; answers >>= 1U, ++k)
+    if ((answers & 1U) != 0) count(i + k, (beyond >> k & 1U) != 0, distances[k]);
 }
 #endif
 

@@ -93,7 +93,7 @@ class SampledSurfaces {
   [[nodiscard]] Surface first_on(std::size_t number, const Vector<D>& origin,
                                  const Vector<D>& direction) const {
     constexpr double kInfinity = std::numeric_limits<double>::infinity();
-    const std::optional<double> at = cast_ray(map_, origin, direction, kInfinity);
+    const std::optional<double> at = cast_ray(map_, origin, direction, kInfinity, RayAim::cell);
     if (!at) return {kInfinity, false};
     const auto found = hits_.find(key(origin + (*at + kInside * kSurfaceCell<D>)*direction));
     return {*at, found != hits_.end() && found->second.first <= number && found->second.last > number};

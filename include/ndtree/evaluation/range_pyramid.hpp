@@ -16,6 +16,7 @@
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/core/unfused.hpp"
+#include "ndtree/evaluation/beam_image.hpp"
 
 namespace ndtree {
 
@@ -29,46 +30,20 @@ namespace ndtree {
 ///
 /// A point is in view of a level if beams surround it there: of the 3^(D-1) pixels around its direction, each
 /// side has one with a beam, and most have. Then the least of their distances says how far the space around
-/// the point was surely passed. Around an edge of the cube, pixels of two faces do not line up, and a beam
-/// may be overlooked. Coordinates are relative to any base near the scan [m].
+/// the point was surely passed. Around an edge of the cube, where pixels of two faces do not line up, all
+/// that a pixel meets count. Coordinates are relative to any base near the scan [m].
 template <int D>
 class RangePyramid {
  public:
   using Point = Eigen::Matrix<float, D, 1>;
 
-  /// Starts anew, with another origin.
-  void reset(const Point& origin) {
-    origin_ = origin;
-    beams_.clear();
-    farthest_ = 0.0F;
-  }
-
-  /// A beam in a direction of any length but zero, which surely passed up to a distance >= 0 [m].
-  void add(const Point& direction, float sure) {
-    Beam beam;
-    beam.face = face_of(direction, beam.place);
-    beam.sure = sure;
-    beams_.push_back(beam);
-    farthest_ = std::max(farthest_, sure);
-  }
-
-  /// Ends a scan: answers are about the beams since reset(). O(beams + pixels of the faces with beams).
-  void build();
+  /// Of the beams of an origin. O(beams + pixels of the faces with beams).
+  void build(const Point& origin, const BeamImage<D>& beams);
 
   /// Up to where beams around a point surely passed [m], negative if the point is not surrounded by beams, or
   /// if that is less than `least`.
   /// @param distance of the point from the origin [m]. @param radius of what must be in view around it [m].
   [[nodiscard]] float surely_passed(const Point& point, float distance, float radius, float least) const;
-
-  /// How far apart beams are around a point [m]: the width of the finest pixels in which they surround it;
-  /// infinite if they do not.
-  [[nodiscard]] float spacing(const Point& point) const;
-
-  /// The width of the surface at the end of a beam, at least [m], as this scan sees it: along each side of
-  /// the face, beams beside each other end on it. 0 if its neighbours on one of the sides do not, for rods
-  /// and for surfaces so oblique that beams cannot tell. O(levels).
-  /// @param sure as of add(). @param tolerance of ranges of one surface [m], besides its slope.
-  [[nodiscard]] float width_of_surface(const Point& direction, float sure, float tolerance) const;
 
 #ifdef NDTREE_HAS_EIGHTS
   /// surely_passed() of eight points, with the same bits.
@@ -88,58 +63,23 @@ class RangePyramid {
   [[nodiscard]] bool hides(const Point& center, float radius, float distance) const;
 
  private:
-  static constexpr std::size_t kFaces = 2 * D;
+  using Faces = CubeFaces<D>;
+  static constexpr std::size_t kFaces = Faces::kFaces;
   static constexpr std::size_t kAround = D == 3 ? 9 : 3;  // Pixels that surround a direction, with its own.
   static constexpr int kCoarsest = 4;                     // Pixels along a side of a face.
-  static constexpr int kFinest = D == 3 ? 512 : 4096;
   static constexpr int kWidestGap = 16;  // As kCoarsest, of the coarsest level that bridges gaps.
   static constexpr int kLeastInView = D == 3 ? 5 : 2;  // Of the pixels that surround a direction.
-  static constexpr std::size_t kNoPixel = std::numeric_limits<std::size_t>::max();
   static constexpr float kHole = std::numeric_limits<float>::infinity();
 
-  static constexpr std::size_t kSides = D - 1;  // Of a face.
-  using Place = std::array<float, kSides>;      // On a face, [0, 1] along each side.
-  using Pixel = std::array<int, kSides>;
+  static constexpr std::size_t kSides = Faces::kSides;
+  using Place = typename Faces::Place;
+  using Pixel = typename Faces::Pixel;
 
-  struct Beam {
-    int face = 0;
-    Place place{};
-    float sure = 0.0F;
-  };
   struct Level {
     int side = 0;           // Pixels along a side of a face.
     std::size_t first = 0;  // Of its pixels among those of all levels.
   };
 
-  [[nodiscard]] static int face_of(const Point& direction, Place& place) {
-    int axis = 0;
-    float depth = std::abs(direction[0]);
-    for (int k = 1; k < D; ++k)
-      if (std::abs(direction[k]) > depth) {
-        depth = std::abs(direction[k]);
-        axis = k;
-      }
-    const float scale = 0.5F / depth;
-    std::size_t i = 0;
-    for (int k = 0; k < D; ++k)
-      if (k != axis) place[i++] = unfused(direction[k] * scale) + 0.5F;
-    return 2 * axis + (direction[axis] < 0.0F ? 1 : 0);
-  }
-  [[nodiscard]] static int pixel_on_side(float place, int side) {
-    return std::clamp(static_cast<int>(place * static_cast<float>(side)), 0, side - 1);
-  }
-  [[nodiscard]] static std::size_t per_face(int side) {
-    std::size_t all = 1;
-    for (int k = 1; k < D; ++k) all *= static_cast<std::size_t>(side);
-    return all;
-  }
-  [[nodiscard]] static std::size_t pixel(int face, const Pixel& at, int side) {
-    auto index = static_cast<std::size_t>(face);
-    for (std::size_t k = 0; k < kSides; ++k)
-      index = index * static_cast<std::size_t>(side) + static_cast<std::size_t>(at[k]);
-    return index;
-  }
-  [[nodiscard]] int finest_side() const;
   void coarsen(const Level& fine, const Level& coarse);
   void look_around(const Level& level);
 #ifdef NDTREE_HAS_EIGHTS
@@ -157,12 +97,11 @@ class RangePyramid {
   bool by_eights_ = Simd::width() >= 8;
 #endif
   [[nodiscard]] float around(const Level& level, int face, const Pixel& at) const;
-  /// A pixel of a face or, if it is beside it, of the other face there; kNoPixel without beams on that.
-  [[nodiscard]] std::size_t pixel_at(const Level& level, int face, const Pixel& at) const;
-  [[nodiscard]] float least_at(const Level& level, int face, const Pixel& at) const;
+  /// The least of the pixels of other faces that one beside a face meets, and whether the one that its centre
+  /// leads to has a beam.
+  [[nodiscard]] float least_beside(const Level& level, int face, const Pixel& at, bool& has_beam) const;
 
   Point origin_ = Point::Zero();
-  std::vector<Beam> beams_;
   float farthest_ = 0.0F;
   std::array<bool, kFaces> has_beams_{};
   std::vector<Level> levels_;  // From the finest on.
@@ -174,52 +113,33 @@ class RangePyramid {
 };
 
 template <int D>
-int RangePyramid<D>::finest_side() const {
-  // As wide as beams are apart: from the number of beams for each pixel of a coarse image that has any.
-  constexpr int kSide = 64;
-  std::vector<std::uint8_t> has_beam(kFaces * per_face(kSide), 0);
-  std::size_t filled = 0;
-  for (const Beam& beam : beams_) {
-    Pixel at;
-    for (std::size_t k = 0; k < kSides; ++k) at[k] = pixel_on_side(beam.place[k], kSide);
-    std::uint8_t& here = has_beam[pixel(beam.face, at, kSide)];
-    filled += here == 0 ? 1 : 0;
-    here = 1;
-  }
-  if (filled == 0) return kCoarsest;
-  const double beams_per_pixel = static_cast<double>(beams_.size()) / static_cast<double>(filled);
-  const double wanted = kSide * (D == 3 ? std::sqrt(beams_per_pixel) : beams_per_pixel);
-  int side = 32;
-  while (side < kFinest && 1.4 * side < wanted) side *= 2;
-  return side;
-}
-
-template <int D>
-void RangePyramid<D>::build() {
-  has_beams_.fill(false);
-  for (const Beam& beam : beams_) has_beams_[static_cast<std::size_t>(beam.face)] = true;
+void RangePyramid<D>::build(const Point& origin, const BeamImage<D>& beams) {
+  origin_ = origin;
+  for (std::size_t f = 0; f < kFaces; ++f) has_beams_[f] = beams.has_beams(f);
   levels_.clear();
   std::size_t pixels = 0;
-  for (int side = finest_side(); side >= kCoarsest; side /= 2) {
+  for (int side = beams.side(); side >= kCoarsest; side /= 2) {
     levels_.push_back({side, pixels});
-    pixels += kFaces * per_face(side);
+    pixels += kFaces * Faces::per_face(side);
   }
   least_.resize(pixels);
   most_.resize(pixels);
   around_.resize(pixels);
   const int side = levels_.front().side;
-  const std::size_t face = per_face(side);
+  const std::size_t face = Faces::per_face(side);
   for (std::size_t f = 0; f < kFaces; ++f) {
     if (!has_beams_[f]) continue;
     std::fill_n(least_.begin() + static_cast<std::ptrdiff_t>(f * face), face, kHole);
     std::fill_n(most_.begin() + static_cast<std::ptrdiff_t>(f * face), face, 0.0F);
   }
-  for (const Beam& beam : beams_) {
+  farthest_ = 0.0F;
+  for (const auto& beam : beams.beams()) {
     Pixel at;
-    for (std::size_t k = 0; k < kSides; ++k) at[k] = pixel_on_side(beam.place[k], side);
-    const std::size_t i = pixel(beam.face, at, side);
+    for (std::size_t k = 0; k < kSides; ++k) at[k] = Faces::pixel_on_side(beam.place[k], side);
+    const std::size_t i = Faces::pixel(beam.face, at, side);
     least_[i] = std::min(least_[i], beam.sure);
     most_[i] = std::max(most_[i], beam.sure);
+    farthest_ = std::max(farthest_, beam.sure);
   }
   for (std::size_t i = 1; i < levels_.size(); ++i) coarsen(levels_[i - 1], levels_[i]);
   for (const Level& one : levels_) look_around(one);
@@ -233,7 +153,7 @@ void RangePyramid<D>::coarsen(const Level& fine, const Level& coarse) {
   for (std::size_t number = 0; number < kFaces; ++number) {
     if (!has_beams_[number]) continue;
     const int face = static_cast<int>(number);
-    const std::size_t count = per_face(coarse.side);
+    const std::size_t count = Faces::per_face(coarse.side);
     for (std::size_t i = 0; i < count; ++i) {
       std::size_t rest = i;
       for (std::size_t k = kSides; k-- > 0;) {
@@ -246,7 +166,7 @@ void RangePyramid<D>::coarsen(const Level& fine, const Level& coarse) {
       for (int part = 0; part < kParts; ++part) {
         Pixel inner;
         for (std::size_t k = 0; k < kSides; ++k) inner[k] = 2 * at[k] + ((part >> k) & 1);
-        const std::size_t j = fine.first + pixel(face, inner, fine.side);
+        const std::size_t j = fine.first + Faces::pixel(face, inner, fine.side);
         has_hole = has_hole || least_[j] == kHole;
         least = std::min(least, least_[j]);
         most = std::max(most, most_[j]);
@@ -259,32 +179,56 @@ void RangePyramid<D>::coarsen(const Level& fine, const Level& coarse) {
 }
 
 template <int D>
-std::size_t RangePyramid<D>::pixel_at(const Level& level, int face, const Pixel& at) const {
-  bool inside = true;
-  for (std::size_t k = 0; k < kSides; ++k) inside = inside && at[k] >= 0 && at[k] < level.side;
-  if (inside) return level.first + pixel(face, at, level.side);
-  // The neighbour is on another face: where the direction of its centre leads.
-  Point direction;
-  const int axis = face / 2;
-  std::size_t i = 0;
-  for (int k = 0; k < D; ++k) {
-    if (k == axis)
-      direction[k] = face % 2 == 1 ? -1.0F : 1.0F;
-    else
-      direction[k] = 2.0F * ((static_cast<float>(at[i++]) + 0.5F) / static_cast<float>(level.side)) - 1.0F;
+float RangePyramid<D>::least_beside(const Level& level, int face, const Pixel& at, bool& has_beam) const {
+  // The pixel is beside the face, on its plane: its centre and its corners lead to pixels of other faces.
+  const auto leads_to = [&](const std::array<float, kSides>& within, Pixel& there) {
+    Point direction;
+    const int axis = face / 2;
+    std::size_t i = 0;
+    for (int k = 0; k < D; ++k) {
+      if (k == axis) {
+        direction[k] = face % 2 == 1 ? -1.0F : 1.0F;
+      } else {
+        direction[k] =
+            2.0F * ((static_cast<float>(at[i]) + within[i]) / static_cast<float>(level.side)) - 1.0F;
+        ++i;
+      }
+    }
+    Place place;
+    const int other = Faces::face_of(direction, place);
+    for (std::size_t k = 0; k < kSides; ++k) there[k] = Faces::pixel_on_side(place[k], level.side);
+    return other;
+  };
+  std::array<float, kSides> within;
+  within.fill(0.5F);
+  Pixel first{};
+  const int other = leads_to(within, first);
+  Pixel last = first;
+  float least = kHole;
+  has_beam = has_beams_[static_cast<std::size_t>(other)] &&
+             least_[level.first + Faces::pixel(other, first, level.side)] != kHole;
+  for (unsigned corner = 0; corner < (1U << kSides); ++corner) {
+    for (std::size_t k = 0; k < kSides; ++k) within[k] = (corner >> k & 1U) != 0 ? 1.0F : 0.0F;
+    Pixel there{};
+    const int at_corner = leads_to(within, there);
+    if (at_corner == other) {
+      for (std::size_t k = 0; k < kSides; ++k) {
+        first[k] = std::min(first[k], there[k]);
+        last[k] = std::max(last[k], there[k]);
+      }
+    } else if (has_beams_[static_cast<std::size_t>(at_corner)]) {
+      least = std::min(least, least_[level.first + Faces::pixel(at_corner, there, level.side)]);
+    }
   }
-  Place place;
-  const int other = face_of(direction, place);
-  if (!has_beams_[static_cast<std::size_t>(other)]) return kNoPixel;
-  Pixel there;
-  for (std::size_t k = 0; k < kSides; ++k) there[k] = pixel_on_side(place[k], level.side);
-  return level.first + pixel(other, there, level.side);
-}
-
-template <int D>
-float RangePyramid<D>::least_at(const Level& level, int face, const Pixel& at) const {
-  const std::size_t found = pixel_at(level, face, at);
-  return found == kNoPixel ? kHole : least_[found];
+  if (!has_beams_[static_cast<std::size_t>(other)]) return least;
+  Pixel there{};
+  for (there[0] = first[0]; there[0] <= last[0]; ++there[0])
+    for (there[kSides - 1] = D == 3 ? first[kSides - 1] : there[0];
+         there[kSides - 1] <= (D == 3 ? last[kSides - 1] : there[0]); ++there[kSides - 1]) {
+      least = std::min(least, least_[level.first + Faces::pixel(other, there, level.side)]);
+      if (D == 2) break;
+    }
+  return least;
 }
 
 template <int D>
@@ -294,21 +238,29 @@ float RangePyramid<D>::around(const Level& level, int face, const Pixel& at) con
   int count = 0;
   bool is_inside = true;
   for (std::size_t k = 0; k < kSides; ++k) is_inside = is_inside && at[k] > 0 && at[k] + 1 < level.side;
-  const float* const middle = least_.data() + level.first + pixel(face, at, level.side);
+  const float* const middle = least_.data() + level.first + Faces::pixel(face, at, level.side);
   for (std::size_t i = 0; i < kAround; ++i) {
     const int row = D == 3 ? static_cast<int>(i / 3) - 1 : 0;
     const int column = static_cast<int>(D == 3 ? i % 3 : i) - 1;
     float here = kHole;
-    if (is_inside) {
+    bool has_beam = false;
+    Pixel there = at;
+    there[0] += row;
+    there[kSides - 1] += column;
+    bool is_on_face = is_inside;
+    if (!is_inside) {
+      is_on_face = true;
+      for (std::size_t k = 0; k < kSides; ++k)
+        is_on_face = is_on_face && there[k] >= 0 && there[k] < level.side;
+    }
+    if (is_on_face) {
       here = middle[row * level.side + column];
+      has_beam = here != kHole;
     } else {
-      Pixel there = at;
-      there[0] += row;
-      there[kSides - 1] += column;
-      here = least_at(level, face, there);
+      here = least_beside(level, face, there, has_beam);
     }
     least = std::min(least, here);
-    if (here == kHole) continue;
+    if (!has_beam) continue;
     filled |= 1U << i;
     ++count;
   }
@@ -324,7 +276,7 @@ float RangePyramid<D>::around(const Level& level, int face, const Pixel& at) con
 template <int D>
 void RangePyramid<D>::look_around(const Level& level) {
   const int side = level.side;
-  const std::size_t rows = per_face(side) / static_cast<std::size_t>(side);
+  const std::size_t rows = Faces::per_face(side) / static_cast<std::size_t>(side);
   for (std::size_t number = 0; number < kFaces; ++number) {
     if (!has_beams_[number]) continue;
     const int face = static_cast<int>(number);
@@ -332,14 +284,14 @@ void RangePyramid<D>::look_around(const Level& level) {
       Pixel at{};
       if constexpr (D == 3) at[0] = static_cast<int>(row);
       int& column = at[kSides - 1];
-      float* const out = around_.data() + level.first + pixel(face, at, side);
+      float* const out = around_.data() + level.first + Faces::pixel(face, at, side);
 #ifdef NDTREE_HAS_EIGHTS
       const bool is_inner = D == 2 || (row > 0 && row + 1 < rows);
       if (by_eights_ && is_inner && side >= 16) {
         out[0] = around(level, face, at);
         column = 1;
         for (; column + 8 < side; column += 8)
-          look_around_eight(least_.data() + level.first + pixel(face, at, side), side, out + column);
+          look_around_eight(least_.data() + level.first + Faces::pixel(face, at, side), side, out + column);
       }
 #endif
       for (; column < side; ++column) out[column] = around(level, face, at);
@@ -378,15 +330,15 @@ float RangePyramid<D>::surely_passed(const Point& point, float distance, float r
   if (!(distance > radius)) return -1.0F;
   Place place;
   const Point way = point - origin_;
-  const int face = face_of(way, place);
+  const int face = Faces::face_of(way, place);
   if (!has_beams_[static_cast<std::size_t>(face)]) return -1.0F;
   // Along a side: then a pixel is as wide as the radius, at the point's depth.
   const float most_pixels = 2.0F * std::abs(way[face / 2]) / radius;
   for (const Level& level : levels_) {
     if (static_cast<float>(level.side) > most_pixels) continue;
     Pixel at;
-    for (std::size_t k = 0; k < kSides; ++k) at[k] = pixel_on_side(place[k], level.side);
-    const float found = around_[level.first + pixel(face, at, level.side)];
+    for (std::size_t k = 0; k < kSides; ++k) at[k] = Faces::pixel_on_side(place[k], level.side);
+    const float found = around_[level.first + Faces::pixel(face, at, level.side)];
     if (std::abs(found) < least) return -1.0F;  // Coarser levels see no farther.
     if (!std::signbit(found)) return found;
     if (level.side <= kWidestGap) return -1.0F;
@@ -394,89 +346,11 @@ float RangePyramid<D>::surely_passed(const Point& point, float distance, float r
   return -1.0F;
 }
 
-template <int D>
-float RangePyramid<D>::spacing(const Point& point) const {
-  Place place;
-  const Point way = point - origin_;
-  const int face = face_of(way, place);
-  if (!has_beams_[static_cast<std::size_t>(face)]) return kHole;
-  for (const Level& level : levels_) {
-    Pixel at;
-    for (std::size_t k = 0; k < kSides; ++k) at[k] = pixel_on_side(place[k], level.side);
-    if (!std::signbit(around_[level.first + pixel(face, at, level.side)]))
-      return 2.0F * std::abs(way[face / 2]) / static_cast<float>(level.side);
-  }
-  return kHole;
-}
-
-template <int D>
-float RangePyramid<D>::width_of_surface(const Point& direction, float sure, float tolerance) const {
-  constexpr float kSlope = 2.0F;  // Of range by width, of surfaces that count: 63 degrees off their normals.
-  Place place;
-  const int face = face_of(direction, place);
-  const float depth = sure * std::abs(direction[face / 2]) / direction.norm();
-  float found = 0.0F;
-  bool is_finest = true;
-  int undecided = 2;  // Levels on which pixels without beams may cut a row.
-  for (const Level& level : levels_) {
-    Pixel at;
-    for (std::size_t k = 0; k < kSides; ++k) at[k] = pixel_on_side(place[k], level.side);
-    const float width = 2.0F * depth / static_cast<float>(level.side);
-    bool has_gap = false;
-    const auto is_on_it = [&](const Pixel& step) {
-      Pixel there = at;
-      int steps = 0;
-      for (std::size_t k = 0; k < kSides; ++k) {
-        there[k] += step[k];
-        steps = std::max(steps, std::abs(step[k]));
-      }
-      const std::size_t index = pixel_at(level, face, there);
-      if (index == kNoPixel || least_[index] == kHole) {
-        has_gap = true;
-        return false;
-      }
-      const float most = tolerance + kSlope * width * static_cast<float>(steps);
-      return std::abs(least_[index] - sure) <= most || std::abs(most_[index] - sure) <= most;
-    };
-    // Pixels in a row are as wide as all but the two at its ends; of the finest, whose beams are as far
-    // apart, as all but one.
-    constexpr int kFarthest = 2;
-    int shortest = std::numeric_limits<int>::max();
-    std::array<std::array<bool, 2>, kSides> is_beside{};
-    for (std::size_t k = 0; k < kSides; ++k) {
-      int row = is_finest ? 0 : -1;
-      for (const int side : {-1, 1})
-        for (int i = 1; i <= kFarthest; ++i, ++row) {
-          Pixel step{};
-          step[k] = side * i;
-          if (!is_on_it(step)) break;
-          is_beside[k][side > 0 ? 1 : 0] = true;
-        }
-      shortest = std::min(shortest, row);
-    }
-    if constexpr (D == 3) {
-      // A ring of beams that crosses a row aslant meets at most three of four pixels.
-      bool is_area = false;
-      for (const int i : {0, 1})
-        for (const int j : {0, 1})
-          is_area = is_area || (is_beside[0][i] && is_beside[1][j] && is_on_it({2 * i - 1, 2 * j - 1}));
-      if (!is_area) shortest = 0;
-    }
-    if (shortest > 0) {
-      is_finest = false;
-      found = std::max(found, static_cast<float>(shortest) * width);
-    } else if (!is_finest || !has_gap || --undecided == 0) {
-      break;
-    }
-  }
-  return found;
-}
-
 #ifdef NDTREE_HAS_EIGHTS
 template <int D>
 NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE typename RangePyramid<D>::EightDirections
 RangePyramid<D>::directions_of(const std::array<EightFloats, std::size_t{D}>& points) const {
-  // As face_of().
+  // As Faces::face_of().
   std::array<EightFloats, std::size_t{D}> way;
   for (std::size_t k = 0; k < D; ++k) way[k] = points[k] - origin_[static_cast<int>(k)];
   EightDirections to;
@@ -582,7 +456,7 @@ bool RangePyramid<D>::hides(const Point& center, float radius, float distance) c
   if (distance > farthest_) return true;
   const Point way = center - origin_;
   Place place;
-  const int face = face_of(way, place);
+  const int face = Faces::face_of(way, place);
   const float depth = std::abs(way[face / 2]);
   if (!(depth > 2.0F * radius)) return false;
   // On the face, of half its side: generous, as the ball is nearer there than its centre is.
@@ -605,7 +479,7 @@ bool RangePyramid<D>::hides(const Point& center, float radius, float distance) c
   if (!has_beams_[static_cast<std::size_t>(face)]) return true;
   Pixel at = first;
   for (;;) {
-    if (most_[level.first + pixel(face, at, level.side)] > distance) return false;
+    if (most_[level.first + Faces::pixel(face, at, level.side)] > distance) return false;
     std::size_t k = 0;
     while (k < kSides && at[k] == last[k]) {
       at[k] = first[k];

@@ -72,8 +72,8 @@ struct EvidenceRefinement {
   }
 
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
-  /// Keeps a smallest cell occupied that would split if it could: something thin is in it, however many beams
-  /// pass beside it. @pre partial_log_odds. @returns whether the cell changed.
+  /// Keeps the probability of a smallest cell that would split if it could: something thin is in it, however
+  /// many beams pass beside it. @pre partial_log_odds. @returns whether the cell changed.
   bool keep_partial(EvidenceCell& cell) const {
     constexpr std::uint32_t kLeastHits = 2;  // One may be an outlier.
     return cell.hits() >= kLeastHits && is_partial(cell.hits(), cell.misses()) &&

@@ -7,44 +7,103 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
+#include "ndtree/alignment/match_options.hpp"
 #include "ndtree/alignment/matcher.hpp"
 #include "ndtree/alignment/rigid_motion.hpp"
+#include "ndtree/alignment/surface_elements.hpp"
 #include "ndtree/core/body.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/query/cells.hpp"
+#include "ndtree/query/point.hpp"
 
 namespace ndtree {
 
-/// Points that fill boxes with a spacing of at most a cell: the centres of equal parts.
+/// The surfaces of occupied boxes: the centres of their outermost cells beside which there is free space. It
+/// is from there that beams came; cells behind were never reached, or by noise.
+///
+/// Boxes are added, then those that do not overlap them are asked about: `beside()` are the neighbours'
+/// centres, 2 D for each candidate. A lattice of cells has no better estimate of where the surface is than
+/// its cells' centres: see "Poses" in docs/derivation.md.
 template <int D>
-class PointsOfBoxes {
+class SurfaceOfBoxes {
  public:
-  explicit PointsOfBoxes(double cell_size) : cell_size_(cell_size) {}
+  explicit SurfaceOfBoxes(double cell_size) : cell_size_(cell_size) {}
 
+  /// O(cells on the box's sides).
   void add(const Box<D>& box) {
-    std::array<std::size_t, std::size_t{D}> count;
-    std::size_t total = 1;
+    std::array<std::int64_t, std::size_t{D}> count;
+    std::array<std::int64_t, std::size_t{D}> at{};
     for (int a = 0; a < D; ++a) {
       const double parts = std::ceil((box.upper[a] - box.lower[a]) / cell_size_ - kOnBorder);
-      total *= count[static_cast<std::size_t>(a)] = static_cast<std::size_t>(std::max(1.0, parts));
+      count[static_cast<std::size_t>(a)] = static_cast<std::int64_t>(std::max(1.0, parts));
     }
-    for (std::size_t i = 0; i < total; ++i) {
-      std::size_t rest = i;
-      for (int a = 0; a < D; ++a) {
-        const std::size_t parts = count[static_cast<std::size_t>(a)];
-        const double place = (static_cast<double>(rest % parts) + 0.5) / static_cast<double>(parts);
-        numbers_.push_back(box.lower[a] + place * (box.upper[a] - box.lower[a]));
-        rest /= parts;
+    const auto is_outermost = [&](std::size_t a) { return at[a] == 0 || at[a] == count[a] - 1; };
+    for (bool is_left = true; is_left;) {
+      bool is_inside = true;
+      for (std::size_t a = 0; a < std::size_t{D}; ++a) is_inside = is_inside && !is_outermost(a);
+      if (!is_inside)
+        for (int a = 0; a < D; ++a) {
+          const auto axis = static_cast<std::size_t>(a);
+          const double place = (static_cast<double>(at[axis]) + 0.5) / static_cast<double>(count[axis]);
+          numbers_.push_back(box.lower[a] + place * (box.upper[a] - box.lower[a]));
+        }
+      // The next, the last axis first; over the inside in one step.
+      is_left = false;
+      for (std::size_t a = std::size_t{D}; a-- > 0;) {
+        bool is_row_inside = a == std::size_t{D} - 1 && at[a] == 0;
+        for (std::size_t b = 0; b < a; ++b) is_row_inside = is_row_inside && !is_outermost(b);
+        at[a] = is_row_inside ? std::max<std::int64_t>(count[a] - 1, 1) : at[a] + 1;
+        if (at[a] < count[a]) {
+          is_left = true;
+          break;
+        }
+        at[a] = 0;
       }
     }
   }
-  [[nodiscard]] Points<D> points() const {
-    return Eigen::Map<const Points<D>>(numbers_.data(), D, static_cast<Eigen::Index>(numbers_.size()) / D);
+  /// (D, 2 D n): below and above on each axis.
+  [[nodiscard]] Points<D> beside() const {
+    const Points<D> all = candidates();
+    Points<D> beside(D, 2 * D * all.cols());
+    for (Eigen::Index i = 0; i < beside.cols(); ++i) {
+      beside.col(i) = all.col(i / (2 * D));
+      beside(i / 2 % D, i) += i % 2 == 0 ? -cell_size_ : cell_size_;
+    }
+    return beside;
+  }
+  /// @param states of beside(). Where there is no free space at all, every candidate is a surface of any
+  /// side.
+  [[nodiscard]] SurfacePoints<D> surface(const std::vector<std::int8_t>& states) const {
+    SurfacePoints<D> surface{candidates(), {}, cell_size_};
+    surface.sides = Points<D>::Zero(D, surface.points.cols());
+    Eigen::Index count = 0;
+    for (Eigen::Index i = 0; i < surface.points.cols(); ++i) {
+      Vector<D> side = Vector<D>::Zero();
+      bool is_surface = false;
+      for (int k = 0; k < 2 * D; ++k) {
+        if (states[static_cast<std::size_t>(2 * D * i + k)] != static_cast<std::int8_t>(CellState::free))
+          continue;
+        is_surface = true;
+        side[k / 2] += k % 2 == 0 ? -1.0 : 1.0;
+      }
+      if (!is_surface) continue;
+      surface.points.col(count) = surface.points.col(i);
+      surface.sides.col(count++) = side;
+    }
+    if (count == 0) return surface;
+    surface.points.conservativeResize(D, count);
+    surface.sides.conservativeResize(D, count);
+    return surface;
   }
 
  private:
+  [[nodiscard]] Points<D> candidates() const {
+    return Eigen::Map<const Points<D>>(numbers_.data(), D, static_cast<Eigen::Index>(numbers_.size()) / D);
+  }
+
   double cell_size_;
   std::vector<double> numbers_;
 };
@@ -59,8 +118,8 @@ template <int D>
   return {guess.translation - reach, guess.translation + reach};
 }
 
-/// A matcher of the occupied cells of a map that share a point with a box; for many scans it is made once.
-/// O(leaves in the box + occupied space in it).
+/// A matcher of the surfaces of a map in a box; for many scans it is made once. O(leaves in the box +
+/// surfaces).
 /// @throws std::invalid_argument as Matcher.
 template <class Map>
 [[nodiscard]] Matcher<Map::kDim> matcher(const Map& map, const Box<Map::kDim>& box,
@@ -68,9 +127,13 @@ template <class Map>
   options.validate();
   RegionStates occupied;
   occupied.occupied = true;
-  PointsOfBoxes<Map::kDim> surface(options.cell_size);
-  for_each_leaf_of(map, box, occupied, [&](const auto& leaf) { surface.add(map.tree().box(leaf.index)); });
-  return Matcher<Map::kDim>(surface.points(), options);
+  SurfaceOfBoxes<Map::kDim> boxes(map.options().min_cell_size);
+  for_each_leaf_of(map, box, occupied, [&](const auto& leaf) { boxes.add(map.tree().box(leaf.index)); });
+  const Points<Map::kDim> beside = boxes.beside();
+  std::vector<std::int8_t> states(static_cast<std::size_t>(beside.cols()));
+  for (std::size_t i = 0; i < states.size(); ++i)
+    states[i] = static_cast<std::int8_t>(state<Map>(map, beside.col(static_cast<Eigen::Index>(i))));
+  return Matcher<Map::kDim>(boxes.surface(states), options);
 }
 
 /// The pose of a scan in a map, the best of a window around a guess. @param points in the sensor's frame.

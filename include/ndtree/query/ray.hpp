@@ -151,7 +151,8 @@ struct RayEnd {
 template <class Map>
 [[nodiscard]] std::optional<RayEnd<Map::kDim>> trace_ray(const Map& map, const Vector<Map::kDim>& origin,
                                                          const Vector<Map::kDim>& towards, double max_range,
-                                                         bool stops_at_unknown, RayAim aim = RayAim::cell) {
+                                                         bool stops_at_unknown,
+                                                         RayAim aim = RayAim::surface) {
   constexpr int D = Map::kDim;
   const Vector<D> direction = detail::of_usual_length<D>(towards);
   const double length = direction.norm();
@@ -178,18 +179,17 @@ template <class Map>
   return RayEnd<D>{inside, CellState::unknown, std::nullopt};
 }
 
-/// Distance [m] from `origin` to where the ray enters the first occupied leaf; 0 if it starts in one; none if
-/// there is none within `max_range` [m]. Unknown space does not stop a ray. The direction may have any length
-/// but zero.
-/// @param aim surface: instead, to where the surface is likely to be; a leaf still counts if the ray enters
-/// it within max_range. Then the distance is at most 3/4 of a smallest cell longer, and a ray that starts in
-/// an occupied leaf ends ahead of its origin.
+/// Distance [m] from `origin` to where the surface is likely to be in the first occupied leaf that the ray
+/// enters within `max_range` [m]; none if there is none. Unknown space does not stop a ray. The direction may
+/// have any length but zero.
+/// @param aim cell: instead, to where the ray enters that leaf, 0 if it starts in one; at most 3/4 of a
+/// smallest cell shorter.
 /// @throws std::invalid_argument if origin or direction is not finite, the direction zero or max_range not >
 /// 0.
 template <class Map>
 [[nodiscard]] std::optional<double> cast_ray(const Map& map, const Vector<Map::kDim>& origin,
                                              const Vector<Map::kDim>& towards, double max_range,
-                                             RayAim aim = RayAim::cell) {
+                                             RayAim aim = RayAim::surface) {
   const Vector<Map::kDim> direction = detail::of_usual_length<Map::kDim>(towards);
   const double length = direction.norm();
   detail::check_ray(origin.allFinite() && direction.allFinite(), length, max_range);

@@ -531,7 +531,7 @@ void bind_maps(py::module_& module) {
           },
           "points"_a, "radius"_a, doc::OccupancyMap_occupied_within)
       .def("cast_rays", &cast_rays, "origins"_a, "directions"_a, py::kw_only(), "max_range"_a = kInfinity,
-           "unknown"_a = "pass", "at"_a = "cell", "details"_a = false, doc::OccupancyMap_cast_rays)
+           "unknown"_a = "pass", "at"_a = "surface", "details"_a = false, doc::OccupancyMap_cast_rays)
       .def("evaluate", &evaluate, "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(),
            "max_range"_a = kInfinity, "truth"_a = py::none(), doc::OccupancyMap_evaluate)
       .def(

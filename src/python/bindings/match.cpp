@@ -131,11 +131,13 @@ Match<D> matched(const Matcher<D>& matcher, const Points<D>& points, const Pose<
   }
 }
 
-MatchOptions options_of(double cell_size, const py::object& sigma, const py::object& radius, double noise) {
+/// @param cells that the default radius is long.
+MatchOptions options_of(double cell_size, const py::object& sigma, const py::object& radius, double noise,
+                        double cells = 4.0) {
   MatchOptions options;
   options.cell_size = cell_size;
   options.sigma = number_or(sigma, "sigma", cell_size);
-  options.radius = number_or(radius, "radius", 4.0 * cell_size);
+  options.radius = number_or(radius, "radius", cells * cell_size);
   options.noise = noise;
   options.validate();
   return options;
@@ -197,15 +199,19 @@ std::vector<PythonMatch> match_many(const Matcher<D>& matcher, const std::vector
   return results;
 }
 
-/// The occupied cells around where a scan may be.
+/// The surfaces around where a scan may be.
 template <int D>
 std::shared_ptr<const Matcher<D>> matcher_of(const PythonMap& map, const Box<D>& box,
                                              const MatchOptions& options) {
   RegionStates occupied;
   occupied.occupied = true;
-  const LeafArrays leaves = map.read(
-      [&](const MapInterface& m) { return m.leaves_in(box.lower.data(), box.upper.data(), occupied); });
-  return make_matcher<D>(leaves.lower, leaves.size, options);
+  return map.read([&](const MapInterface& m) {
+    const LeafArrays leaves = m.leaves_in(box.lower.data(), box.upper.data(), occupied);
+    const auto states = [&m](const double* points, std::size_t n, std::int8_t* out) {
+      m.state(points, n, out);
+    };
+    return make_matcher<D>(leaves.lower, leaves.size, m.options().min_cell_size, states, options);
+  });
 }
 
 void require_plane_or_space(const PythonMap& map) {
@@ -213,14 +219,18 @@ void require_plane_or_space(const PythonMap& map) {
   if (dim != 2 && dim != 3) throw py::value_error("dim = " + std::to_string(dim) + ": must be 2 or 3");
 }
 
-double cell_size_of(const PythonMap& map, const py::object& cell_size) {
-  return number_or(cell_size, "cell_size", map.constant().options().min_cell_size);
+/// Of a map. Its surfaces have steps of a cell: their normals are told by more of them.
+MatchOptions options_of(const PythonMap& map, const py::object& cell_size, const py::object& sigma,
+                        const py::object& radius, const py::object& noise) {
+  const MapOptions& of_map = map.constant().options();
+  return options_of(number_or(cell_size, "cell_size", of_map.min_cell_size), sigma, radius,
+                    number_or(noise, "noise", of_map.range_sigma), 10.0);
 }
 
 PythonMatcher matcher_of_map(const PythonMap& map, const py::object& box, const py::object& cell_size,
-                             const py::object& sigma, const py::object& radius, double noise) {
+                             const py::object& sigma, const py::object& radius, const py::object& noise) {
   require_plane_or_space(map);
-  const MatchOptions options = options_of(cell_size_of(map, cell_size), sigma, radius, noise);
+  const MatchOptions options = options_of(map, cell_size, sigma, radius, noise);
   const int dim = map.constant().dim();
   DoubleArray corners;
   if (!box.is_none()) corners = as_corners(box, "box", dim);
@@ -257,8 +267,7 @@ PythonMatch match_map(const PythonMap& map, const py::object& points, const py::
                       const py::object& window, const py::object& cell_size, double apart,
                       double apart_angle) {
   require_plane_or_space(map);
-  const MatchOptions options =
-      options_of(cell_size_of(map, cell_size), py::none(), py::none(), MatchOptions{}.noise);
+  const MatchOptions options = options_of(map, cell_size, py::none(), py::none(), py::none());
   return map.constant().dim() == 2 ? match_in_map<2>(map, points, guess, window, options, apart, apart_angle)
                                    : match_in_map<3>(map, points, guess, window, options, apart, apart_angle);
 }
@@ -310,8 +319,7 @@ void bind_match(py::module_& module) {
   map.def("match", &match_map, "points"_a, "guess"_a, py::kw_only(), "window"_a, "cell_size"_a = py::none(),
           "apart"_a = 0.5, "apart_angle"_a = 0.35, doc::OccupancyMap_match);
   map.def("matcher", &matcher_of_map, "box"_a = py::none(), py::kw_only(), "cell_size"_a = py::none(),
-          "sigma"_a = py::none(), "radius"_a = py::none(), "noise"_a = defaults.noise,
-          doc::OccupancyMap_matcher);
+          "sigma"_a = py::none(), "radius"_a = py::none(), "noise"_a = py::none(), doc::OccupancyMap_matcher);
 }
 
 }  // namespace ndtree::python

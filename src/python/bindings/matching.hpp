@@ -3,6 +3,9 @@
 /// Finding poses, without anything of Python's: what takes a compiler long is compiled in files of its own.
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -16,10 +19,14 @@ namespace ndtree::python {
 template <int D>
 [[nodiscard]] std::shared_ptr<const Matcher<D>> make_matcher(const Points<D>& points,
                                                              const MatchOptions& options);
-/// Of cells. @param lower corners, D numbers each. @param size edge lengths.
+/// States of n points, D numbers each: as the map's.
+using StatesOf = std::function<void(const double* points, std::size_t n, std::int8_t* states)>;
+/// As matcher() of ndtree/query/match.hpp, of occupied cells. @param lower corners, D numbers each.
+/// @param size edge lengths. @param smallest cells' [m]. @param states of the map that they are of.
 template <int D>
 [[nodiscard]] std::shared_ptr<const Matcher<D>> make_matcher(const std::vector<double>& lower,
-                                                             const std::vector<double>& size,
+                                                             const std::vector<double>& size, double smallest,
+                                                             const StatesOf& states,
                                                              const MatchOptions& options);
 /// As Matcher::match().
 template <int D>

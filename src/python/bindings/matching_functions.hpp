@@ -4,6 +4,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <vector>
 
@@ -18,13 +20,17 @@ std::shared_ptr<const Matcher<D>> make_matcher(const Points<D>& points, const Ma
 }
 template <int D>
 std::shared_ptr<const Matcher<D>> make_matcher(const std::vector<double>& lower,
-                                               const std::vector<double>& size, const MatchOptions& options) {
-  PointsOfBoxes<D> surface(options.cell_size);
+                                               const std::vector<double>& size, double smallest,
+                                               const StatesOf& states, const MatchOptions& options) {
+  SurfaceOfBoxes<D> boxes(smallest);
   for (std::size_t i = 0; i < size.size(); ++i) {
     const Vector<D> corner = Eigen::Map<const Vector<D>>(lower.data() + i * D);
-    surface.add({corner, corner.array() + size[i]});
+    boxes.add({corner, corner.array() + size[i]});
   }
-  return make_matcher<D>(surface.points(), options);
+  const Points<D> beside = boxes.beside();
+  std::vector<std::int8_t> found(static_cast<std::size_t>(beside.cols()));
+  states(beside.data(), found.size(), found.data());
+  return std::make_shared<const Matcher<D>>(boxes.surface(found), options);
 }
 template <int D>
 Match<D> match(const Matcher<D>& matcher, const Points<D>& points, const Pose<D>& guess,
@@ -37,12 +43,12 @@ Box<D> reach_of_match(const Points<D>& points, const Pose<D>& guess, const Motio
 }
 
 /// Compiles all of it.
-#define NDTREE_PYTHON_MATCHING(D)                                                                     \
-  template std::shared_ptr<const Matcher<D>> make_matcher(const Points<D>&, const MatchOptions&);     \
-  template std::shared_ptr<const Matcher<D>> make_matcher<D>(                                         \
-      const std::vector<double>&, const std::vector<double>&, const MatchOptions&);                   \
-  template Match<D> match(const Matcher<D>&, const Points<D>&, const Pose<D>&, const MatchWindow<D>&, \
-                          const MotionMatrix<D>&, bool);                                              \
+#define NDTREE_PYTHON_MATCHING(D)                                                                            \
+  template std::shared_ptr<const Matcher<D>> make_matcher(const Points<D>&, const MatchOptions&);            \
+  template std::shared_ptr<const Matcher<D>> make_matcher<D>(                                                \
+      const std::vector<double>&, const std::vector<double>&, double, const StatesOf&, const MatchOptions&); \
+  template Match<D> match(const Matcher<D>&, const Points<D>&, const Pose<D>&, const MatchWindow<D>&,        \
+                          const MotionMatrix<D>&, bool);                                                     \
   template Box<D> reach_of_match(const Points<D>&, const Pose<D>&, const Motion<D>&)
 
 }  // namespace ndtree::python

@@ -63,7 +63,7 @@ void count(double offset, double noise, bool drives, double sign, Passing& sum) 
     const Vector<D> direction = direction_at(random.uniform(0.0, 78.0), random.uniform(0.0, 6.2831853));
     const double at_wall = (sign * wall - origin[0]) / direction[0];
     const auto passes = [&](const auto& map) {
-      const std::optional<double> end = cast_ray(map, origin, direction, 20.0);
+      const std::optional<double> end = cast_ray(map, origin, direction, 20.0, RayAim::cell);
       return !end || *end > at_wall + 0.3;
     };
     const bool passes_fixed = passes(fixed);

@@ -417,7 +417,7 @@ TEST(PassingBeams, ANoiseFreeWallOnOrNearABorderStopsRays) {
       int rays = 0;
       for (double angle = -55.0; angle < 55.0; angle += 0.37) {
         const Vector<2> d(side * std::cos(angle * kPi / 180.0), std::sin(angle * kPi / 180.0));
-        const auto met = cast_ray(map, origin, d, 5.0);
+        const auto met = cast_ray(map, origin, d, 5.0, RayAim::cell);
         const double range = std::abs((side * x - origin[0]) / d[0]);
         passed += !(met && std::abs(*met - range) < 0.15);
         ++rays;

@@ -37,7 +37,7 @@ assert_type(adaptive.min_cell_size, float)
 assert_type(adaptive.to_grid([[0, 0], [1, 1]]), NDArray[np.int8])
 assert_type(adaptive.to_grid([[0, 0], [1, 1]], 0.1, values="log_odds"), NDArray[np.float32])
 assert_type(adaptive.cast_rays([0, 0], points), NDArray[np.float64])
-assert_type(adaptive.cast_rays([0, 0], points, at="surface"), NDArray[np.float64])
+assert_type(adaptive.cast_rays([0, 0], points, at="cell"), NDArray[np.float64])
 assert_type(adaptive.cast_rays([0, 0], points, details=True), ndtree.RayEnds)
 assert_type(adaptive.cast_rays([0, 0], points, unknown="stop", details=True)[0].lower, NDArray[np.float64])
 

@@ -88,8 +88,9 @@ namespace ndtree {
 ///   scan. (test_limits, alone/test_scarce_memory)
 /// - Outside the window no cell changes, and in it each becomes what it would without a window. (test_window)
 /// - Above the coarsest level nothing merges. (check_invariants() of the map)
-/// - With partial_probability, a smallest cell that holds something thin stays occupied, and siblings stay
-///   apart that would split again. (test_scan_update, worlds/test_thin_things, worlds/test_passing_beams)
+/// - With partial_probability, a smallest cell that holds something thin keeps that probability, and occupied
+///   siblings stay apart that would split again. (test_scan_update, worlds/test_thin_things,
+///   worlds/test_passing_beams)
 ///
 /// Cost: O(beams that cross a node) for each node with beams, plus O(N^D) for its children.
 template <class Tree, class Refinement, class Sensor>

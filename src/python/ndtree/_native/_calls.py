@@ -13,7 +13,7 @@ from ndtree._native._signatures import parameters_of
 
 UNEXPECTED = re.compile(r"got an unexpected keyword argument '(\w+)'")
 #: What other libraries call an option, by a part of the name.
-_ELSEWHERE = (
+ELSEWHERE = (
     ("max_cell", "max_cell_size"),
     ("max_size", "max_cell_size"),
     ("resolution", "min_cell_size"),
@@ -81,7 +81,7 @@ def require_known(name: str, given: Collection[str], known: Collection[str]) -> 
         if option in known:
             continue
         own = "cell_size" if "cell_size" in known else "min_cell_size"
-        meant = [own if one == "min_cell_size" else one for part, one in _ELSEWHERE if part in option]
+        meant = [own if one == "min_cell_size" else one for part, one in ELSEWHERE if part in option]
         near = [one for one in meant if one in known] or get_close_matches(option, known, 1)
         hint = f"did you mean {near[0]}? " if near else ""
         raise TypeError(f"{name}(): no option {option}: {hint}help(ndtree.{name}) lists all")

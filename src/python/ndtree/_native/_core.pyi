@@ -261,7 +261,7 @@ class Matcher:
     radius : float, optional
         Of the points that shape a piece of the surface [m]. Default: four cells.
     noise : float
-        Least standard deviation across a surface, in the refinement [m].
+        Standard deviation of an end point across a surface, in the refinement [m].
 
     Raises
     ------
@@ -1097,7 +1097,7 @@ class OccupancyMap:
         *,
         max_range: float = ...,
         unknown: Literal["pass", "stop"] = "pass",
-        at: Literal["cell", "surface"] = "cell",
+        at: Literal["surface", "cell"] = "surface",
         details: Literal[False] = False,
     ) -> NDArray[np.float64]:
         """Distance along rays to the first occupied leaf (Sec. II-D of the paper).
@@ -1113,15 +1113,15 @@ class OccupancyMap:
         unknown : str
             "pass": unknown space does not stop a ray. "stop": it does, also where the ray leaves the map.
         at : str
-            "cell": to where the ray enters that leaf. "surface": to where the surface is likely to be, the end of half of the
-            beams that come this way by the hit rates of this leaf and of those behind it, at most 3/4 of a smallest cell farther.
+            "surface": to where the surface is likely to be in that leaf, the end of half of the beams that come this way by the
+            hit rates of this leaf and of those behind it. "cell": to where the ray enters it, at most 3/4 of a smallest cell nearer.
         details : bool
             Whether to say what the rays end at, too.
 
         Returns
         -------
         (n,) float64, or RayEnds with details
-            Metres; nan where there is none. 0 for a ray that starts in an occupied leaf, but at its surface. RayEnds has .distance, .state,
+            Metres; nan where there is none. With at="cell" 0 for a ray that starts in an occupied leaf. RayEnds has .distance, .state,
             and .lower and .size of the cell.
 
         Raises
@@ -1137,7 +1137,7 @@ class OccupancyMap:
         *,
         max_range: float = ...,
         unknown: Literal["pass", "stop"] = "pass",
-        at: Literal["cell", "surface"] = "cell",
+        at: Literal["surface", "cell"] = "surface",
         details: Literal[True],
     ) -> RayEnds:
         """Distance along rays to the first occupied leaf (Sec. II-D of the paper).
@@ -1153,15 +1153,15 @@ class OccupancyMap:
         unknown : str
             "pass": unknown space does not stop a ray. "stop": it does, also where the ray leaves the map.
         at : str
-            "cell": to where the ray enters that leaf. "surface": to where the surface is likely to be, the end of half of the
-            beams that come this way by the hit rates of this leaf and of those behind it, at most 3/4 of a smallest cell farther.
+            "surface": to where the surface is likely to be in that leaf, the end of half of the beams that come this way by the
+            hit rates of this leaf and of those behind it. "cell": to where the ray enters it, at most 3/4 of a smallest cell nearer.
         details : bool
             Whether to say what the rays end at, too.
 
         Returns
         -------
         (n,) float64, or RayEnds with details
-            Metres; nan where there is none. 0 for a ray that starts in an occupied leaf, but at its surface. RayEnds has .distance, .state,
+            Metres; nan where there is none. With at="cell" 0 for a ray that starts in an occupied leaf. RayEnds has .distance, .state,
             and .lower and .size of the cell.
 
         Raises
@@ -1194,8 +1194,11 @@ class OccupancyMap:
     def moved(self, points: ArrayLike) -> NDArray[np.float32]:
         """Probability that what returned at points is not part of what stands, by the map's evidence.
 
-        A point in free space moved, or came there by an error, unless an occupied cell is as near as the noise of a
-        range, or half a smallest cell. `MovedEvidence` asks the scans themselves, and is more often right.
+        A point in free space moved, or came there by an error, unless an occupied cell is as near as half a smallest
+        cell and the noise of a range. Cells cannot tell a thing thinner than a cell, which beams pass on both
+        sides, from one that left: of a free cell in which beams ended this says 0.5 until 5 scans in a row have
+        passed it. A rod that so many scans in a row miss, far away, is still called moved. `MovedEvidence` asks the
+        scans themselves, and is more often right.
 
         Parameters
         ----------
@@ -1498,9 +1501,9 @@ class OccupancyMap:
         cell_size: float | None = None,
         sigma: float | None = None,
         radius: float | None = None,
-        noise: float = 0.02,
+        noise: float | None = None,
     ) -> Matcher:
-        """A matcher of the map's occupied cells as they are now.
+        """A matcher of the map's surfaces as they are now: occupied cells beside free space.
 
         Parameters
         ----------
@@ -1508,8 +1511,12 @@ class OccupancyMap:
             Only cells that share a point with it [m].
         cell_size : float, optional
             Of the grid of poses [m]. Default: that of the smallest cells.
-        sigma, radius, noise
+        sigma : float, optional
             As of `Matcher`.
+        radius : float, optional
+            As of `Matcher`. Default: ten cells.
+        noise : float, optional
+            As of `Matcher`. Default: the map's range_sigma.
 
         Returns
         -------

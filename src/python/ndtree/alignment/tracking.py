@@ -166,7 +166,7 @@ class Tracker:
         before = self._scores[-_REMEMBERED:]
         usual = _POOR * float(np.median(before)) if len(before) > 5 else 0.0
         is_against = self._has_odometry and _is_outside(best.pose, guess, window)
-        if best.score < usual or is_against:
+        if best.score < usual or best.inliers < _LOST or is_against:
             anyhow = self._anyhow(scan, best.pose, pieces)
             if anyhow is not None:
                 best = max(best, anyhow, key=_posterior)

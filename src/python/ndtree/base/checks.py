@@ -117,6 +117,12 @@ def parsed(file: Path) -> dict[str, Any]:
         raise ValueError(f"{file}: {error}: expected TOML") from None
 
 
+pair_or_none = _checked(
+    lambda v: isinstance(v, list) and len(v) in (0, 2) and all(map(_is_number, v)),
+    "a list of two numbers, or []",
+)
+
+
 class Table:
     """A table of the file; keys that are never read are refused in the end."""
 

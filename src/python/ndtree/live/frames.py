@@ -117,7 +117,6 @@ class FramesIntake(PosedIntake):
         self._tree = FollowedTree(TransformTree())
         self._entry: Entry | None = None
         self._beams: Beams | None = None
-        self._corrections: list[Correction] = []
 
     def is_pose(self, item: Any) -> bool:
         return isinstance(item, (Transform, Correction))
@@ -132,10 +131,6 @@ class FramesIntake(PosedIntake):
             return
         self._tree.add(item.parent, item.child, item.stamp, item.position, item.quaternion)
         figures.late_poses = self._tree.late
-
-    def corrections(self) -> list[Correction]:
-        taken, self._corrections = self._corrections, []
-        return taken
 
     def motion(self) -> Motion | None:
         assert self._entry is not None

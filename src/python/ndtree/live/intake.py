@@ -176,6 +176,11 @@ class PosedIntake(Intake):
     def __init__(self) -> None:
         super().__init__()
         self._latest: dict[str, float] = {}
+        self._corrections: list[Correction] = []
+
+    def corrections(self) -> list[Correction]:
+        taken, self._corrections = self._corrections, []
+        return taken
 
     def _posed(
         self,

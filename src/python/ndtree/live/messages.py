@@ -108,7 +108,6 @@ class MessagesIntake(PosedIntake):
         self._bytes = self._released = 0
         self._decided: Any = None
         self._selected: OneByOne | None = None
-        self._corrections: list[Correction] = []
         self._fixed: list[Raw] = []
         self._early: deque[Raw] = deque(maxlen=MOST_EARLY)
         self._until = math.inf
@@ -190,10 +189,6 @@ class MessagesIntake(PosedIntake):
             if math.isfinite(stamp):
                 correction = self._jumps.add(stamp, place.tree.pose_at(place.fixed_frame, found[0], stamp))
                 self._corrections += [] if correction is None else [correction]
-
-    def corrections(self) -> list[Correction]:
-        taken, self._corrections = self._corrections, []
-        return taken
 
     def motion(self) -> Motion | None:
         assert self._reader is not None and self._measured is not None

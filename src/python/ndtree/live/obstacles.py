@@ -118,9 +118,8 @@ def obstacle_distance(
     if np.hypot(*ahead) < 1e-6:
         raise ValueError("pose: its x axis points up or down, expected one that points somewhere ahead")
     origins, ways = _rays(m, position, math.atan2(ahead[1], ahead[0]), max_distance, height)
-    ends = m.cast_rays(
-        origins, ways, max_range=max_distance, unknown="stop" if unknown == "occupied" else "pass"
-    )
+    stops = "stop" if unknown == "occupied" else "pass"
+    ends = m.cast_rays(origins, ways, max_range=max_distance, unknown=stops, at="cell")
     by_sector = (_rows(m, height), SECTORS, -1)
     nearest = np.fmin.reduce(ends.reshape(by_sector), axis=(0, 2))
     found = np.isfinite(nearest)

@@ -11,6 +11,7 @@ from typing import Any
 from ndtree.logs.core.failures import NotALog, readable
 from ndtree.logs.core.joined import JoinedLog
 from ndtree.logs.core.log import Log, SizedLog
+from ndtree.logs.core.separators import are_numbers
 from ndtree.logs.core.source import Format, ReaderOption, Source, WrongOption, source_of
 from ndtree.logs.folders.cloud_files import kind_of_file
 from ndtree.logs.folders.depth_folder import DEPTH_FOLDER
@@ -26,7 +27,7 @@ from ndtree.logs.formats.npz import NPZ
 from ndtree.logs.formats.octomap_graph import OCTOMAP_GRAPH
 from ndtree.logs.formats.ptx import PTX
 from ndtree.logs.formats.simulated import SimulatedLog, simulate
-from ndtree.logs.formats.text import TEXT, are_numbers, fields_of, first_line
+from ndtree.logs.formats.text import TEXT, fields_of, first_line
 from ndtree.logs.formats.velodyne import VELODYNE
 from ndtree.logs.kinds import before_formats, not_a_log, packed
 from ndtree.logs.ros.rosbag_format import ROSBAG

@@ -295,7 +295,7 @@ class TiledMap:
         *,
         max_range: float = math.inf,
         unknown: Literal["pass", "stop"] = "pass",
-        at: Literal["cell", "surface"] = "cell",
+        at: Literal["surface", "cell"] = "surface",
         details: bool = False,
     ) -> NDArray[np.float64] | RayEnds:
         """As of `OccupancyMap`; in its details, unknown space that ends a ray may be larger."""

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from ndtree.base import checks
 from ndtree.base.checks import Check, Table, integer, number, one_of, text, true_or_false
-from ndtree.base.files import replaced
+from ndtree.base.files import begins_with, replaced
 from ndtree.base.scan import Scan
 from ndtree.evaluation.no_returns import AUTO
 from ndtree.logs import FORMATS, READER_OPTIONS, Log, WrongOption, read
-from ndtree.logs.core.rules import GIVEN, USUAL, Decision
+from ndtree.logs.core.rules import GIVEN, MEASURED, USUAL, Decision
 from ndtree.logs.core.silence import CutOff
 from ndtree.maps.kinds import MAP_OPTIONS
 
@@ -50,8 +50,9 @@ MAPPING: Mapping[str, Check] = {
     "no_return": one_of("free", "ignore", AUTO),
 }
 OF_MAPS: Mapping[str, Check] = {option.name: _OF_TYPE[option.type] for option in MAP_OPTIONS}
-_KNOWN = {
-    **READING, **OF_FORMATS, **SELECTING, **MAPPING, **OF_MAPS, "cut_off": checks.numbers,
+#: All words.
+WORDS: Mapping[str, Check] = {
+    **READING, **OF_FORMATS, **SELECTING, **MAPPING, **OF_MAPS, "cut_off": checks.pair_or_none,
     "believed_range": number(0.0, above=True), "fixed": true_or_false,
 }  # fmt: skip
 #: The sections of a file. What is in none of the others is read of the log.
@@ -103,8 +104,8 @@ class Config:
             If there is no such word.
         """
         for name in given:
-            if name not in _KNOWN:
-                raise TypeError(f"{name}: no such value, expected one of {', '.join(_KNOWN)}")
+            if name not in WORDS:
+                raise TypeError(f"{name}: no such value, expected one of {', '.join(WORDS)}")
         return Config({name: Decision(value) for name, value in given.items() if value is not None})
 
     @staticmethod
@@ -127,7 +128,7 @@ class Config:
                 raise Table(file, "", {}).wrong(section, content, f"a section [{section}]")
             table = Table(file, section, content)
             values.update(
-                table.take_all({name: _KNOWN[name] for name in _KNOWN if section_of(name) == section})
+                table.take_all({name: WORDS[name] for name in WORDS if section_of(name) == section})
             )
             table.finish()
         Table(file, "", whole).finish("[log], [sensor] and [map]")
@@ -166,6 +167,11 @@ class Config:
         return self._some(OF_MAPS)
 
     @property
+    def typed(self) -> list[str]:
+        """Options of the map that are not from a file."""
+        return [name for name in self.options if not self.values[name].why]
+
+    @property
     def max_range(self) -> float:
         """Longer beams are free up to there [m]; infinite where there is no limit."""
         return float(self.get("max_range", self.get("believed_range", math.inf)))
@@ -197,15 +203,14 @@ class Config:
 
     def ruled(self, log: AnyLog) -> AnyLog:
         """An open log, read as this says."""
-        changes: dict[str, Any] = {"no_return_range": self.get("max_range")}
+        changes: dict[str, Any] = {}
+        if "max_range" in self.values:
+            changes["no_return_range"] = self.get("max_range")
         if "zero_is" in self.values and log.may_be_zero:
             changes["zero_is"] = self.get("zero_is")
         if "cut_off" in self.values:
             changes["cut_off"] = CutOff(*self.get("cut_off")) if self.get("cut_off") else None
         return log.ruled(**changes)
-
-    def _is_given(self, name: str) -> bool:
-        return name in self.values and self.values[name].source == GIVEN
 
     def usable(self, scan: Scan) -> Scan:
         """A scan without the beams that say nothing: with `no_return` "ignore", those without return."""
@@ -216,14 +221,13 @@ class Config:
         """Flags that were not given and change the map, as one would type them."""
         if self.look is None:
             return []
-        names = ("range_sigma", "range_sigma_quadratic", "no_return", "believed_range")
-        found = {name: self.get(name) for name in names if name in self.values and not self._is_given(name)}
-        if "no_return" in found and self.values["no_return"].source == USUAL:
-            del found["no_return"]
-        flags = {"believed_range": "max_range"}
-        typed = {name: f"{value:g}" if isinstance(value, float) else value for name, value in found.items()}
-        rows = (f"--{flags.get(name, name).replace('_', '-')} {value}" for name, value in typed.items())
-        return [f"--dim {self.look.dim}", *rows]
+        rows = [f"--dim {self.look.dim}"]
+        for name in ("range_sigma", "range_sigma_quadratic", "no_return", "believed_range"):
+            one = self.values.get(name, Decision(None))
+            if one.source == MEASURED or (one.source == USUAL and name != "no_return"):
+                value = f"{one.value:g}" if isinstance(one.value, float) else one.value
+                rows.append(f"--{name.replace('believed', 'max').replace('_', '-')} {value}")
+        return rows
 
     def toml(self) -> str:
         """Text of a file, whose comments say the source of each value and its reason."""
@@ -232,7 +236,8 @@ class Config:
     def _rows(self) -> Iterator[tuple[str, list[str]]]:
         for section in ("log", *_SECTIONS):
             rows = [
-                f"{name} = {_typed(one.value)}  # {': '.join(filter(None, (one.source, one.why)))}"
+                f"{name} = {json.dumps(one.value, ensure_ascii=False)}  # {one.source}"
+                + f": {one.why}" * bool(one.why)
                 for name, one in self.values.items()
                 if section_of(name) == section
             ]
@@ -245,7 +250,7 @@ class Config:
         for name, value in self.reading.items():  # A file is found from everywhere.
             if isinstance(value, str) and os.path.isfile(value):
                 values[name] = replace(values[name], value=os.path.abspath(value))
-        with replaced(path, lambda target: Path(target).suffix == ".toml") as part:
+        with replaced(path, lambda target: begins_with(target, rb"\[")) as part:
             part.write_text(replace(self, values=values).toml(), encoding="utf-8")
 
 
@@ -262,11 +267,6 @@ def beside(file: Path, values: Mapping[str, Any]) -> dict[str, Any]:
 def section_of(name: str) -> str:
     """In which section of a file a value stands."""
     return next((section for section, names in _SECTIONS.items() if name in names), "log")
-
-
-def _typed(value: Any) -> str:
-    """A value as TOML has it; of its kinds, JSON writes them alike."""
-    return json.dumps(value, ensure_ascii=False)
 
 
 def _point(name: str, value: Any, count: int) -> list[float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ndtree.base.progress import Progress
@@ -52,7 +52,7 @@ def inspect(
         For `Config.read`, the maps' constructors and `Scan.insert_into`.
     """
     given = (given or Config()).overridden(Config.of(**more).values)
-    log = source if isinstance(source, Log) else given.read(source)
+    log = given.ruled(source) if isinstance(source, Log) else given.read(source)
     values = {**log.decisions, **given.values}
     values.setdefault("dim", Decision(log.dim, MEASURED if log.is_raw else USUAL, "as the log says"))
     options = given.options
@@ -105,3 +105,61 @@ def _said(
         lines.append(f"readings of {look.cut_off:.4g} m, the log's largest range, are beams without return")
     doubt = look.disagreement or look.drift
     return lines if doubt is None else [*lines, str(doubt)]
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """What was decided of a log, when its scans and poses were [s], and what mapping costs [s, bytes]."""
+
+    config: Config
+    spans: dict[str, tuple[float, float]]
+    cost: tuple[float, float] | None
+
+    def figures(self) -> dict[str, Any]:
+        """All of it as plain numbers, ready for JSON."""
+        look = self.config.look
+        return {
+            "chosen": None if look is None else look.figures(),
+            "flags": self.config.chosen,
+            "spans": {name: list(span) for name, span in self.spans.items()},
+            "cost": None if self.cost is None else dict(zip(("seconds", "memory_bytes"), self.cost)),
+        }
+
+    def lines(self) -> list[str]:
+        """For people."""
+        lines = []
+        scans, poses = self.spans.get("scans"), self.spans.get("poses")
+        if scans is not None and poses is not None:
+            lines.append(
+                f"scans from {scans[0]:.3f} to {scans[1]:.3f} s, "
+                f"poses from {poses[0]:.3f} to {poses[1]:.3f} s "
+                f"(scans begin {_away(scans[0] - poses[0])} and end {_away(scans[1] - poses[1])})"
+            )
+        lines += self.config.notes
+        if self.cost is not None:
+            seconds, memory = self.cost
+            lines.append(f"mapping will take about {_rounded(seconds)} s, and {_rounded(memory / 2**20)} MiB")
+        return lines
+
+
+def prospect_of(log: Log, given: Config | None = None, *, progress: Progress | None = None) -> Prospect:
+    """What `inspect` decides of a log, what that will cost, and whether its poses drift."""
+    config = inspect(log, given, progress=progress)
+    look = config.look
+    if look is None and log.has_sensor:  # Nothing had to be decided.
+        look = first_look(log, progress=progress)
+        doubt = look.disagreement or look.drift
+        config = replace(config, notes=(*config.notes, *([] if doubt is None else [str(doubt)])))
+    try:
+        cost = None if look is None else look.cost()
+    except MemoryError:
+        raise ValueError(f"{log.name}: {BEYOND_MEMORY}") from None
+    return Prospect(config, log.spans, cost)
+
+
+def _away(seconds: float) -> str:
+    return f"{abs(seconds):.2f} s {'earlier' if seconds < 0 else 'later'}"
+
+
+def _rounded(value: float) -> str:
+    return f"{value:.1g}" if value < 1 else f"{value:.2g}" if value < 100 else f"{value:.0f}"

@@ -137,6 +137,7 @@ def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
 
         from ndtree.base.files import replacing_all
         from ndtree.cli.commands.output import check_outputs
+        from ndtree.logs.core.failures import WrongOption
 
         try:
             # Absurd numbers are counted or refused, and the commands tell of long beams in a line of theirs.
@@ -146,7 +147,7 @@ def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
                 command(**arguments)
         except (BrokenPipeError, typer.Exit):
             raise
-        except (WrongCall, ImportError) as error:
+        except (WrongCall, WrongOption, ImportError) as error:
             _end(str(error), WRONG_CALL, has_flags)
         except (OSError, ValueError, MemoryError, RuntimeError) as error:
             _end(reason_of(error), BAD_INPUT, has_flags)

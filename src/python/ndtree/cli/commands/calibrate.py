@@ -14,6 +14,7 @@ from ndtree.cli.commands.logs import inspected, print_lines, warn_of_skipped
 from ndtree.cli.commands.options import GivenLog, Json
 from ndtree.cli.commands.output import is_stdout, write, write_json
 from ndtree.cli.commands.progress import progress
+from ndtree.logs import WrongOption
 from ndtree.tuning import calibration
 from ndtree.tuning.config import Config
 
@@ -71,7 +72,7 @@ def _find_mount(path: Path, given: Config, json_file: Optional[Path]) -> None:
         raise WrongCall("--find-mount: looks at the whole log, expected no part of it")
     try:
         log = opened(Config.of(mount="0,0,0").overridden(given.values), path)
-    except WrongCall as error:
+    except WrongOption as error:
         if "mount" in given.values or "takes no such option" not in str(error):
             raise
         raise WrongCall(f"--find-mount: {path} is no ROS bag") from None

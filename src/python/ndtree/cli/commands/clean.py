@@ -64,6 +64,7 @@ def clean(
     if picture is not None:
         check_picture(plot, picture)
     source, config = inspected(source, given)
+    writer.log = source
     points = MovedPoints(source, config.options, config.max_range, config.no_return)
     cleaned = Cleaned(points, writer, keeps_points=picture is not None)
     with progress() as advance:

@@ -11,7 +11,7 @@ from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.comparing import compared
 from ndtree.cli.commands.flags import map_options
-from ndtree.cli.commands.logs import open_log, placed_map, warn_of_skipped
+from ndtree.cli.commands.logs import open_log, placed_map
 from ndtree.cli.commands.options import (
     HeldOut,
     Json,
@@ -25,6 +25,27 @@ from ndtree.cli.commands.pictures import draw_side_by_side, plotting
 from ndtree.evaluation.map_comparison import compare_maps
 from ndtree.maps.kinds import KINDS
 from ndtree.maps.open import is_map
+
+_Log = Annotated[
+    Optional[Path],
+    typer.Argument(metavar="LOG | A", help="A log, or the first of two maps.", show_default=False),
+]
+_Other = Annotated[
+    Optional[Path],
+    typer.Argument(metavar="B", help="The second: .ndt, .bt, .ot or map_server's .yaml.", show_default=False),
+]
+_Maps = Annotated[
+    Optional[str],
+    typer.Option(help=f"Of {', '.join(KINDS)}, with @ and a cell size where it differs.", show_default=False),
+]
+_Picture = Annotated[
+    Optional[Path],
+    typer.Option(metavar="FILE", help="Draw the first two maps side by side, or how A and B differ."),
+]
+_Reliability = Annotated[
+    Optional[Path],
+    typer.Option(metavar="FILE", help="Draw that: reliability diagrams.", show_default=False),
+]
 
 
 @command(
@@ -40,25 +61,12 @@ from ndtree.maps.open import is_map
 @map_options
 def compare_(
     context: typer.Context,
-    log: Annotated[
-        Optional[Path],
-        typer.Argument(metavar="LOG | A", help="A log, or the first of two maps.", show_default=False),
-    ] = None,
-    other: Annotated[
-        Optional[Path],
-        typer.Argument(
-            metavar="B", help="The second: .ndt, .bt, .ot or map_server's .yaml.", show_default=False
-        ),
-    ] = None,
+    log: _Log = None,
+    other: _Other = None,
     world: Annotated[
         Optional[World], typer.Option(help="Simulate this instead of LOG.", show_default=False)
     ] = None,
-    maps: Annotated[
-        Optional[str],
-        typer.Option(
-            help=f"Of {', '.join(KINDS)}, with @ and a cell size where it differs.", show_default=False
-        ),
-    ] = None,
+    maps: _Maps = None,
     held_out: HeldOut = 10,
     repeat: Repeat = 1,
     scans: Scans = None,
@@ -67,17 +75,11 @@ def compare_(
     csv_file: Annotated[
         Optional[Path], typer.Option("--csv", metavar="FILE", help="Write a line a map.")
     ] = None,
-    picture: Annotated[
-        Optional[Path],
-        typer.Option(metavar="FILE", help="Draw the first two maps side by side, or how A and B differ."),
-    ] = None,
+    picture: _Picture = None,
     calibration: Annotated[
         bool, typer.Option("--calibration", help="Whether beams end as often as each map says.")
     ] = False,
-    reliability: Annotated[
-        Optional[Path],
-        typer.Option(metavar="FILE", help="Draw that: reliability diagrams.", show_default=False),
-    ] = None,
+    reliability: _Reliability = None,
     certify: Annotated[
         bool, typer.Option("--certify", help="Bound how much of what is called free is occupied.")
     ] = False,
@@ -111,7 +113,6 @@ def compare_(
         calibration=calibration or reliability is not None,
         certify=certify,
     )
-    warn_of_skipped(opened)
     if plot and picture:
         draw_side_by_side(plot, *list(comparison.map_objects.values())[:2], picture)
     if plot and reliability:

@@ -9,7 +9,7 @@ from typing import Any, Callable, Optional
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.exit_status import WrongCall
-from ndtree.cli.commands.logs import inspected, made, print_lines
+from ndtree.cli.commands.logs import inspected, made, print_lines, warn_of_skipped
 from ndtree.cli.commands.output import is_stdout
 from ndtree.cli.commands.progress import progress
 from ndtree.evaluation.comparison import DEFAULT_MAPS, Comparison, map_in_turns
@@ -62,4 +62,6 @@ def compared(
             print(f"{log.name}: {absurd}")
     made_maps(trial.map_objects)
     with progress() as advance:
-        return trial.judged(advance, calibration=calibration, certify=certify)
+        comparison = trial.judged(advance, calibration=calibration, certify=certify)
+    warn_of_skipped(log)
+    return comparison

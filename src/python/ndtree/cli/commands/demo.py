@@ -15,7 +15,7 @@ from ndtree._native._core import OccupancyMap
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.comparing import compared
 from ndtree.cli.commands.flags import map_options
-from ndtree.cli.commands.logs import open_log, warn_of_skipped
+from ndtree.cli.commands.logs import open_log
 from ndtree.cli.commands.options import (
     Json,
     LogArgument,
@@ -67,7 +67,6 @@ def demo(
         json_file=json_file,
         made_maps=show,
     )
-    warn_of_skipped(opened)
     if not is_stdout(json_file):
         print(f"\n{comparison}")
     write_json(comparison, json_file)

@@ -6,7 +6,6 @@ from __future__ import annotations
 import functools
 import inspect
 import math
-import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Optional
@@ -19,7 +18,6 @@ from ndtree.logs import (
     FORMATS,
     READER_OPTIONS,
     Log,
-    NotALog,
     WrongOption,
     contents,
     require_options,
@@ -70,25 +68,6 @@ def _adds_flags(flags: Sequence[inspect.Parameter]) -> Callable[[Command], Comma
     return decorate
 
 
-_NAMES = "|".join([option.name for option in READER_OPTIONS] + ["format", "strict", "keep_going"])
-#: How readers name their options in errors, for Python.
-_NAMED = re.compile(
-    rf"(?<![\w/.-])(?:(?P<set>{_NAMES}) ?= ?(?=\S)|(?:(?<=^)|(?<=: ))(?P<of>{_NAMES})(?=: )"
-    rf"|(?P<as>{_NAMES})(?= as one of)|(?<=expected )(?P<dim>dim)=(?=\d)"
-    rf"|(?:the )?option (?P<option>{_NAMES})\b)"
-)
-#: Several of them: those that exclude each other, and those that a format takes.
-_LISTED = re.compile(rf"(?:{_NAMES})(?: and (?:{_NAMES}))+(?=: expected one of them)|(?<=it takes )[\w, ]+$")
-
-
-def in_flags(text: str) -> str:
-    """An error of a reader with its options named as flags."""
-    text = _NAMED.sub(
-        lambda found: flag_of(found[found.lastgroup or 0]) + " " * bool(found["set"] or found["dim"]), text
-    )
-    return _LISTED.sub(lambda found: re.sub(_NAMES, lambda one: flag_of(one[0]), found[0]), text)
-
-
 def flag_of(name: str) -> str:
     """The flag of an option."""
     return f"--{name.replace('_', '-')}"
@@ -97,14 +76,7 @@ def flag_of(name: str) -> str:
 def opened(given: Config, path: Path) -> Log:
     """The log, or the part of it that was asked for, read as flags and files say."""
     _check_values(given)
-    try:
-        return given.read(path)
-    except WrongOption as error:
-        raise WrongCall(in_flags(str(error))) from None
-    except NotALog:
-        raise
-    except ValueError as error:
-        raise ValueError(in_flags(str(error))) from error
+    return given.read(path)
 
 
 def contents_of(given: Config, path: Path, *, whole: bool) -> dict[str, Any]:
@@ -116,15 +88,12 @@ def contents_of(given: Config, path: Path, *, whole: bool) -> dict[str, Any]:
 def require_taken(given: Config, path: Path) -> None:
     """Refuse options that the log's format does not take, and limits of its part that make no sense."""
     _check_values(given)
+    parts = {name: value for name, value in given.selection.items() if name not in ("box", "origin")}
     try:
-        Selection(
-            3, **{name: value for name, value in given.selection.items() if name not in ("box", "origin")}
-        )
-        require_options(path, given.reading, format=given.get("format"))
+        Selection(3, **parts)
     except ValueError as error:
-        raise WrongCall(str(error)) from None
-    except WrongOption as error:
-        raise WrongCall(in_flags(str(error))) from None
+        raise WrongOption(str(error)) from None
+    require_options(path, given.reading, format=given.get("format"))
 
 
 def require_none(given: Config, instead_of: str) -> None:
@@ -141,7 +110,7 @@ def _check_values(given: Config) -> None:
         try:
             mount_of(mount)
         except ValueError as error:
-            raise WrongCall(in_flags(str(error))) from None
+            raise WrongOption(str(error)) from None
     if given.get("format", FORMATS[0]) not in FORMATS:
         raise WrongCall(f"--format {given.get('format')}: must be one of {', '.join(FORMATS)}")
 

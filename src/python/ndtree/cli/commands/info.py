@@ -18,9 +18,9 @@ from ndtree.cli.commands.figures import (
     print_log,
     print_map,
 )
-from ndtree.cli.commands.flags import contents_of, dim_options, in_flags, opened, require_none
+from ndtree.cli.commands.flags import contents_of, dim_options, opened, require_none
 from ndtree.cli.commands.logs import load_map, skipped, warn_of_skipped
-from ndtree.cli.commands.messages import laid_out
+from ndtree.cli.commands.messages import in_words, laid_out
 from ndtree.cli.commands.options import Json, WriteConfig
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.progress import progress
@@ -98,13 +98,13 @@ def info(
                 lower, upper = (point(held["bounds"][name]) for name in ("lower", "upper"))
                 print(f"  {held['points']:,} points from {lower} to {upper} m")
             for way in found.help:
-                print(f"  try {in_flags(way)}")
+                print(f"  try {in_words(way)}")
     write_json(figures, json_file)
 
 
 def _prospect(log: Log, given: Config, write_config: Optional[Path]) -> Any:
     """What mapping will choose and cost; what is decided is written."""
-    from ndtree.tuning.prospect import prospect_of  # Loads much; and most calls do not look.
+    from ndtree.tuning.inspection import prospect_of  # Loads much; and most calls do not look.
 
     with progress() as advance:
         prospect = prospect_of(log, given, progress=advance)

@@ -17,8 +17,9 @@ from ndtree.base.files import replaced
 from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import map_figures, print_map
-from ndtree.cli.commands.flags import in_flags, map_options, require_taken
+from ndtree.cli.commands.flags import map_options, require_taken
 from ndtree.cli.commands.logs import inspected, load_map, made, new_map, open_log
+from ndtree.cli.commands.messages import in_words
 from ndtree.cli.commands.options import Json, LogArgument, Port, World
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.shows import (
@@ -48,7 +49,7 @@ from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK, NOT_SELECTED
 from ndtree.live.playing import messages_of, scans_of
 from ndtree.live.serving import MapServer, address_of
-from ndtree.logs import WrongOption, recognised
+from ndtree.logs import recognised
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files.bag import Bag, open_bag
 from ndtree.logs.ros.messages.beams import short
@@ -58,6 +59,66 @@ from ndtree.tuning.config import Config
 
 #: How often a page is drawn anew, and a line on a terminal [s].
 PAGE, LINE = 0.5, 0.5
+
+
+_World = Annotated[Optional[World], typer.Option(help="Simulate instead of a LOG.", show_default=False)]
+_Output = Annotated[
+    Optional[Path],
+    typer.Option("--output", "-o", metavar="MAP", help="Where the map is written at the end."),
+]
+_Rate = Annotated[
+    float, typer.Option(help="Seconds of LOG in one second; 0: as fast as it goes, none is dropped.")
+]
+_Queue = Annotated[int, typer.Option(min=1, help="Scans that wait at most; of more, the oldest is dropped.")]
+_LookFor = Annotated[
+    float, typer.Option("--look", help="Of a ROS bag: messages that decide what is mapped and how \\[s].")
+]
+_Window = Annotated[
+    Optional[float],
+    typer.Option(help="Forget what is farther from the sensor than this \\[m].", show_default=False),
+]
+_Fade = Annotated[
+    Optional[float],
+    typer.Option(help="Forget what was not seen for this long \\[s].", show_default=False),
+]
+_Follow = Annotated[
+    Optional[str],
+    typer.Option(
+        metavar="TOPIC|tf",
+        help="Move scans when a SLAM corrects poses: its nav_msgs/Path, or jumps of map to odom.",
+        show_default=False,
+    ),
+]
+_FollowFrame = Annotated[
+    Optional[str],
+    typer.Option(help="The frame that the poses of the Path are of.", show_default=False),
+]
+_FollowMemory = Annotated[float, typer.Option(help="Scans that can move \\[MiB]; of more, the oldest stay.")]
+_Localize = Annotated[
+    Optional[Path],
+    typer.Option(
+        metavar="MAP",
+        help="Find scans in this 2-D map by their odometry instead of mapping; -o gets poses (TUM).",
+        show_default=False,
+    ),
+]
+_Guess = Annotated[
+    Optional[str],
+    typer.Option(
+        metavar="X,Y,YAW", help="Where the sensor is in the MAP at first \\[m, rad].", show_default=False
+    ),
+]
+_SaveEvery = Annotated[
+    Optional[float], typer.Option(help="Write MAP so often, too \\[s].", show_default=False)
+]
+_Serve = Annotated[
+    Optional[str],
+    typer.Option(
+        metavar="[HOST:]PORT",
+        help="Give it to ndtree view http://HOST:PORT; only of this computer, unless HOST says more.",
+        show_default=False,
+    ),
+]
 
 
 @command(
@@ -77,75 +138,25 @@ PAGE, LINE = 0.5, 0.5
 @map_options
 def live(
     log: LogArgument = None,
-    world: Annotated[
-        Optional[World], typer.Option(help="Simulate instead of a LOG.", show_default=False)
-    ] = None,
-    output: Annotated[
-        Optional[Path],
-        typer.Option("--output", "-o", metavar="MAP", help="Where the map is written at the end."),
-    ] = None,
-    rate: Annotated[
-        float, typer.Option(help="Seconds of LOG in one second; 0: as fast as it goes, none is dropped.")
-    ] = 1.0,
-    queue: Annotated[
-        int, typer.Option(min=1, help="Scans that wait at most; of more, the oldest is dropped.")
-    ] = QUEUE,
+    world: _World = None,
+    output: _Output = None,
+    rate: _Rate = 1.0,
+    queue: _Queue = QUEUE,
     patience: Annotated[float, typer.Option(help="A scan waits for its pose at most \\[s].")] = PATIENCE,
-    look_for: Annotated[
-        float, typer.Option("--look", help="Of a ROS bag: messages that decide what is mapped and how \\[s].")
-    ] = LOOK,
-    window: Annotated[
-        Optional[float],
-        typer.Option(help="Forget what is farther from the sensor than this \\[m].", show_default=False),
-    ] = None,
-    fade: Annotated[
-        Optional[float],
-        typer.Option(help="Forget what was not seen for this long \\[s].", show_default=False),
-    ] = None,
-    follow: Annotated[
-        Optional[str],
-        typer.Option(
-            metavar="TOPIC|tf",
-            help="Move scans when a SLAM corrects poses: its nav_msgs/Path, or jumps of map to odom.",
-            show_default=False,
-        ),
-    ] = None,
-    follow_frame: Annotated[
-        Optional[str],
-        typer.Option(help="The frame that the poses of the Path are of.", show_default=False),
-    ] = None,
-    follow_memory: Annotated[
-        float, typer.Option(help="Scans that can move \\[MiB]; of more, the oldest stay.")
-    ] = MEMORY / 2**20,
-    localize: Annotated[
-        Optional[Path],
-        typer.Option(
-            metavar="MAP",
-            help="Find scans in this 2-D map by their odometry instead of mapping; -o gets poses (TUM).",
-            show_default=False,
-        ),
-    ] = None,
-    guess: Annotated[
-        Optional[str],
-        typer.Option(
-            metavar="X,Y,YAW", help="Where the sensor is in the MAP at first \\[m, rad].", show_default=False
-        ),
-    ] = None,
-    save_every: Annotated[
-        Optional[float], typer.Option(help="Write MAP so often, too \\[s].", show_default=False)
-    ] = None,
+    look_for: _LookFor = LOOK,
+    window: _Window = None,
+    fade: _Fade = None,
+    follow: _Follow = None,
+    follow_frame: _FollowFrame = None,
+    follow_memory: _FollowMemory = MEMORY / 2**20,
+    localize: _Localize = None,
+    guess: _Guess = None,
+    save_every: _SaveEvery = None,
     resume: Annotated[Optional[Path], typer.Option(metavar="MAP", help="Go on with a saved map.")] = None,
     fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
     watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False,
     port: Port = None,
-    serve: Annotated[
-        Optional[str],
-        typer.Option(
-            metavar="[HOST:]PORT",
-            help="Give it to ndtree view http://HOST:PORT; only of this computer, unless HOST says more.",
-            show_default=False,
-        ),
-    ] = None,
+    serve: _Serve = None,
     foxglove: FoxgloveOption = None,
     rerun: RerunOption = None,
     json_file: Json = None,
@@ -169,15 +180,15 @@ def live(
     if guess is not None and localize is None:
         raise WrongCall("--guess: expected --localize, too")
     others = {"window": window, "fade": fade, "resume": resume, "follow": follow, "save-every": save_every}
-    for flag, other in (*others.items(), ("fixed", fixed or None), *((name, name) for name in given.options)):
+    for flag, other in (*others.items(), ("fixed", fixed or None), *((name, name) for name in given.typed)):
         if localize is not None and other is not None:
             raise WrongCall(f"--{flag.replace('_', '-')}: not with --localize, which makes no map")
     if rate < 0:
         raise WrongCall(f"--rate {rate:g}: must be >= 0; 0 is as fast as it goes")
     target = None
     if resume is not None:
-        if given.options or fixed:
-            flag = "fixed" if fixed else next(iter(given.options)).replace("_", "-")
+        if given.typed or fixed:
+            flag = "fixed" if fixed else given.typed[0].replace("_", "-")
             raise WrongCall(f"--{flag}: the map of --resume has its own options")
         target = load_map(resume)
         given = given.overridden(Config.of(**target.options).values)
@@ -226,10 +237,6 @@ def live(
                 play(items, mapper, rate=rate)
         except KeyboardInterrupt:
             mapper.close()
-        except WrongOption as error:
-            raise WrongCall(in_flags(str(error))) from None
-        except ValueError as error:
-            raise ValueError(in_flags(str(error))) from error
         seconds = time.perf_counter() - begin
         if given.get("strict") and mapper.figures.left_out.keys() - {NOT_SELECTED}:
             raise ValueError(f"{log}: {mapper.figures.summary()}; expected none with --strict")
@@ -324,7 +331,7 @@ def _line(mapper: LiveMapper) -> Iterator[None]:
 
     def run() -> None:
         while not ended.wait(LINE):
-            said = in_flags(mapper.undecided) or mapper.figures.summary()
+            said = in_words(mapper.undecided) or mapper.figures.summary()
             print(f"\r\x1b[2K{said[:110]}", end="", file=sys.stderr, flush=True)
 
     thread = threading.Thread(target=run, daemon=True)

@@ -16,6 +16,7 @@ from ndtree.cli.commands.flags import map_options, opened
 from ndtree.cli.commands.logs import inspected, made, new_map, skipped, warn_of_skipped
 from ndtree.cli.commands.map_tiles import is_tiled, map_into_tiles, print_tiled
 from ndtree.cli.commands.mapping import Mapped, mapped, written
+from ndtree.cli.commands.messages import in_words
 from ndtree.cli.commands.options import (
     GivenLogs,
     Json,
@@ -29,6 +30,41 @@ from ndtree.cli.commands.shows import FoxgloveOption, RerunOption, showing, wait
 from ndtree.logs import JoinedLog, Log
 from ndtree.maps.open import is_map
 from ndtree.tuning.config import Config
+
+_Output = Annotated[
+    Optional[Path],
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="MAP",
+        help="Where the map is written, or the folder for several; else LOG's name with .ndt, here. "
+        ".tiles: a folder of tiles.",
+    ),
+]
+_Merge = Annotated[
+    bool,
+    typer.Option("--merge", help="One map of all logs, in the order given: they are in one frame."),
+]
+_Static = Annotated[
+    bool,
+    typer.Option("--static", help="Leave out what moved, such as people and cars: reads the log 3 times."),
+]
+_RecordEvery = Annotated[
+    Optional[int],
+    typer.Option(min=1, help="Scans from picture to picture of the film; else 10.", show_default=False),
+]
+_MaxResident = Annotated[
+    Optional[str],
+    typer.Option(
+        metavar="SIZE",
+        help="Memory of the cells of a .tiles map, as 500MB; else 2GiB.",
+        show_default=False,
+    ),
+]
+_TileSize = Annotated[
+    Optional[float],
+    typer.Option(help="Least edge of its tiles \\[m]; else that of 16 largest cells.", show_default=False),
+]
 
 
 @command(
@@ -49,27 +85,10 @@ from ndtree.tuning.config import Config
 @map_options
 def map_(
     logs: GivenLogs,
-    output: Annotated[
-        Optional[Path],
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="MAP",
-            help="Where the map is written, or the folder for several; else LOG's name with .ndt, here. "
-            ".tiles: a folder of tiles.",
-        ),
-    ] = None,
-    merge: Annotated[
-        bool,
-        typer.Option("--merge", help="One map of all logs, in the order given: they are in one frame."),
-    ] = False,
+    output: _Output = None,
+    merge: _Merge = False,
     fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
-    static: Annotated[
-        bool,
-        typer.Option(
-            "--static", help="Leave out what moved, such as people and cars: reads the log 3 times."
-        ),
-    ] = False,
+    static: _Static = False,
     align: Annotated[
         bool, typer.Option("--align", help="Find the poses of a 2-D log first: its own drift.")
     ] = False,
@@ -82,24 +101,9 @@ def map_(
     record: Annotated[
         Optional[Path], typer.Option(metavar="FILE", help="Film how it grows: .mp4 or .gif.")
     ] = None,
-    record_every: Annotated[
-        Optional[int],
-        typer.Option(min=1, help="Scans from picture to picture of the film; else 10.", show_default=False),
-    ] = None,
-    max_resident: Annotated[
-        Optional[str],
-        typer.Option(
-            metavar="SIZE",
-            help="Memory of the cells of a .tiles map, as 500MB; else 2GiB.",
-            show_default=False,
-        ),
-    ] = None,
-    tile_size: Annotated[
-        Optional[float],
-        typer.Option(
-            help="Least edge of its tiles \\[m]; else that of 16 largest cells.", show_default=False
-        ),
-    ] = None,
+    record_every: _RecordEvery = None,
+    max_resident: _MaxResident = None,
+    tile_size: _TileSize = None,
     write_config: WriteConfig = None,
     json_file: Json = None,
     given: Any = None,
@@ -113,15 +117,14 @@ def map_(
     wanted = _Wanted(given.overridden(Config.of(fixed=fixed or None).values), static, align, write_config)
     if align and merge:
         raise WrongCall("--align: makes a frame for each log, expected no --merge")
+    of_one = {"--picture": picture, "--record": record, "--watch": watch or None}
+    of_one |= {"--foxglove": foxglove, "--rerun": rerun}
+    of_tiles = {"--max-resident": max_resident, "--tile-size": tile_size}
     if len(logs) > 1 and not merge:
-        alone = {"--picture": picture, "--record": record, "--watch": watch or None}
-        alone |= {"--foxglove": foxglove, "--rerun": rerun}
-        for flag, value in alone.items():
-            if value is not None:
-                raise WrongCall(f"{flag}: is for one map, expected one LOG, or --merge")
+        _refuse({**of_one, "--write-config": write_config}, "is for one map, expected one LOG, or --merge")
         if output is not None and is_tiled(output):
             raise WrongCall(f"{output}: is a map in tiles, expected one LOG, or --merge")
-        _refuse_others(output, {"--max-resident": max_resident, "--tile-size": tile_size}, False)
+        _refuse(of_tiles, f"is for a map in tiles, -o {output or 'MAP'}")
         outputs = _maps_in(output, logs)
         for path in outputs:
             check_output("-o", path, logs, fits_map)
@@ -134,35 +137,12 @@ def map_(
     log = wanted.open(logs)
     read_seconds = time.perf_counter() - begin
     plot = plotting() if picture else None
-    tiled = is_tiled(output)
-    _refuse_others(
-        output,
-        {"--max-resident": max_resident, "--tile-size": tile_size}
-        if not tiled
-        else {
-            "--picture": picture,
-            "--watch": watch or None,
-            "--foxglove": foxglove,
-            "--rerun": rerun,
-            "--record": record,
-            "--static": static or None,
-        },
-        tiled,
-    )
-    check_picture(plot, picture)
-    if tiled:
-        log, config = wanted.config(log)
-        figures = {
-            "format": log.format,
-            "uses": log.uses,
-            "skipped": skipped(log),
-            **map_into_tiles(log, output, config, tile_size, max_resident),
-        }
-        if not is_stdout(json_file):
-            print_tiled(figures, config, output)
-        write_json(figures, json_file)
-        warn_of_skipped(log)
+    if is_tiled(output):
+        _refuse({**of_one, "--static": static or None}, f"is not for a map in tiles, -o {output}")
+        _map_tiled(wanted, log, output, tile_size, max_resident, json_file)
         return
+    _refuse(of_tiles, f"is for a map in tiles, -o {output}")
+    check_picture(plot, picture)
     with ExitStack() as stack:
         shown = showing(foxglove, rerun, stack)
         with observers_of(watch, port, record, record_every) as observers:
@@ -231,7 +211,7 @@ def _map_each(
             written(done, output)
         except (OSError, ValueError, MemoryError, RuntimeError) as error:
             failed += 1
-            figures.append({"log": str(log), "error": reason_of(error)})
+            figures.append({"log": str(log), "error": in_words(reason_of(error))})
             print_error(reason_of(error))
             continue
         figures.append({**done.figures(), "map": str(output)})
@@ -243,10 +223,28 @@ def _map_each(
         raise typer.Exit(BAD_INPUT)
 
 
-def _refuse_others(output: Optional[Path], given: dict[str, Any], tiled: bool) -> None:
+def _map_tiled(
+    wanted: _Wanted,
+    log: Log,
+    output: Path,
+    tile_size: Optional[float],
+    max_resident: Optional[str],
+    json_file: Optional[Path],
+) -> None:
+    """A map in tiles of a log, or of several as one."""
+    log, config = wanted.config(log)
+    about = {"format": log.format, "uses": log.uses, "skipped": skipped(log)}
+    figures = {**about, **map_into_tiles(log, output, config, tile_size, max_resident)}
+    if not is_stdout(json_file):
+        print_tiled(figures, config, output)
+    write_json(figures, json_file)
+    warn_of_skipped(log)
+
+
+def _refuse(given: dict[str, Any], why: str) -> None:
     for flag, value in given.items():
         if value is not None:
-            raise WrongCall(f"{flag}: is {'not ' if tiled else ''}for a map in tiles, -o {output or 'MAP'}")
+            raise WrongCall(f"{flag}: {why}")
 
 
 #: Endings that stand behind another one.

@@ -13,23 +13,28 @@ import re
 import sys
 import textwrap
 
-from ndtree.cli.commands.flags import flag_of, in_flags
+from ndtree.cli.commands.flags import flag_of
+from ndtree.logs import READER_OPTIONS
 from ndtree.maps.kinds import MAP_OPTIONS
 
 #: A message of more characters than this is parted, and into lines of how many; a narrower terminal counts.
 MOST, WIDTH = 159, 110
 _NARROWEST = 60
 
-_OTHERS = (
-    "max_range",
-    "no_return",
-    "cell_size",
-    "tile_size",
-    "max_resident",
-    "held_out",
-    "min_range",
-    "save_every",
+_OF_READERS = "|".join([option.name for option in READER_OPTIONS] + ["format", "strict", "keep_going"])
+#: How readers name their options in errors, for Python.
+_NAMED = re.compile(
+    rf"(?<![\w/.-])(?:(?P<set>{_OF_READERS}) ?= ?(?=\S)|(?:(?<=^)|(?<=: ))(?P<of>{_OF_READERS})(?=: )"
+    rf"|(?P<as>{_OF_READERS})(?= as one of)|(?<=expected )(?P<dim>dim)=(?=\d)"
+    rf"|(?:the )?option (?P<option>{_OF_READERS})\b)"
 )
+#: Several of them: those that exclude each other, and those that a format takes.
+_LISTED_OF_READERS = re.compile(
+    rf"(?:{_OF_READERS})(?: and (?:{_OF_READERS}))+(?=: expected one of them)|(?<=it takes )[\w, ]+$"
+)
+_OTHERS = (
+    "max_range", "no_return", "cell_size", "tile_size", "max_resident", "held_out", "min_range", "save_every",
+)  # fmt: skip
 _NAMES = "|".join(
     (*sorted((one.name for one in MAP_OPTIONS if "_" in one.name), key=len, reverse=True), *_OTHERS)
 )
@@ -81,13 +86,23 @@ def line_width() -> int:
     return WIDTH if columns is None else min(WIDTH, columns)
 
 
+def _in_flags(text: str) -> str:
+    """A message of a reader with its options named as flags."""
+    text = _NAMED.sub(
+        lambda found: flag_of(found[found.lastgroup or 0]) + " " * bool(found["set"] or found["dim"]), text
+    )
+    return _LISTED_OF_READERS.sub(
+        lambda found: re.sub(_OF_READERS, lambda one: flag_of(one[0]), found[0]), text
+    )
+
+
 def in_words(text: str) -> str:
     """A message of the library with its keywords named as flags."""
     text = _UNREAD.sub(
         lambda found: f"{flag_of(found['name'])}: --refinement {found['by']} has no use for it", text
     )
     text = _OF_FIXED.sub(lambda found: f"{flag_of(found['name'])}: --fixed has no use for it", text)
-    text = in_flags(text)
+    text = _in_flags(text)
     for pattern in (_OPTION, _WORD):
         text = pattern.sub(
             lambda found: _FLAGS.get(found["name"], flag_of(found["name"])) + " " * bool(found["set"]), text

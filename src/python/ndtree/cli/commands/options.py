@@ -49,33 +49,21 @@ StyleOption = Annotated[
         show_default=False,
     ),
 ]
-
-
 LogArgument = Annotated[
     Optional[Path],
     typer.Argument(metavar="LOG", help=f"File or folder: {', '.join(FORMATS)}.", show_default=False),
 ]
-
-
 GivenLogs = Annotated[
     list[Path], typer.Argument(metavar="LOG...", help=f"Files or folders: {', '.join(FORMATS)}.")
 ]
-
-
 GivenLog = Annotated[Path, typer.Argument(metavar="LOG", help=f"File or folder: {', '.join(FORMATS)}.")]
-
-
 Dim = Annotated[
     Optional[int], typer.Option(min=2, max=3, help="2 or 3; else what the log says.", show_default=False)
 ]
-
-
 MaxRange = Annotated[
     Optional[float],
     typer.Option(help="Longer beams are free space up to here \\[m]; else no limit.", show_default=False),
 ]
-
-
 NoReturnOption = Annotated[
     Optional[NoReturnKind],
     typer.Option(
@@ -83,32 +71,18 @@ NoReturnOption = Annotated[
         show_default=False,
     ),
 ]
-
-
 Port = Annotated[
     Optional[int],
     typer.Option(min=0, max=65535, help="Of the page; else 8080. 0: any free one.", show_default=False),
 ]
-
-
 Json = Annotated[
     Optional[Path], typer.Option("--json", metavar="FILE", help="Write all figures; - for standard output.")
 ]
-
-
 WriteConfig = Annotated[
     Optional[Path],
     typer.Option(metavar="FILE", help="Write what was decided, and why, as TOML.", show_default=False),
 ]
-
-
 Scans = Annotated[Optional[int], typer.Option(min=1, help="Simulate this many scans.", show_default=False)]
-
-
 Seed = Annotated[int, typer.Option(min=0, help="Of the simulated log.")]
-
-
 HeldOut = Annotated[int, typer.Option(min=0, help="Keep each N-th scan for the truth; 0: none.")]
-
-
 Repeat = Annotated[int, typer.Option(min=1, help="Runs in turns, for the times.")]

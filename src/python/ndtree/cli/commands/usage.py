@@ -9,17 +9,12 @@ from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
 
+from ndtree._native._calls import ELSEWHERE
 from ndtree.cli.commands.table import row_of
 
 #: What others call an option, by a part of the flag.
 _ELSEWHERE = (
-    ("max-cell", "--max-cell-size"),
-    ("resolution", "--min-cell-size"),
-    ("voxel", "--min-cell-size"),
-    ("cell", "--min-cell-size"),
-    ("size", "--min-cell-size"),
-    ("sigma", "--range-sigma"),
-    ("noise", "--range-sigma"),
+    *((part.replace("_", "-"), f"--{name.replace('_', '-')}") for part, name in ELSEWHERE),
     ("range", "--max-range"),
     ("out", "--output"),
     ("image", "--picture"),

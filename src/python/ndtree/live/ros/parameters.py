@@ -13,7 +13,7 @@ from ndtree.live.localizing import ODOMETRY
 from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK
 from ndtree.maps.kinds import MAP_OPTIONS
-from ndtree.tuning.config import Config
+from ndtree.tuning.config import WORDS, Config
 
 
 @dataclass(frozen=True)
@@ -78,11 +78,6 @@ ROWS = (
     Row("diagnostics_period", 1.0, "Of diagnostics [s].", (0.01, 1e3)),
     Row("clear_radius", 1.0, "What clear_around forgets around the sensor [m].", (0.0, 1e6), True),
 )  # fmt: skip
-#: Parameters that are options of reading, if they are not empty.
-READING = (
-    "fixed_frame", "base_frame", "sensor_frame", "mount", "odometry", "poses", "sweep", "camera", "zero_is",
-    "body", "pose_covariance",
-)  # fmt: skip
 #: A flag of the commands in what readers say.
 _FLAG = re.compile(r"--(?P<name>[a-z][a-z-]*)")
 _OTHER_NAMES = {"topic": "topics"}
@@ -94,19 +89,8 @@ def config_of(value: Callable[[str], Any], options: dict[str, Any] | None = None
 
     A parameter that is at its default leaves what the file says.
     """
-    names = (
-        *READING,
-        "still",
-        "time_offset",
-        "pixel_stride",
-        "deskew",
-        "dim",
-        "max_range",
-        "min_range",
-        "no_return",
-    )
-    usual = {row.name: row.default for row in ROWS}
-    given = {name: value(name) for name in names if value(name) != usual[name]}
+    rows = [row for row in ROWS if row.name in WORDS]
+    given = {row.name: value(row.name) for row in rows if value(row.name) != row.default}
     topics = [topic for topic in value("topics") if topic]
     if topics:
         given["topic"] = topics

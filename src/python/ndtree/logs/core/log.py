@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -436,75 +437,22 @@ class DerivedLog(Log):
         other._log = self._log.ruled(**changes)
         return other
 
-    def sampled(self) -> Self:
-        """The same log for `spread`: scans that it passes over may come without beams, as not decoded."""
-        other = self.ruled()
-        other._is_sampled = True
-        return other
+    # As of the other log, which has applied the limit to its scans, too.
+    name = property(attrgetter("_log.name"))
+    decisions = property(attrgetter("_log.decisions"))
+    cut_off = property(attrgetter("_log.cut_off"))
+    spans = property(attrgetter("_log.spans"))
+    share_read = property(attrgetter("_log.share_read"))
+    skipped = property(attrgetter("_log.skipped"), lambda self, _: None)
+    zeros = property(attrgetter("_log.zeros"), lambda self, _: None)
 
-    def _passed_over(self) -> Scan | None:
-        """What stands for the next scan if it need not be decoded."""
-        if not self._is_sampled or is_sampled(self._done):
-            return None
-        return Scan(np.empty((0, self.dim)), np.zeros(self.dim))
-
-    def noted(self, line: str) -> Self:
-        """The same log with a note that it was opened with."""
-        other = self.ruled()
-        other._decided.append(line)
-        return other
-
-    @property
-    def decisions(self) -> dict[str, Decision]:
-        """As of the other log."""
-        return self._log.decisions
-
-    @property
-    def name(self) -> str:
-        """How reports call the log: as the other one."""
-        return self._log.name
+    def limit(self) -> CutOff | None:
+        return self._log.limit()
 
     @property
     def notes(self) -> list[str]:
         """Of the other log, and its own."""
         return [*self._log.notes, *super().notes]
-
-    @property
-    def skipped(self) -> dict[str, Skipped]:  # type: ignore[override]
-        """As of the other log."""
-        return self._log.skipped
-
-    @skipped.setter
-    def skipped(self, _: dict[str, Skipped]) -> None:
-        """The other log begins anew with its own loop."""
-
-    @property
-    def zeros(self) -> int:  # type: ignore[override]
-        """As of the other log."""
-        return self._log.zeros
-
-    @zeros.setter
-    def zeros(self, _: int) -> None:
-        """The other log counts."""
-
-    def limit(self) -> CutOff | None:
-        """As of the other log, which has applied it to its scans."""
-        return self._log.limit()
-
-    @property
-    def cut_off(self) -> float | None:
-        """As of the other log."""
-        return self._log.cut_off
-
-    @property
-    def spans(self) -> dict[str, tuple[float, float]]:
-        """As of the other log."""
-        return self._log.spans
-
-    @property
-    def share_read(self) -> float | None:
-        """As of the other log."""
-        return self._log.share_read
 
 
 class SelectedLog(DerivedLog):

@@ -16,8 +16,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-import numpy as np
-
 from ndtree.logs.core.failures import one_line
 
 GZIP_MAGIC = b"\x1f\x8b"
@@ -29,8 +27,6 @@ LINE_BYTES = 1 << 24
 FREE_BYTES, MOST_PACKED = 1 << 26, 1000
 _PART = 1 << 17
 _LOOKED_AT = 200
-#: Of text that is parsed at once, with what that takes, this stays in a processor's cache.
-BLOCK_BYTES = 1 << 20
 
 
 class DamagedStream(ValueError):
@@ -92,8 +88,6 @@ class PlainFile:
         self.path = path
         self.line = 0
         self._file = file
-        self._ahead = b""  # What `block` has read and not given.
-        self._damage: DamagedStream | None = None
         magic = file.read(max(len(GZIP_MAGIC), len(BZIP2_MAGIC)))
         file.seek(0)
         raw: Any = None
@@ -115,7 +109,7 @@ class PlainFile:
         readline = self._content.readline
         while True:
             try:
-                line = self._line_ahead() if self._ahead else readline(LINE_BYTES + 1)
+                line = readline(LINE_BYTES + 1)
             except DamagedStream as error:
                 raise self._behind_line(error) from None
             if not line:
@@ -126,52 +120,6 @@ class PlainFile:
             if len(line) > LINE_BYTES:
                 raise self._too_long()
             yield line
-
-    def block(self, most: int) -> bytes:
-        """The next whole lines, at most `most` and about `BLOCK_BYTES`; none at the end of the file.
-
-        `line` becomes the number of the last. A byte order mark stays: iterating takes it from the first.
-        """
-        block, self._ahead = self._ahead, b""
-        at_end = False
-        while len(block) < BLOCK_BYTES or b"\n" not in block:
-            part = b"" if self._damage else self._part()
-            at_end = not part
-            if at_end:
-                break
-            block += part
-            if len(block) > LINE_BYTES and b"\n" not in block:
-                self.line += 1
-                raise self._too_long()
-        if self._damage and b"\n" not in block:
-            raise self._behind_line(self._damage)
-        end = len(block) if at_end and not self._damage else block.rfind(b"\n") + 1
-        count = block.count(b"\n", 0, end) + (end > 0 and block[end - 1 : end] != b"\n")
-        if count > most:
-            newlines = np.flatnonzero(np.frombuffer(block, np.uint8, end) == ord("\n"))
-            end, count = int(newlines[most - 1]) + 1, most
-        self._ahead = block[end:]
-        self.line += count
-        return block[:end]
-
-    def _part(self) -> bytes:
-        """What comes next, of any length; nothing at the end and where the file is damaged."""
-        try:
-            part: bytes = self._content.read1(BLOCK_BYTES)
-            return part
-        except DamagedStream as error:
-            self._damage = error
-            return b""
-
-    def _line_ahead(self) -> bytes:
-        end = self._ahead.find(b"\n") + 1
-        if end:
-            line, self._ahead = self._ahead[:end], self._ahead[end:]
-            return line
-        if self._damage:
-            raise self._damage
-        line, self._ahead = self._ahead, b""
-        return line + bytes(self._content.readline(LINE_BYTES + 1 - len(line)))
 
     def _behind_line(self, error: DamagedStream) -> DamagedStream:
         what = f"{self.path}: behind line {self.line}: {error}, expected a whole one"
@@ -235,12 +183,6 @@ def open_plain(path: str | os.PathLike[str]) -> Iterator[PlainFile]:
     """Open a file for reading; what gzip or bzip2 has packed is unpacked on the way."""
     with open_regular(path) as file:
         yield PlainFile(os.fspath(path), file)
-
-
-def split_lines(block: bytes) -> list[bytes]:
-    """Lines of a block, without their ends; they end as those of a `PlainFile`."""
-    lines = block.split(b"\n")
-    return lines if lines[-1] else lines[:-1]
 
 
 def wrongly_written(head: bytes) -> tuple[str, str] | None:

@@ -23,3 +23,19 @@ def with_points(line: str) -> str:
     if "," in line and separator_of(line.encode())[1]:
         return line.replace(",", ".")
     return line
+
+
+def are_numbers(fields: list[str]) -> bool:
+    """Whether there are fields, and all are numbers."""
+    try:
+        return bool([float(field) for field in fields])
+    except ValueError:
+        return False
+
+
+def floats_of(path: str, number: int, fields: list[str]) -> list[float]:
+    """Numbers of a line's fields; ValueError if one is none."""
+    if fields and not are_numbers(fields):
+        found = " ".join(fields)[:40]
+        raise ValueError(f"{path}: line {number}: found {found!r}, expected only numbers")
+    return [float(field) for field in fields]

@@ -12,6 +12,7 @@ from typing import Any
 from ndtree.logs.core.failures import WrongOption
 from ndtree.logs.core.log import Log
 from ndtree.logs.core.plain_file import open_plain
+from ndtree.logs.core.rules import INVALID, NO_ECHO
 
 __all__ = ["TIME_OFFSET", "Format", "ReaderOption", "Source", "WrongOption", "require_dim", "source_of"]
 
@@ -60,6 +61,15 @@ class ReaderOption:
 
 
 TIME_OFFSET = ReaderOption("time_offset", float, "Added to the times of scans to find their poses [s].")
+ZERO_IS = ReaderOption(
+    "zero_is", str, "Of lasers: what range 0 is, no-echo or invalid; else the log decides."
+)
+
+
+def check_zero_is(path: str, zero_is: str | None) -> None:
+    """Refuse what is none of the words for it. @raises WrongOption"""
+    if zero_is not in (None, NO_ECHO, INVALID):
+        raise WrongOption(f"{path}: zero_is = {zero_is!r}: must be {NO_ECHO} or {INVALID}")
 
 
 @dataclass(frozen=True)

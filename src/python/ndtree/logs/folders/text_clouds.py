@@ -20,7 +20,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.plain_file import open_plain, split_lines
+from ndtree.logs.core.plain_file import open_plain
 from ndtree.logs.core.separators import separator_of
 from ndtree.logs.core.source import Source
 
@@ -177,8 +177,8 @@ def text_points(path: str) -> Floats:
         head = list(islice(file, _LOOKED_AT))  # Headers are among the first lines.
         parts.append(_parsed(path, columns, 1, head))
         first = file.line + 1
-        while block := file.block(_BLOCK):
-            parts.append(_parsed(path, columns, first, split_lines(block)))
+        while lines := list(islice(file, _BLOCK)):
+            parts.append(_parsed(path, columns, first, lines))
             first = file.line + 1
     found = np.concatenate(parts)
     return found if columns.metres == 1.0 else found * columns.metres

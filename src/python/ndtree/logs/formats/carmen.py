@@ -11,8 +11,7 @@ from ndtree._native import _core
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import LineLog
 from ndtree.logs.core.rules import NO_ECHO, Rules
-from ndtree.logs.core.source import Format, ReaderOption, Source, require_dim
-from ndtree.logs.core.zeros import ZERO_IS, checked
+from ndtree.logs.core.source import ZERO_IS, Format, ReaderOption, Source, check_zero_is, require_dim
 from ndtree.logs.formats.text import first_fields
 
 #: Records of the format.
@@ -56,7 +55,8 @@ class CarmenLog(LineLog):
         if fov is not None and not 0.0 < fov <= 360.0:
             raise ValueError(f"fov = {fov} degrees: must be in (0, 360]")
         self._fov = fov
-        self.rules = Rules(zero_is=checked(path, zero_is))
+        check_zero_is(path, zero_is)
+        self.rules = Rules(zero_is=zero_is)
 
     def _scans(self) -> Iterator[Scan]:
         parser = _core.CarmenParser(field_of_view=None if self._fov is None else math.radians(self._fov))

@@ -6,13 +6,14 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import Log
-from ndtree.logs.core.plain_file import PlainFile, open_plain, split_lines
+from ndtree.logs.core.plain_file import PlainFile, open_plain
 from ndtree.logs.core.source import Format, Source, require_dim
 from ndtree.logs.poses.pose import Pose
 
@@ -63,16 +64,14 @@ class PtxLog(Log):
         left, width = count, 0
         while left:
             begin = file.line + 1
-            text = file.block(min(left, _BLOCK))
-            if not text:
+            block = list(islice(file, min(left, _BLOCK)))
+            if not block:
                 raise ValueError(
                     f"{self.path}: ends behind {count - left} points, expected {count} as its header says"
                 )
-            start = text[: text.find(b"\n") + 1] or text
-            width = width or len(start.split())
+            width = width or len(block[0].split())
             if width not in _POINT:
-                raise _wrong(self.path, begin, start, "x y z intensity of a point, with r g b or not")
-            block = split_lines(text)
+                raise _wrong(self.path, begin, block[0], "x y z intensity of a point, with r g b or not")
             table = _table(block, width)
             if table is None:
                 at = next((i for i, line in enumerate(block) if _table([line], width) is None), 0)

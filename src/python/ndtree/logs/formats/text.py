@@ -11,6 +11,7 @@ import numpy as np
 from ndtree._native import _core
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import LineLog
+from ndtree.logs.core.separators import are_numbers
 from ndtree.logs.core.source import Format, Source
 
 EXPECTED = "expected 4 or 5 numbers a line in 2-D, 6 or 7 in 3-D"
@@ -38,16 +39,6 @@ def fields_of(line: str) -> list[str]:
     """Fields of one line without its comment; none of a blank one."""
     content = line.lstrip("\ufeff").split("#", 1)[0].strip()
     return re.split(r"\s*[,;]\s*|\s+", content) if content else []
-
-
-def are_numbers(fields: list[str]) -> bool:
-    """Whether all are."""
-    try:
-        for field in fields:
-            float(field)
-    except ValueError:
-        return False
-    return True
 
 
 def dimension_of(fields: list[str]) -> int | None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.logs.core.plain_file import text_lines
-from ndtree.logs.core.separators import with_points
+from ndtree.logs.core.separators import are_numbers, floats_of, with_points
 from ndtree.logs.poses.pose import ROTATION_TOLERANCE, matrices_of
 
 Floats = NDArray[np.float64]
@@ -48,9 +48,9 @@ def kind_of_list(path: str) -> str | None:
     if _OF_G2O.match(first[0]):
         return "g2o"
     counts = [len(fields) for _, fields in rows]
-    if not all(_are_numbers(fields) for _, fields in rows):
+    if not all(are_numbers(fields) for _, fields in rows):
         behind = [fields for _, fields in rows[1:]]
-        named = _entries(first) is not None and behind and all(map(_are_numbers, behind))
+        named = _entries(first) is not None and behind and all(map(are_numbers, behind))
         return "timed matrices" if named and len({*counts}) == 1 else None
     if counts[:5] == [3, 4, 4, 4, 4] and all(_is_whole(field) for field in first):
         return "log"
@@ -84,7 +84,7 @@ def _of_g2o(path: str) -> PoseList:
         count = _VERTICES.get(fields[0])
         if count is None:
             continue
-        values = _numbers(path, number, fields[1:])
+        values = floats_of(path, number, fields[1:])
         if len(values) != count + 1 or values[0] != int(values[0]):
             raise ValueError(
                 f"{path}: line {number}: found {len(values)} numbers, "
@@ -120,8 +120,8 @@ def _of_log(path: str) -> PoseList:
                 f"{path}: line {block[-1][0]}: "
                 "expected 3 whole numbers and the 4 rows of a matrix for each pose"
             )
-        numbers.append(_numbers(path, *block[0])[0])
-        matrices.append([_numbers(path, *row) for row in block[1:4]])
+        numbers.append(floats_of(path, *block[0])[0])
+        matrices.append([floats_of(path, *row) for row in block[1:4]])
     order = np.argsort(numbers, kind="stable")
     rising = len(set(numbers)) == len(numbers)  # Else all may have the same, and count by their order.
     stamps = np.array(numbers)[order] if rising else np.arange(len(numbers), dtype=np.float64)
@@ -135,12 +135,12 @@ def _of_matrices(path: str, *, timed: bool) -> PoseList:
     time = 0
     size = 0
     for number, fields in _rows(path):
-        if not size and not _are_numbers(fields):
+        if not size and not are_numbers(fields):
             entries = _entries(fields)
             names = [field.lower() for field in fields]
             time = next((i for i, name in enumerate(names) if "time" in name or "stamp" in name), -1)
             continue
-        row = _numbers(path, number, fields)
+        row = floats_of(path, number, fields)
         size = size or len(row)
         if len(row) != size:
             raise ValueError(f"{path}: line {number}: found {len(row)} numbers, expected {size} as before")
@@ -183,21 +183,6 @@ def _rows(path: str) -> Iterator[tuple[int, list[str]]]:
         fields = content.replace(",", " ").replace(";", " ").split()
         if fields:
             yield number, fields
-
-
-def _numbers(path: str, number: int, fields: list[str]) -> list[float]:
-    try:
-        return [float(field) for field in fields]
-    except ValueError:
-        found = " ".join(fields)[:40]
-        raise ValueError(f"{path}: line {number}: found {found!r}, expected only numbers") from None
-
-
-def _are_numbers(fields: list[str]) -> bool:
-    try:
-        return bool([float(field) for field in fields])
-    except ValueError:
-        return False
 
 
 def _is_matrix(values: list[float]) -> bool:

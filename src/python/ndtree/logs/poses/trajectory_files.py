@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.logs.core.plain_file import text_lines
-from ndtree.logs.core.separators import with_points
+from ndtree.logs.core.separators import are_numbers, floats_of, with_points
 from ndtree.logs.core.source import ReaderOption
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.pose_columns import TUM, PoseColumns, columns_named, order_in_doubt, seconds_of
@@ -167,7 +167,7 @@ def _lines(path: str) -> Iterator[tuple[PoseColumns | None, tuple[int, list[floa
             raise ValueError(f"{path}: line {number}: binary data, expected poses in text")
         content = with_points(line.split("#", 1)[0])
         fields = content.replace(",", " ").replace(";", " ").split()
-        if not behind_header and not _are_numbers(fields):
+        if not behind_header and not are_numbers(fields):
             found = columns_named(line)
             if found is not None:
                 named = found
@@ -183,7 +183,7 @@ def _lines(path: str) -> Iterator[tuple[PoseColumns | None, tuple[int, list[floa
             if named is not None:
                 yield named, (number, _named_values(path, number, content, named))
             else:
-                yield named, (number, _floats(path, number, fields))
+                yield named, (number, floats_of(path, number, fields))
 
 
 def _named_values(path: str, number: int, line: str, named: PoseColumns) -> list[float]:
@@ -191,7 +191,7 @@ def _named_values(path: str, number: int, line: str, named: PoseColumns) -> list
     fields = re.split(r"\s*[,;]\s*", line.strip().rstrip(",;")) if re.search("[,;]", line) else line.split()
     wanted = (named.time, named.part, *named.pose)
     return [
-        _floats(path, number, [field])[0] if i in wanted or _are_numbers([field]) else math.nan
+        floats_of(path, number, [field])[0] if i in wanted or are_numbers([field]) else math.nan
         for i, field in enumerate(fields)
     ]
 
@@ -201,19 +201,4 @@ def _numbers(path: str) -> Iterator[tuple[int, list[float]]]:
     for number, line in text_lines(path):
         fields = line.split("#", 1)[0].replace(",", " ").split()
         if fields:
-            yield number, _floats(path, number, fields)
-
-
-def _are_numbers(fields: list[str]) -> bool:
-    try:
-        return bool([float(field) for field in fields])
-    except ValueError:
-        return False
-
-
-def _floats(path: str, number: int, fields: list[str]) -> list[float]:
-    try:
-        return [float(field) for field in fields]
-    except ValueError:
-        found = " ".join(fields)[:40]
-        raise ValueError(f"{path}: line {number}: found {found!r}, expected only numbers") from None
+            yield number, floats_of(path, number, fields)

@@ -3,28 +3,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import islice
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.logs.ros.files.bag import Bag, Topic
-from ndtree.logs.ros.messages import image, livox, old_cloud
-from ndtree.logs.ros.messages.beams import (
-    IMAGES,
-    LASER,
-    LIVOX,
-    MULTI_ECHO_LASER,
-    OLD_CLOUD,
-    PLANAR,
-    POINT_CLOUD,
-    RANGE,
-    Beams,
-)
-from ndtree.logs.ros.messages.cloud import cloud_beams
-from ndtree.logs.ros.messages.laser import laser_beams, multi_echo_beams, range_beams
+from ndtree.logs.ros.messages import image
+from ndtree.logs.ros.messages.beams import IMAGES, PLANAR, Beams
+from ndtree.logs.ros.sensors import beams_of
 
 #: LOOKS messages of each topic are looked at, every EVERY-th if there are enough.
 LOOKS, EVERY = 8, 5
@@ -38,15 +25,6 @@ PLANAR_WEIGHT = 20.0
 IMAGE_DIRECTIONS = 2700
 #: A sensor that sees so much less than the best is poor.
 POOR = 0.1
-
-_READ: dict[str, Callable[[Any], Beams]] = {
-    LASER: lambda message: laser_beams(message, SOME_RANGE),
-    MULTI_ECHO_LASER: lambda message: multi_echo_beams(message, SOME_RANGE),
-    RANGE: lambda message: range_beams(message, SOME_RANGE),
-    POINT_CLOUD: lambda message: cloud_beams(message, 0.0),
-    OLD_CLOUD: old_cloud.beams,
-    **dict.fromkeys(LIVOX, livox.beams),
-}
 
 
 def sights(bag: Bag, topics: list[Topic]) -> dict[str, float]:
@@ -84,7 +62,7 @@ def _directions(bag: Bag, topic: Topic) -> float:
             if topic.type in IMAGES:
                 counts.append(IMAGE_DIRECTIONS * float(np.mean(np.nan_to_num(image.depth_of(message)) > 0)))
             else:
-                counts.append(float(_cells(_READ[topic.type](message))))
+                counts.append(float(_cells(beams_of(topic.type, message, 0.0, SOME_RANGE))))
         except (ValueError, ImportError):
             continue
     return float(np.mean(counts)) * (PLANAR_WEIGHT if topic.type in PLANAR else 1.0) if counts else 0.0

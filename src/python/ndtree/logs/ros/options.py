@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ndtree.logs.core.source import WrongOption
-from ndtree.logs.core.zeros import checked
+from ndtree.logs.core.source import WrongOption, check_zero_is
 from ndtree.logs.folders.depth_image import check_stride
 from ndtree.logs.poses.covariances import USES
 from ndtree.logs.ros.files.bag import Bag, Topic
@@ -67,7 +66,7 @@ class BagOptions:
         if self.sweep is not None and not self.deskew:
             raise WrongOption(f"{path}: sweep = {self.sweep}: is for beams that are deskewed")
         check_stride(self.pixel_stride)
-        checked(path, self.zero_is)
+        check_zero_is(path, self.zero_is)
 
     def check_topics(self, path: str, topics: list[Topic]) -> None:
         """Refuse what makes no sense for some sensors.

@@ -31,32 +31,22 @@ TWO_CLOCKS = 1.0
 
 @dataclass(frozen=True)
 class BagPlan:
-    """All that a reader of a bag's messages obeys.
+    """All that a reader of a bag's messages obeys; what goes by topic has its name as the key.
 
     Attributes
     ----------
-    options : BagOptions
-    sensors : list of Sensor
     places : dict of str to Placement
-        By topic, how its poses are found.
+        How poses are found.
     sweeps : dict of str to Sweep
-        By topic, what the times of beams mean.
-    clock : Clock
+        What the times of beams mean.
     covariances : PoseCovariances
         Of the topic of the first sensor's poses.
     elsewhere : dict of str to list of str
-        By topic, frames of messages without a known place.
-    dim : int
-    body : Body, optional
-        The robot's: beams that end in it are left out.
-    bodies : dict of str to str
-        By topic, the frame that it is in.
-    damaged : list of ValueError
-        One for each message with poses that is not whole.
-    damage : list of str
-        Why files were read without their index.
-    notes : list of str
-        What a user should know.
+        Frames of messages without a known place.
+    body, bodies : Body, dict of str to str
+        The robot's, whose beams are left out, and the frame that it is in.
+    damaged, damage : list
+        An error for each message with poses that is not whole, and why files were read without their index.
     hint : str
         What may help where no scan has a pose.
     decisions : dict of str to Decision

@@ -6,8 +6,7 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from ndtree.logs.core.source import TIME_OFFSET, Format, ReaderOption, Source
-from ndtree.logs.core.zeros import ZERO_IS
+from ndtree.logs.core.source import TIME_OFFSET, ZERO_IS, Format, ReaderOption, Source
 from ndtree.logs.folders.depth_image import CAMERA, PIXEL_STRIDE
 from ndtree.logs.formats.velodyne import STILL
 from ndtree.logs.poses.covariances import USES

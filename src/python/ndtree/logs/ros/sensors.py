@@ -19,7 +19,6 @@ from ndtree.logs.ros.messages.beams import (
     LASER,
     LIVOX,
     MULTI_ECHO_LASER,
-    OLD_CLOUD,
     PLANAR,
     POINT_CLOUD,
     RANGE,
@@ -138,22 +137,28 @@ class Sensor:
         `no_return_range` is up to where a beam without return is free if the message does not say [m];
         `zero_is_silent`, whether a LaserScan's range of 0 is one; `noise` has seen its earlier messages.
         """
-        kind = self.topic.type
-        if kind == LASER:
-            return laser_beams(message, no_return_range, zero_is_silent, noise)
-        if kind == MULTI_ECHO_LASER:
-            return multi_echo_beams(message, no_return_range)
-        if kind == RANGE:
-            return range_beams(message, no_return_range)
-        if kind == POINT_CLOUD:
-            return cloud_beams(message, stamp)
-        if kind == OLD_CLOUD:
-            return old_cloud.beams(message)
-        if kind in LIVOX:
-            return livox.beams(message)
-        assert self._cameras is not None
+        if self._cameras is None:
+            return beams_of(self.topic.type, message, stamp, no_return_range, zero_is_silent, noise)
         stamps, cameras = self._cameras
         return image.depth_beams(message, cameras[int(np.abs(stamps - stamp).argmin())], self._pixel_stride)
+
+
+def beams_of(
+    kind: str,
+    message: Any,
+    stamp: float,
+    no_return_range: float | None,
+    zero_is_silent: bool = False,
+    noise: NoiseAtLimit | None = None,
+) -> Beams:
+    """What a message of a type measured that is no image, as of `Sensor.beams`."""
+    if kind == LASER:
+        return laser_beams(message, no_return_range, zero_is_silent, noise)
+    if kind in (MULTI_ECHO_LASER, RANGE):
+        return (range_beams if kind == RANGE else multi_echo_beams)(message, no_return_range)
+    if kind == POINT_CLOUD:
+        return cloud_beams(message, stamp)
+    return livox.beams(message) if kind in LIVOX else old_cloud.beams(message)
 
 
 def readable(bag: Bag) -> list[Topic]:

@@ -83,7 +83,7 @@ def _counts(target: Any, beams: Beams, cell: float, model: tuple[float, float]) 
     free_until = 1 / (1 + math.exp(-CLEAR * options["log_odds_min"]))
     margin = np.maximum(MARGIN_SIGMAS * (model[0] + model[1] * beams.length**2), cell)
 
-    first = np.asarray(target.cast_rays(beams.origin, beams.direction))
+    first = np.asarray(target.cast_rays(beams.origin, beams.direction, at="cell"))
     met = np.isfinite(first)
     met[met] = beams.length[met] > first[met] - margin[met]
     for depth in (0.1, 0.3, 0.5):
