@@ -8,7 +8,6 @@
 #include <cstddef>
 #include <stdexcept>
 #include <string>
-#include <type_traits>
 #include <vector>
 
 #include "ndtree/io/map_file.hpp"
@@ -19,30 +18,18 @@
 namespace ndtree::test::test_moved_points {
 namespace {
 
-template <class Map>
-float standing(const Map& map, const Vector<Map::kDim>& point) {
-  const auto leaf = map.tree().find_leaf(point);
-  const auto occupied = static_cast<float>(probability(map, point));
-  if constexpr (std::is_same_v<typename Map::Cell, EvidenceCell>)
-    if (leaf && occupied < 0.5F && leaf->cell().hits() > 0 &&
-        (leaf->cell().streak_is_of_hits() || leaf->cell().streak() < 5))
-      return 0.5F;
-  return occupied;
-}
-
-/// The rule as it is said: one minus the largest probability that something stands in the cell and those
-/// beside it.
+/// The rule as it is said: one minus the largest probability of the cell and those beside it.
 template <class Map>
 float expected(const Map& map, const Vector<Map::kDim>& point) {
   const MapOptions& options = map.options();
-  const double reach = 0.5 * options.min_cell_size + 3.0 * options.range_sigma;
-  auto most = standing(map, point);
+  const double reach = std::max(0.5 * options.min_cell_size, options.range_sigma);
+  auto most = static_cast<float>(probability(map, point));
   if (most >= 0.5F) return 1.0F - most;
   for (int axis = 0; axis < Map::kDim; ++axis)
-    for (const double side : {-1.0, -0.5, 0.5, 1.0}) {
+    for (const double side : {-1.0, 1.0}) {
       Vector<Map::kDim> there = point;
       there[axis] += side * reach;
-      most = std::max(most, standing(map, there));
+      most = std::max(most, static_cast<float>(probability(map, there)));
     }
   return 1.0F - most;
 }

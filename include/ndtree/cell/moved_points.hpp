@@ -6,11 +6,8 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cstddef>
-#include <cstdint>
-#include <type_traits>
 #include <vector>
 
-#include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/scan.hpp"
@@ -18,28 +15,13 @@
 
 namespace ndtree {
 
-/// That something stands in a cell, as its evidence tells. Of a free cell in which beams ended, and which not
-/// all of the last kPassesOfLeft scans passed, it cannot tell a thing that is thinner than the cell from one
-/// that left: at least 0.5. Cells that count no streaks say how probable it is that they are occupied.
-template <class Cell>
-[[nodiscard]] float probability_standing(const Cell& cell) {
-  const auto occupied = static_cast<float>(cell.probability());
-  if constexpr (std::is_same_v<Cell, EvidenceCell>) {
-    constexpr std::uint32_t kPassesOfLeft = 5;  // Of 2 to 12, fewest errors in random worlds.
-    const bool is_left = !cell.streak_is_of_hits() && cell.streak() >= kPassesOfLeft;
-    if (occupied < 0.5F && cell.hits() > 0 && !is_left) return 0.5F;
-  }
-  return occupied;
-}
-
-/// That what returned at points is not part of what stands: one minus the probability that something stands
-/// in the point's cell, or in a cell beside it, where that is more. Beside it are the cells at a distance of
-/// `reach` and of half of it along each axis, both ways. Of what is unknown nothing can be said, whatever is
-/// beside it: 0.5. O(n).
-/// @param points D numbers each [m]. @param reach half a smallest cell and the noise of a range [m].
-/// @param standing_at called as (points, n, out): writes probability_standing() of their cells.
-template <int D, class StandingAt>
-void probability_moved(const double* points, std::size_t n, double reach, const StandingAt& standing_at,
+/// That what returned at points is not part of what stands: one minus the probability that the point's cell
+/// is occupied, or a cell beside it, where that is more. Beside it are the cells at a distance of `reach`
+/// along each axis, both ways. Of what is unknown nothing can be said, whatever is beside it: 0.5. O(n).
+/// @param points D numbers each [m]. @param reach the noise of a range, or half a smallest cell [m].
+/// @param probability_at called as (points, n, out): writes the probability that each is occupied.
+template <int D, class ProbabilityAt>
+void probability_moved(const double* points, std::size_t n, double reach, const ProbabilityAt& probability_at,
                        float* out) {
   constexpr std::size_t kAtOnce = 4096;
   constexpr std::size_t kDim = D;
@@ -51,19 +33,19 @@ void probability_moved(const double* points, std::size_t n, double reach, const 
     const std::size_t count = std::min(kAtOnce, n - first);
     const double* const here = points + first * kDim;
     float* const results = out + first;
-    standing_at(here, count, results);
+    probability_at(here, count, results);
     free.clear();
     for (std::size_t i = 0; i < count; ++i)
       if (results[i] < 0.5F) free.push_back(i);
     beside.resize(free.size() * kDim);
     there.resize(free.size());
     for (std::size_t axis = 0; axis < kDim; ++axis)
-      for (const double step : {-reach, -0.5 * reach, 0.5 * reach, reach}) {
+      for (const double step : {-reach, reach}) {
         for (std::size_t i = 0; i < free.size(); ++i) {
           std::copy_n(here + free[i] * kDim, kDim, beside.data() + i * kDim);
           beside[i * kDim + axis] += step;
         }
-        standing_at(beside.data(), free.size(), there.data());
+        probability_at(beside.data(), free.size(), there.data());
         for (std::size_t i = 0; i < free.size(); ++i) results[free[i]] = std::max(results[free[i]], there[i]);
       }
     for (std::size_t i = 0; i < count; ++i) results[i] = 1.0F - results[i];
@@ -72,9 +54,9 @@ void probability_moved(const double* points, std::size_t n, double reach, const 
 
 /// Probability that the end point of each beam of a scan moved; 0.5 for beams that do not return within
 /// `max_range`.
-template <int D, class StandingAt>
+template <int D, class ProbabilityAt>
 std::vector<float> probability_moved(const ScanView<D>& scan, double max_range, double reach,
-                                     const StandingAt& standing_at) {
+                                     const ProbabilityAt& probability_at) {
   std::vector<double> points;
   std::vector<std::size_t> beams;
   for (Eigen::Index i = 0; i < scan.size; ++i) {
@@ -84,7 +66,7 @@ std::vector<float> probability_moved(const ScanView<D>& scan, double max_range, 
     points.insert(points.end(), beam.endpoint.data(), beam.endpoint.data() + D);
   }
   std::vector<float> of_returned(beams.size());
-  probability_moved<D>(points.data(), beams.size(), reach, standing_at, of_returned.data());
+  probability_moved<D>(points.data(), beams.size(), reach, probability_at, of_returned.data());
   std::vector<float> moved(static_cast<std::size_t>(scan.size), 0.5F);
   for (std::size_t i = 0; i < beams.size(); ++i) moved[beams[i]] = of_returned[i];
   return moved;
@@ -93,8 +75,7 @@ std::vector<float> probability_moved(const ScanView<D>& scan, double max_range, 
 /// See probability_moved(). @param options with `min_cell_size` and `range_sigma` [m].
 template <class Options>
 [[nodiscard]] double reach_of_moved(const Options& options) {
-  constexpr double kNoiseSigmas = 3.0;  // One of 370 ranges is farther off.
-  return 0.5 * options.min_cell_size + kNoiseSigmas * options.range_sigma;
+  return std::max(0.5 * options.min_cell_size, options.range_sigma);
 }
 
 }  // namespace ndtree

@@ -371,13 +371,13 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
 
   /// Of each beam the probability that it returns from what moves, by the map as it is.
   [[nodiscard]] std::vector<float> moved_before(const ScanView<D>& scan, double max_range) const {
-    const auto standing_at = [&](const double* points, std::size_t n, float* out) {
+    const auto probability_at = [&](const double* points, std::size_t n, float* out) {
       for (std::size_t i = 0; i < n; ++i) {
         const auto leaf = tree_.find_leaf(Vector<D>(Eigen::Map<const Vector<D>>(points + i * D)));
-        out[i] = leaf ? probability_standing(leaf->cell()) : 0.5F;
+        out[i] = leaf ? static_cast<float>(leaf->cell().probability()) : 0.5F;
       }
     };
-    return probability_moved(scan, max_range, reach_of_moved(options_), standing_at);
+    return probability_moved(scan, max_range, reach_of_moved(options_), probability_at);
   }
 
   InsertReport integrate(const ScanView<D>& scan, double max_range, int threads,

@@ -179,12 +179,14 @@ void for_each_cell_at(const Map& map, const double* points, std::size_t n, Visit
 template <class Map>
 [[nodiscard]] std::vector<float> probability_moved(const Map& map, const Points<Map::kDim>& points) {
   constexpr int D = Map::kDim;
-  const auto standing_at = [&map](const double* some, std::size_t n, float* out) {
-    for_each_cell_at(map, some, n,
-                     [out](std::size_t i, const auto& cell) { out[i] = probability_standing(cell); });
+  const auto probability_at = [&map](const double* some, std::size_t n, float* out) {
+    for_each_cell_at(map, some, n, [out](std::size_t i, const auto& cell) {
+      out[i] = static_cast<float>(cell.probability());
+    });
   };
   std::vector<float> moved(static_cast<std::size_t>(points.cols()));
-  probability_moved<D>(points.data(), moved.size(), reach_of_moved(map.options()), standing_at, moved.data());
+  probability_moved<D>(points.data(), moved.size(), reach_of_moved(map.options()), probability_at,
+                       moved.data());
   return moved;
 }
 

@@ -75,8 +75,8 @@ py::array_t<float> probability(AnyMovedEvidence& any, const py::object& object) 
 }
 
 /// The map as probability_moved() asks it.
-auto standing_in(const MapInterface& map) {
-  return [&map](const double* points, std::size_t n, float* out) { map.standing(points, n, out); };
+auto probabilities_of(const MapInterface& map) {
+  return [&map](const double* points, std::size_t n, float* out) { map.probability(points, n, out); };
 }
 
 /// Calls `use(std::integral_constant<int, D>())` with the map's dimension.
@@ -95,7 +95,8 @@ void with_dim(const MapInterface& map, const Use& use) {
 std::vector<float> moved_before(const MapInterface& map, const BeamPointers& beams, double max_range) {
   std::vector<float> moved;
   with_dim(map, [&](auto dim) {
-    moved = probability_moved(beams.view<dim>(), max_range, reach_of_moved(map.options()), standing_in(map));
+    moved =
+        probability_moved(beams.view<dim>(), max_range, reach_of_moved(map.options()), probabilities_of(map));
   });
   return moved;
 }
@@ -140,7 +141,7 @@ void bind_moved(py::module_& module) {
         const auto n = static_cast<std::size_t>(points.shape(0));
         map.read([&](const MapInterface& m) {
           with_dim(m, [&](auto dim) {
-            probability_moved<dim>(data, n, reach_of_moved(m.options()), standing_in(m), results);
+            probability_moved<dim>(data, n, reach_of_moved(m.options()), probabilities_of(m), results);
           });
         });
         return out;

@@ -1194,11 +1194,8 @@ class OccupancyMap:
     def moved(self, points: ArrayLike) -> NDArray[np.float32]:
         """Probability that what returned at points is not part of what stands, by the map's evidence.
 
-        A point in free space moved, or came there by an error, unless an occupied cell is as near as half a smallest
-        cell and the noise of a range. Cells cannot tell a thing thinner than a cell, which beams pass on both
-        sides, from one that left: of a free cell in which beams ended this says 0.5 until 5 scans in a row have
-        passed it. A rod that so many scans in a row miss, far away, is still called moved. `MovedEvidence` asks the
-        scans themselves, and is more often right.
+        A point in free space moved, or came there by an error, unless an occupied cell is as near as the noise of a
+        range, or half a smallest cell. `MovedEvidence` asks the scans themselves, and is more often right.
 
         Parameters
         ----------
