@@ -22,11 +22,11 @@ namespace {
 template <class Map>
 float expected(const Map& map, const Vector<Map::kDim>& point) {
   const MapOptions& options = map.options();
-  const double reach = std::max(0.5 * options.min_cell_size, options.range_sigma);
+  const double reach = 0.5 * options.min_cell_size + 3.0 * options.range_sigma;
   auto most = static_cast<float>(probability(map, point));
-  if (most >= 0.5F) return 1.0F - most;
+  if (most >= static_cast<float>(options.partial_probability - 1e-4)) return 1.0F - std::max(most, 0.5F);
   for (int axis = 0; axis < Map::kDim; ++axis)
-    for (const double side : {-1.0, 1.0}) {
+    for (const double side : {-1.0, -0.5, 0.5, 1.0}) {
       Vector<Map::kDim> there = point;
       there[axis] += side * reach;
       most = std::max(most, static_cast<float>(probability(map, there)));

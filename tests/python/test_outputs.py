@@ -72,7 +72,9 @@ def require_refused(line: str, here: Path, monkeypatch: pytest.MonkeyPatch, said
     """In one line, with nothing read and all files kept."""
     before = contents(here)
     with monkeypatch.context() as patched:
-        patched.setattr("ndtree.cli.commands.flags.read", lambda *_, **__: pytest.fail("the log was opened"))
+        patched.setattr(
+            "ndtree.tuning.config.Config.read", lambda *_, **__: pytest.fail("the log was opened")
+        )
         patched.setattr(Log, "__iter__", lambda _: pytest.fail("the log was read"))
         done = run(line)
     assert done.exit_code == 2, (line, done.output, done.exception)

@@ -81,8 +81,8 @@ def test_the_nearest_point_is_as_far_as_the_distance_says(any_room):
 def test_rays_that_stop_at_unknown_space_end_before_it(any_room):
     directions = RNG.normal(size=(200, any_room.dim))
     origin = np.full(any_room.dim, 0.3)
-    plain = any_room.cast_rays(origin, directions, max_range=9.0)
-    ends = any_room.cast_rays(origin, directions, max_range=9.0, details=True)
+    plain = any_room.cast_rays(origin, directions, max_range=9.0, at="cell")
+    ends = any_room.cast_rays(origin, directions, max_range=9.0, details=True, at="cell")
     np.testing.assert_array_equal(plain, ends.distance)
     hit = np.isfinite(plain)
     assert (ends.state[hit] == 1).all() and (ends.state[~hit] == 0).all()
@@ -91,9 +91,9 @@ def test_rays_that_stop_at_unknown_space_end_before_it(any_room):
     assert (at >= ends.lower[hit] - 2e-6).all() and (
         at <= (ends.lower + ends.size[:, None])[hit] + 2e-6
     ).all()
-    stopped = any_room.cast_rays(origin, directions, max_range=9.0, unknown="stop", details=True)
+    stopped = any_room.cast_rays(origin, directions, max_range=9.0, unknown="stop", details=True, at="cell")
     np.testing.assert_array_equal(
-        stopped.distance, any_room.cast_rays(origin, directions, max_range=9.0, unknown="stop")
+        stopped.distance, any_room.cast_rays(origin, directions, max_range=9.0, unknown="stop", at="cell")
     )
     assert np.isfinite(stopped.distance).all(), "somewhere it ends"
     assert set(stopped.state) == {-1, 1}

@@ -15,14 +15,32 @@
 
 namespace ndtree {
 
+/// How far a surface may be from a point that it returned, and from which probability on a cell may hold
+/// something thinner than it, see SplitOptions::partial_probability.
+struct MovedMargin {
+  double reach;  ///< [m].
+  float thin;
+
+  /// Half a smallest cell, since a surface is somewhere in its cell, and the noise of a range.
+  template <class Options>
+  [[nodiscard]] static MovedMargin of(const Options& options) {
+    constexpr double kNoiseSigmas = 3.0;  // One of 370 ranges is farther off.
+    constexpr double kRounding = 1e-4;    // Of a cell's log-odds.
+    const double thin = options.partial_probability > 0.0 ? options.partial_probability : 0.5;
+    return {0.5 * options.min_cell_size + kNoiseSigmas * options.range_sigma,
+            static_cast<float>(thin - kRounding)};
+  }
+};
+
 /// That what returned at points is not part of what stands: one minus the probability that the point's cell
-/// is occupied, or a cell beside it, where that is more. Beside it are the cells at a distance of `reach`
-/// along each axis, both ways. Of what is unknown nothing can be said, whatever is beside it: 0.5. O(n).
-/// @param points D numbers each [m]. @param reach the noise of a range, or half a smallest cell [m].
+/// is occupied, or a cell beside it, where that is more. Beside it are the cells at a distance of `reach` and
+/// of half of it along each axis, both ways. Of what is unknown, and of a cell that may hold something thin,
+/// nothing can be said, whatever is beside it: 0.5. O(n).
+/// @param points D numbers each [m].
 /// @param probability_at called as (points, n, out): writes the probability that each is occupied.
 template <int D, class ProbabilityAt>
-void probability_moved(const double* points, std::size_t n, double reach, const ProbabilityAt& probability_at,
-                       float* out) {
+void probability_moved(const double* points, std::size_t n, const MovedMargin& margin,
+                       const ProbabilityAt& probability_at, float* out) {
   constexpr std::size_t kAtOnce = 4096;
   constexpr std::size_t kDim = D;
   std::vector<double> beside;
@@ -35,12 +53,14 @@ void probability_moved(const double* points, std::size_t n, double reach, const 
     float* const results = out + first;
     probability_at(here, count, results);
     free.clear();
-    for (std::size_t i = 0; i < count; ++i)
-      if (results[i] < 0.5F) free.push_back(i);
+    for (std::size_t i = 0; i < count; ++i) {
+      if (results[i] < margin.thin) free.push_back(i);
+      results[i] = results[i] < margin.thin ? results[i] : std::max(results[i], 0.5F);
+    }
     beside.resize(free.size() * kDim);
     there.resize(free.size());
     for (std::size_t axis = 0; axis < kDim; ++axis)
-      for (const double step : {-reach, reach}) {
+      for (const double step : {-margin.reach, -0.5 * margin.reach, 0.5 * margin.reach, margin.reach}) {
         for (std::size_t i = 0; i < free.size(); ++i) {
           std::copy_n(here + free[i] * kDim, kDim, beside.data() + i * kDim);
           beside[i * kDim + axis] += step;
@@ -55,7 +75,7 @@ void probability_moved(const double* points, std::size_t n, double reach, const 
 /// Probability that the end point of each beam of a scan moved; 0.5 for beams that do not return within
 /// `max_range`.
 template <int D, class ProbabilityAt>
-std::vector<float> probability_moved(const ScanView<D>& scan, double max_range, double reach,
+std::vector<float> probability_moved(const ScanView<D>& scan, double max_range, const MovedMargin& margin,
                                      const ProbabilityAt& probability_at) {
   std::vector<double> points;
   std::vector<std::size_t> beams;
@@ -66,16 +86,10 @@ std::vector<float> probability_moved(const ScanView<D>& scan, double max_range, 
     points.insert(points.end(), beam.endpoint.data(), beam.endpoint.data() + D);
   }
   std::vector<float> of_returned(beams.size());
-  probability_moved<D>(points.data(), beams.size(), reach, probability_at, of_returned.data());
+  probability_moved<D>(points.data(), beams.size(), margin, probability_at, of_returned.data());
   std::vector<float> moved(static_cast<std::size_t>(scan.size), 0.5F);
   for (std::size_t i = 0; i < beams.size(); ++i) moved[beams[i]] = of_returned[i];
   return moved;
-}
-
-/// See probability_moved(). @param options with `min_cell_size` and `range_sigma` [m].
-template <class Options>
-[[nodiscard]] double reach_of_moved(const Options& options) {
-  return std::max(0.5 * options.min_cell_size, options.range_sigma);
 }
 
 }  // namespace ndtree

@@ -377,7 +377,7 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
         out[i] = leaf ? static_cast<float>(leaf->cell().probability()) : 0.5F;
       }
     };
-    return probability_moved(scan, max_range, reach_of_moved(options_), probability_at);
+    return probability_moved(scan, max_range, MovedMargin::of(options_), probability_at);
   }
 
   InsertReport integrate(const ScanView<D>& scan, double max_range, int threads,

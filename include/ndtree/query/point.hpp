@@ -185,7 +185,7 @@ template <class Map>
     });
   };
   std::vector<float> moved(static_cast<std::size_t>(points.cols()));
-  probability_moved<D>(points.data(), moved.size(), reach_of_moved(map.options()), probability_at,
+  probability_moved<D>(points.data(), moved.size(), MovedMargin::of(map.options()), probability_at,
                        moved.data());
   return moved;
 }

@@ -95,8 +95,8 @@ void with_dim(const MapInterface& map, const Use& use) {
 std::vector<float> moved_before(const MapInterface& map, const BeamPointers& beams, double max_range) {
   std::vector<float> moved;
   with_dim(map, [&](auto dim) {
-    moved =
-        probability_moved(beams.view<dim>(), max_range, reach_of_moved(map.options()), probabilities_of(map));
+    moved = probability_moved(beams.view<dim>(), max_range, MovedMargin::of(map.options()),
+                              probabilities_of(map));
   });
   return moved;
 }
@@ -141,7 +141,7 @@ void bind_moved(py::module_& module) {
         const auto n = static_cast<std::size_t>(points.shape(0));
         map.read([&](const MapInterface& m) {
           with_dim(m, [&](auto dim) {
-            probability_moved<dim>(data, n, reach_of_moved(m.options()), probabilities_of(m), results);
+            probability_moved<dim>(data, n, MovedMargin::of(m.options()), probabilities_of(m), results);
           });
         });
         return out;

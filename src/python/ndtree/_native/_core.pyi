@@ -1194,8 +1194,9 @@ class OccupancyMap:
     def moved(self, points: ArrayLike) -> NDArray[np.float32]:
         """Probability that what returned at points is not part of what stands, by the map's evidence.
 
-        A point in free space moved, or came there by an error, unless an occupied cell is as near as the noise of a
-        range, or half a smallest cell. `MovedEvidence` asks the scans themselves, and is more often right.
+        A point in free space moved, or came there by an error, unless an occupied cell is as near as half a smallest
+        cell and three standard deviations of a range. Of a cell that may hold something thinner than it
+        (partial_probability) a map cannot tell: 0.5. `MovedEvidence` asks the scans themselves, and is more often right.
 
         Parameters
         ----------

@@ -32,7 +32,7 @@ _POINTS, _FEWEST = 200, 40  # Of a scan that is matched.
 _CELL = 0.1  # Of the grid of poses [m].
 _WINDOW = (1.0, 1.0, 0.2)  # [m, m, rad]; farther ones are not found.
 _SCORE = 0.5
-_KNOWN = 0.1  # Standard deviation [m] of a direction that the surroundings tell.
+_KNOWN = 0.15  # Standard deviation [m] of a direction that the surroundings tell.
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,7 @@ INPUTS = (
 OUTPUTS = {
     "output": "-o",
     "map_file": "--map",
+    "write_config": "--write-config",
     "picture": "--picture",
     "png": "--png",
     "reliability": "--reliability",
@@ -75,6 +76,7 @@ def check_outputs(command: str, arguments: dict[str, Any]) -> None:
             check_no_input(flag, Path(value), inputs)
         else:
             fits = _fitting(command, name, Path(value), arguments)
+            check_no_input(flag, Path(value), inputs)
             if fits is fits_map and command != "convert":  # Which has a flag for the format.
                 _check_ending(flag, Path(value))
             check_output(flag, Path(value), inputs, fits)
