@@ -74,10 +74,10 @@ struct EvidenceRefinement {
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
   /// Keeps the probability of a smallest cell that would split if it could: something thin is in it, however
   /// many beams pass beside it. @pre partial_log_odds. @returns whether the cell changed.
-  bool keep_partial(EvidenceCell& cell) const {
+  NDTREE_ALWAYS_INLINE bool keep_partial(EvidenceCell& cell) const {
     constexpr std::uint32_t kLeastHits = 2;  // One may be an outlier.
-    return cell.hits() >= kLeastHits && is_partial(cell.hits(), cell.misses()) &&
-           model.raise(cell, *partial_log_odds);
+    return cell.hits() >= kLeastHits && static_cast<double>(cell.log_odds()) < *partial_log_odds &&
+           raise_partial(cell);
   }
   /// Whether siblings do not merge since the merged cell's own counts would split it: with
   /// partial_probability, they would else split and merge in turn, and each time lose evidence of passes.
@@ -141,6 +141,10 @@ struct EvidenceRefinement {
   /// stays apart.
   [[nodiscard]] bool is_partial(std::uint32_t hits, std::uint32_t misses) const {
     return split_test(hits, misses);
+  }
+  /// The last part of keep_partial(), which few cells need.
+  NDTREE_NEVER_INLINE bool raise_partial(EvidenceCell& cell) const {
+    return is_partial(cell.hits(), cell.misses()) && model.raise(cell, *partial_log_odds);
   }
   /// Whether action() is LeafAction::split whatever evidence the scan's other beams have. While a cell is
   /// free or unknown, more beams never turn splits() to no, nor make the split predicted to re-merge. Lets
