@@ -211,13 +211,13 @@ def test_an_image_that_is_a_fifo_does_not_wait(image: Callable[..., Path], tmp_p
 
 def test_a_pixel_costs_a_few_bytes(image: Callable[..., Path], tmp_path: Path) -> None:
     """A large image, all of it unknown, so that the map's own memory does not count."""
-    from ndtree.maps.images import states_of_image
+    from ndtree.maps.images import map_image
 
     path = image(image="large.pgm")
     side = 4000
     (tmp_path / "large.pgm").write_bytes(b"P5\n4000 4000\n255\n" + bytes([205]) * side**2)
-    states_of_image(str(path))  # Once, for what is imported.
-    assert peak_memory(lambda: states_of_image(str(path))) < 8 * side**2
+    map_image(str(path))  # Once, for what is imported.
+    assert peak_memory(lambda: map_image(str(path))) < 8 * side**2
 
 
 @pytest.mark.parametrize("rule", ["trinary", "scale"])
@@ -237,7 +237,7 @@ def test_colors_and_transparency_say_what_nav2_reads(
         colors = np.asarray(made.convert("RGBA"), dtype=np.float64)
         averaged = 4 if rule == "trinary" and mode in ("LA", "RGBA") else 3
         share = (255 - colors[..., :averaged].mean(axis=2)) / 255
-        expected = np.where(share > 0.65, 1, np.where(share < 0.196, 0, -1))
+        expected = np.where(share >= 0.65, 1, np.where(share <= 0.196, 0, -1))
         if rule == "scale":
             expected[colors[..., 3] < 255] = -1
         assert set(np.unique(expected)) == {-1, 0, 1} or mode == "1"

@@ -198,9 +198,7 @@ def test_stamps_as_names_get_the_pose_of_their_time(tmp_path: Path, names: str) 
 def test_numbers_get_the_pose_of_the_time_on_their_line(tmp_path: Path) -> None:
     numbered(tmp_path)
     (tmp_path / "slam.tum").write_text(tum_lines([7.0, 8.0, 9.0, 10.0, 11.0]))
-    with pytest.raises(
-        ValueError, match=r"000000.pcd: has no time to find its pose in .*slam.tum, expected a"
-    ):
+    with pytest.raises(ValueError, match=r"3 of 3 scans had no pose: the poses begin 7.00 s later"):
         list(read(tmp_path))
     (tmp_path / "times.txt").write_text("7\n8\n9\n10\n11\n")
     assert [scan.stamp for scan in check(read(tmp_path), [0, 2, 4])] == [7, 9, 11]

@@ -227,12 +227,13 @@ class Frontier:
 
     @property
     def goal(self) -> NDArray[np.float64]:
-        """(dim,) float64: where to drive, the centre of its cell nearest to `center` [m].
+        """(dim,) float64: where to drive, the cell nearest to `center`, of several the lowest [m].
 
         `center` need not be on the border: of one that surrounds the robot it is where the robot is.
         """
         centers = self.cell_centers
-        nearest: NDArray[np.float64] = centers[np.linalg.norm(centers - self.center, axis=1).argmin()]
+        away = np.round(np.linalg.norm(centers - self.center, axis=1), 6)  # The order of cells is no reason.
+        nearest: NDArray[np.float64] = centers[np.lexsort((*centers.T, away))[0]]
         return nearest
 
     def __len__(self) -> int:
