@@ -76,18 +76,23 @@ def check_outputs(command: str, arguments: dict[str, Any]) -> None:
             check_no_input(flag, Path(value), inputs)
         else:
             fits = _fitting(command, name, Path(value), arguments)
-            check_no_input(flag, Path(value), inputs)
-            if fits is fits_map and command != "convert":  # Which has a flag for the format.
-                _check_ending(flag, Path(value))
-            check_output(flag, Path(value), inputs, fits)
+            by_ending = fits is fits_map and command != "convert"  # Which has a flag for the format.
+            check_output(flag, Path(value), inputs, fits, by_ending=by_ending)
 
 
 def check_output(
-    flag: str, target: Path, inputs: Sequence[Path], fits: Optional[Callable[[str], bool]] = None
+    flag: str,
+    target: Path,
+    inputs: Sequence[Path],
+    fits: Optional[Callable[[str], bool]] = None,
+    *,
+    by_ending: bool = False,
 ) -> None:
     """Refuses a file that is read, that would replace one of another kind, or that cannot be written."""
     for path in _together(flag, target):
         check_no_input(flag, path, inputs)
+        if by_ending and path == target:
+            _check_ending(flag, target)
         try:
             require_kind(path, fits if path == target else None)
         except FileExistsError:
