@@ -48,7 +48,7 @@ def _flag(name: str, type: Any, help: str, panel: str, flag: str | None = None) 
 
 
 def _adds_flags(flags: Sequence[inspect.Parameter]) -> Callable[[Command], Command]:
-    """Gives a command flags; those that were given arrive as a `Config` in its argument `given`."""
+    """Gives a command flags; what was given arrives as a `Config` in its argument `given`."""
 
     def decorate(command: Command) -> Command:
         signature = inspect.signature(command)
@@ -70,7 +70,7 @@ def _adds_flags(flags: Sequence[inspect.Parameter]) -> Callable[[Command], Comma
 
 def flag_of(name: str) -> str:
     """The flag of an option."""
-    return f"--{name.replace('_', '-')}"
+    return _FLAGS.get(name, f"--{name.replace('_', '-')}")
 
 
 def opened(given: Config, path: Path) -> Log:
@@ -100,7 +100,7 @@ def require_none(given: Config, instead_of: str) -> None:
     """Refuses flags that nothing would read."""
     first = ("format", "keep_going", "strict")
     for name in (*given.selection, *given.reading, *(name for name in first if name in given.values)):
-        raise WrongCall(f"{_FLAGS.get(name, flag_of(name))}: is for a LOG, not for {instead_of}")
+        raise WrongCall(f"{flag_of(name)}: is for a LOG, not for {instead_of}")
 
 
 def _check_values(given: Config) -> None:
@@ -115,6 +115,7 @@ def _check_values(given: Config) -> None:
         raise WrongCall(f"--format {given.get('format')}: must be one of {', '.join(FORMATS)}")
 
 
+#: Of options whose flags have other names.
 _FLAGS = {"start": "--from", "stop": "--to"}
 _CONFIG = _flag("config", Path, "A file of TOML that says how LOG is read and mapped.", _OF_LOGS)
 #: What is read of a log, and of its format.

@@ -28,7 +28,7 @@ _NAMED = re.compile(
     rf"|(?P<as>{_OF_READERS})(?= as one of)|(?<=expected )(?P<dim>dim)=(?=\d)"
     rf"|(?:the )?option (?P<option>{_OF_READERS})\b)"
 )
-#: Several of them: those that exclude each other, and those that a format takes.
+#: Several of them, which exclude each other, or which a format takes.
 _LISTED_OF_READERS = re.compile(
     rf"(?:{_OF_READERS})(?: and (?:{_OF_READERS}))+(?=: expected one of them)|(?<=it takes )[\w, ]+$"
 )
@@ -47,7 +47,6 @@ _WORD = re.compile(
     r"^(?P<name>box|origin|every|stride|start|stop|min_range|height|states|faces|window|format|branching|refinement|seed|scans|dim)"
     r"(?:(?P<set> = )|(?=: ))"
 )
-_FLAGS = {"start": "--from", "stop": "--to"}
 #: Of the maps' constructors, which name what they do not take.
 _UNREAD = re.compile(r"^\w+Map\(\): the refinement '(?P<by>\w+)' does not read (?P<name>\w+)$")
 _OF_FIXED = re.compile(r"^FixedMap\(\): no option (?P<name>\w+): .*$")
@@ -104,9 +103,7 @@ def in_words(text: str) -> str:
     text = _OF_FIXED.sub(lambda found: f"{flag_of(found['name'])}: --fixed has no use for it", text)
     text = _in_flags(text)
     for pattern in (_OPTION, _WORD):
-        text = pattern.sub(
-            lambda found: _FLAGS.get(found["name"], flag_of(found["name"])) + " " * bool(found["set"]), text
-        )
+        text = pattern.sub(lambda found: flag_of(found["name"]) + " " * bool(found["set"]), text)
     for phrase, better in _PHRASES:
         text = phrase.sub(better, text)
     return text
