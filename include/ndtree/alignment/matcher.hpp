@@ -190,9 +190,7 @@ class Matcher {
   /// Of one pose: what search() maximises.
   [[nodiscard]] std::int64_t score(const Points<D>& points, const Pose<D>& guess, const PoseGrid<D>& grid,
                                    const GridPose<D>& pose) const {
-    std::vector<Cell> cells;
-    place(points, guess, grid, pose, cells);
-    return std::max<std::int64_t>(0, bound(cells, 0, pose) - grid.penalty(pose));
+    return std::max<std::int64_t>(0, likelihood(points, guess, grid, pose) - grid.penalty(pose));
   }
   /// The best pose of a grid. @param except poses that are not `apart` from this one, if it is given.
   /// @param near gets the poses that it wants, the best first, if it is given.
@@ -303,10 +301,10 @@ class Matcher {
     NearPoses<D> near;
     near.margin = static_cast<std::int64_t>(kLeastLikely * worth);
     match.grid = search(good, guess, grid, window, nullptr, &near);
-    match.score = likelihood(good, guess, grid, match.grid) / most;
+    match.score = static_cast<double>(likelihood(good, guess, grid, match.grid)) / most;
     if (wants_second) {
       const GridPose<D> second = search(good, guess, grid, window, &match.grid);
-      if (second.score > 0) match.second = likelihood(good, guess, grid, second) / most;
+      if (second.score > 0) match.second = static_cast<double>(likelihood(good, guess, grid, second)) / most;
     }
     refine(good, moved(guess, grid.motion(match.grid)), guess, information, match);
     match.covariance = with_others(match, guess, grid, near.poses);
@@ -339,8 +337,8 @@ class Matcher {
   static constexpr int kTop = 6;  // Highest level: blocks of 64 steps.
   static constexpr double kMostSteps = 1e6;
   static constexpr double kCellsOfPiece = 4.0;
-  static constexpr double kLeastLikely =
-      5.0;  // Less than the best by this log-likelihood, poses do not count.
+  // Poses count whose log-likelihood is at most this much less than the best one's.
+  static constexpr double kLeastLikely = 5.0;
 
   /// Of a MotionMatrix.
   using Decomposition = Eigen::PartialPivLU<SmallMatrix<kFreedoms<3>>>;
@@ -433,11 +431,11 @@ class Matcher {
     return all > 0.0 ? MotionMatrix<D>(match.covariance + others / all) : match.covariance;
   }
   /// Sum of the end points' likelihoods at a pose of a grid, in 255ths.
-  [[nodiscard]] double likelihood(const Points<D>& points, const Pose<D>& guess, const PoseGrid<D>& grid,
-                                  const GridPose<D>& pose) const {
+  [[nodiscard]] std::int64_t likelihood(const Points<D>& points, const Pose<D>& guess,
+                                        const PoseGrid<D>& grid, const GridPose<D>& pose) const {
     std::vector<Cell> cells;
     place(points, guess, grid, pose, cells);
-    return static_cast<double>(bound(cells, 0, pose));
+    return bound(cells, 0, pose);
   }
   /// Not less than the sum of the likelihoods at any pose in a block.
   [[nodiscard]] std::int64_t bound(const std::vector<Cell>& cells, int level, const GridPose<D>& pose) const {
