@@ -54,8 +54,11 @@ void probability_moved(const double* points, std::size_t n, const MovedMargin& m
     probability_at(here, count, results);
     free.clear();
     for (std::size_t i = 0; i < count; ++i) {
-      if (results[i] < margin.thin) free.push_back(i);
-      results[i] = results[i] < margin.thin ? results[i] : std::max(results[i], 0.5F);
+      if (results[i] < margin.thin) {
+        free.push_back(i);
+      } else {
+        results[i] = std::max(results[i], 0.5F);
+      }
     }
     beside.resize(free.size() * kDim);
     there.resize(free.size());

@@ -152,14 +152,13 @@ class MovedEvidence {
   static constexpr double kThin = 0.1;            // Of what stands, that any fraction of scans sees through.
   static constexpr double kReturns = 0.3;         // Of stays in a cell, that another one follows.
   static constexpr double kNarrower = 1.0 / 3.0;  // Of a cell's surfaces, that look narrower than they are.
-  static constexpr float kCore =
-      0.25F;  // Of a width: so far is the middle of a cell's points from its border.
+  static constexpr float kCore = 0.25F;  // Of a width: least distance of a surface's middle from its border.
 
   struct Cell {
     Point mean = Point::Zero();  // Of the points in it, relative to base_ [m].
     float sigma = 0.0F;          // Of their ranges, on average [m].
     std::uint32_t points = 0;
-    std::uint32_t scan = 0;  // The last one of which a point was measured: others of a scan look alike.
+    std::uint32_t scan = 0;  // The last with a surface that was measured: a scan's other ones look alike.
     std::uint8_t measured = 0;
     // By axis, numbers of points on surfaces of widths, see width_of().
     std::array<std::array<std::uint8_t, kWidths>, kSides> widths{};
@@ -178,7 +177,7 @@ class MovedEvidence {
     std::uint32_t streak = 0;    // of these the last in a row,
     std::uint32_t found = 0;     // and scans that found a surface there,
     std::uint32_t stays = 0;     // in how many rows without one that saw through.
-    std::uint32_t own_scan = 0;  // The last of which a beam ended in it.
+    std::uint32_t own_scan = 0;  // The last with a beam that ended in it.
 
     void find() {
       stays += found == 0 || streak > 0 ? 1 : 0;
@@ -263,8 +262,13 @@ class MovedEvidence {
   /// half a cell are taken for one scan.
   template <class Use>
   void for_each_origin(const ScanView<D>& scan, const Use& use) const;
-  /// Fills the pyramid with beams from one origin.
+  /// Fills the image with beams from one origin.
   void see(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last, double max_range);
+  /// Length of a beam that an image has [m]; 0 of one without a direction or an end.
+  [[nodiscard]] static double range_in_image(const ScanView<D>& scan, Eigen::Index i) {
+    const double range = (scan.endpoint(i) - scan.origin(i)).norm();
+    return range > 0.0 && std::isfinite(range) ? range : 0.0;
+  }
   [[nodiscard]] float sure_range(const ScanView<D>& scan, Eigen::Index i, double range,
                                  double max_range) const;
   void add_from(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last, double max_range);
@@ -323,11 +327,11 @@ void MovedEvidence<D>::add_from(const ScanView<D>& scan, Eigen::Index first, Eig
   std::size_t seen = 0;
   for (Eigen::Index i = first; i < last; ++i) {
     pace.spend(2);
-    const Vector<D> end = scan.endpoint(i);
-    const double range = (end - scan.origin(i)).norm();
-    if (!(range > 0.0) || !std::isfinite(range)) continue;
+    const double range = range_in_image(scan, i);
+    if (range == 0.0) continue;
     const std::size_t beam = seen++;
-    if (!scan.is_returned(i) || !(range <= max_range)) continue;
+    if (!scan.is_returned(i) || range > max_range) continue;
+    const Vector<D> end = scan.endpoint(i);
     if (!numbers_) {
       base_ = end;
       numbers_.emplace(options_.cell_size, base_);
@@ -461,9 +465,9 @@ template <int D>
 void MovedEvidence<D>::see(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last, double max_range) {
   image_.reset();
   for (Eigen::Index i = first; i < last; ++i) {
+    const double range = range_in_image(scan, i);
+    if (range == 0.0) continue;
     const Vector<D> way = scan.endpoint(i) - scan.origin(i);
-    const double range = way.norm();
-    if (!(range > 0.0) || !std::isfinite(range)) continue;
     image_.add((way / range).template cast<float>(), sure_range(scan, i, range, max_range));
   }
   image_.build();
@@ -475,10 +479,9 @@ void MovedEvidence<D>::find_own(const ScanView<D>& scan, Eigen::Index first, Eig
   typename CellNumbers<D>::Cursor cursor;
   for (Eigen::Index i = first; i < last; ++i) {
     if (!scan.is_returned(i)) continue;
-    const Vector<D> end = scan.endpoint(i);
-    const double range = (end - scan.origin(i)).norm();
-    if (!(range > 0.0) || !(range <= max_range) || !std::isfinite(range)) continue;
-    const std::uint32_t number = numbers_->find(end, cursor);
+    const double range = range_in_image(scan, i);
+    if (range == 0.0 || range > max_range) continue;
+    const std::uint32_t number = numbers_->find(scan.endpoint(i), cursor);
     if (number == CellNumbers<D>::kNone || tallies_[number].own_scan == looked_) continue;
     tallies_[number].own_scan = looked_;
     tallies_[number].find();
