@@ -135,6 +135,19 @@ def test_a_handler_may_ask_the_map_that_is_asked(on_alarm: Any) -> None:
     assert answers == [m.stats().leaves]
 
 
+def child_of(work: Callable[[], bool]) -> int:
+    """A forked process that ends with status 0 if `work` says that all is well."""
+    child = os.fork()
+    if child == 0:
+        status = 1
+        try:
+            signal.alarm(20)  # If it waits for ever.
+            status = 0 if work() else 2
+        finally:
+            os._exit(status)
+    return child
+
+
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
 @pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork.*:DeprecationWarning")
 def test_a_child_can_use_a_map_that_a_thread_was_changing() -> None:
@@ -152,25 +165,20 @@ def test_a_child_can_use_a_map_that_a_thread_was_changing() -> None:
             m.state(MORE[0])
             field_of.to_bytes()
 
+    def work() -> bool:
+        again = ndtree.from_bytes(m.to_bytes())
+        m.insert(*MORE)
+        again.insert(*MORE)
+        field_of.insert(*MORE)
+        return m.to_bytes() == again.to_bytes()
+
     threads = [threading.Thread(target=change), threading.Thread(target=look)]
     for thread in threads:
         thread.start()
     try:
         for _ in range(8):
             time.sleep(0.01)
-            child = os.fork()
-            if child == 0:
-                status = 1
-                try:
-                    signal.alarm(20)  # If it waits for ever.
-                    again = ndtree.from_bytes(m.to_bytes())
-                    m.insert(*MORE)
-                    again.insert(*MORE)
-                    field_of.insert(*MORE)
-                    status = 0 if m.to_bytes() == again.to_bytes() else 2
-                finally:
-                    os._exit(status)
-            assert os.waitpid(child, 0)[1] == 0
+            assert os.waitpid(child_of(work), 0)[1] == 0
     finally:
         finished.set()
         for thread in threads:
@@ -239,15 +247,12 @@ def test_a_child_can_use_a_history_that_a_thread_was_moving() -> None:
     thread = threading.Thread(target=lambda: h.move(poses))
     thread.start()
     time.sleep(0.02)
-    child = os.fork()
-    if child == 0:
-        status = 1
-        try:
-            signal.alarm(20)  # If it waits for ever.
-            h.move({0: (0.0, 1.0, 0.0)})
-            status = 0 if len(h) == 4 else 2
-        finally:
-            os._exit(status)
+
+    def work() -> bool:
+        h.move({0: (0.0, 1.0, 0.0)})
+        return len(h) == 4
+
+    child = child_of(work)
     thread.join()
     assert os.waitpid(child, 0)[1] == 0
 
