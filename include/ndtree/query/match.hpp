@@ -24,8 +24,8 @@ namespace ndtree {
 /// The surfaces of occupied boxes: the centres of their outermost cells beside which there is free space. It
 /// is from there that beams came; cells behind were never reached, or by noise.
 ///
-/// Boxes are added, then those that do not overlap them are asked about: `beside()` are the neighbours'
-/// centres, 2 D for each candidate. A lattice of cells has no better estimate of where the surface is than
+/// Boxes are added; then the states of their neighbours are asked for, at the centres that `beside()`
+/// returns, 2 D for each candidate. A lattice of cells has no better estimate of where the surface is than
 /// its cells' centres: see "Poses" in docs/derivation.md.
 template <int D>
 class SurfaceOfBoxes {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""With which options a log is mapped: those that were given, and for the rest what the log says."""
+"""With which options a log is mapped: by what was given, and for the rest by what the log says."""
 
 from __future__ import annotations
 

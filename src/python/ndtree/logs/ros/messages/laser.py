@@ -57,8 +57,8 @@ def laser_beams(
     A range within [range_min, range_max] is a surface. +inf is no return: free up to range_max, and where
     that is no length above range_min, up to `no_return_range` [m] if it is given. NaN, -inf (too close to be
     measured) and other ranges are invalid. Several beams of a message at exactly range_max did not return
-    either: a driver cut them off there. Nor did those around range_max of which `noise` says that they are
-    noise there. With `zero_is_silent`, 0 counts as +inf.
+    either: a driver cut them off there. Nor did readings around range_max that are noise there, by `noise`.
+    With `zero_is_silent`, 0 counts as +inf.
 
     A beam's time is that of the message and its number times time_increment. Of a laser that looks all
     around and has no time_increment, but a scan_time, the beams may be spread over that: it is a guess, for
