@@ -37,7 +37,7 @@ INNER: Mapping[str, tuple[str, ...]] = {
     "logs.ros": ("messages", "files", "placement"),
 }
 #: Modules beside the folders: the lowest, which every folder may import, and the highest, which none may.
-LOWEST, HIGHEST = ("_lazy",), ("typing", "__init__", "__main__")
+LOWEST, HIGHEST = ("_errors", "_lazy"), ("typing", "__init__", "__main__")
 ORDER = (*LOWEST, *FOLDERS, *HIGHEST)
 
 

@@ -23,7 +23,6 @@ from typing import Any
 
 import griffe
 
-import ndtree
 from ndtree._native import _core
 from ndtree.cli.commands import every
 from ndtree.cli.commands.pages import table_of_options
@@ -176,25 +175,17 @@ def _number(value: float) -> str:
 # --- Options of the maps ----------------------------------------------------------------------------
 
 
+#: What maps of a refinement are called.
+_KINDS = {"adaptive": "evidence", "paper": "paper", "fixed": "fixed"}
+
+
 def _options_table() -> str:
-    """Each option with its default and the maps that read it, as the maps themselves say."""
-    read_by = {
-        "adaptive": {"branching", "refinement", *ndtree.AdaptiveMap(dim=2).options},
-        "paper": {"branching", "refinement", *ndtree.AdaptiveMap(dim=2, refinement="paper").options},
-        "fixed": {"branching", *ndtree.FixedMap(dim=2).options},
-    }
-    defaults = {
-        **ndtree.default_options(),
-        "branching": 2,
-        "refinement": ndtree.AdaptiveMap(dim=2).refinement,
-    }
+    """Each option with its default and the maps that read it, as the library's table has them."""
     rows = []
     for option in MAP_OPTIONS:
-        value = defaults[option.name]
-        shown = value if isinstance(value, str) else _number(value)
-        readers = [kind for kind, names in read_by.items() if option.name in names]
-        name = f"`{option.name}`" + (" (`cell_size`)" if option.name == "min_cell_size" else "")
-        rows.append((name, shown, ", ".join(readers), option.help))
+        shown = option.default if isinstance(option.default, str) else _number(option.default)
+        readers = [kind for kind, name in _KINDS.items() if name in option.read_by]
+        rows.append((f"`{option.name}`", shown, ", ".join(readers), option.help))
     return _table(("option", "default", "read by", ""), rows)
 
 

@@ -275,28 +275,5 @@ TEST(EvidenceMerge, WhatWasObservedBeforeAMergeIsKnownAfterASplit) {
   EXPECT_GT(covered, 300);
 }
 
-TEST(EvidenceMergeOptions, BadValuesAreRefusedByName) {
-  struct Row {
-    double value;
-    const char* message;
-  };
-  const Row rows[] = {{-0.5, "merge_loss = -0.5: must be in [0, 1e+09] bits"},
-                      {std::numeric_limits<double>::infinity(), "merge_loss = inf: "},
-                      {std::numeric_limits<double>::quiet_NaN(), "merge_loss = "}};
-  EXPECT_NO_THROW(EvidenceMergeOptions{}.validate());
-  int cases = 0;
-  for (const Row& row : rows) {
-    MapOptions options;
-    options.merge_loss = row.value;
-    const std::string refusal = refusal_of(options);
-    EXPECT_EQ(refusal.rfind(row.message, 0), 0u) << row.message << ": " << refusal;
-    ++cases;
-  }
-  EXPECT_EQ(cases, 3);
-  MapOptions options;
-  options.merge_loss = 0.0;
-  EXPECT_NO_THROW(options.validate());
-}
-
 }  // namespace
 }  // namespace ndtree::test::test_evidence_merge

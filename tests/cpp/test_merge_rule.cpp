@@ -168,28 +168,5 @@ TEST(MergeRule, OnlyExtremeCellsCanTakePart) {
   }
 }
 
-TEST(MergeOptions, BadValuesAreRefusedByName) {
-  const double nan = std::numeric_limits<double>::quiet_NaN();
-  struct Row {
-    double free_below, occupied_above;
-    const char* message;
-  };
-  const Row rows[] = {{-0.1, 0.9, "merge_free_below = -0.1: must be in [0, 0.49]"},
-                      {0.5, 0.9, "merge_free_below = 0.5: "},
-                      {nan, 0.9, "merge_free_below = "},
-                      {0.1, 0.5, "merge_occupied_above = 0.5: must be in [0.51, 1]"},
-                      {0.1, 1.1, "merge_occupied_above = 1.1: "},
-                      {0.1, nan, "merge_occupied_above = "}};
-  EXPECT_NO_THROW(MergeOptions{}.validate());
-  EXPECT_NO_THROW(options_of(0.0, 1.0).validate());
-  for (const Row& row : rows) {
-    const std::string refusal = refusal_of(options_of(row.free_below, row.occupied_above));
-    EXPECT_EQ(refusal.rfind(row.message, 0), 0u) << row.message << ": " << refusal;
-  }
-  // With the outermost thresholds nothing ever merges.
-  EXPECT_FALSE(merged(options_of(0.0, 1.0), nodes_of({{-9.0f}, {-9.0f}})).has_value());
-  EXPECT_FALSE(merged(options_of(0.0, 1.0), nodes_of({{9.0f}, {9.0f}})).has_value());
-}
-
 }  // namespace
 }  // namespace ndtree::test::test_merge_rule

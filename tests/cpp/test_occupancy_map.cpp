@@ -705,9 +705,8 @@ std::size_t expect_sane_numbers(const MapOptions& options) {
 /// Options with one of them at an end of its bounds; cells are as large as the noise is where that is large.
 MapOptions with_end(const std::string& option, bool most) {
   MapOptions options;
-  MapOptions::for_each_bounded(options, [&](const char* name, double& value, const OptionBounds& bounds) {
-    if (option == name) value = most ? bounds.most : bounds.least;
-  });
+  for (const OptionRow& row : kOptionTable)
+    if (option == row.name) options.*row.member = most ? row.bounds.most : row.bounds.least;
   if (option == "range_sigma_quadratic") options.min_cell_size = 2e-9;
   if (option == "max_cell_size" && !most) options.min_cell_size = options.max_cell_size;
   if (option == "max_cell_size" && most) options.min_cell_size = options.max_cell_size / 1024.0;
@@ -723,20 +722,52 @@ MapOptions with_end(const std::string& option, bool most) {
   return options;
 }
 
-TEST(MapOptions, ArithmeticHoldsAtBothEndsOfEveryOption) {
-  std::vector<std::string> names;
+TEST(MapOptions, EveryRowIsAnOptionOfItsOwnAndRefusesWhatIsOutOfItsBounds) {
   const MapOptions defaults;
-  for_each_option(defaults, [&](const char* name, double) { names.emplace_back(name); });
+  EXPECT_NO_THROW(defaults.validate());
+  int cases = 0, options_of_users = 0;
+  for (const OptionRow& row : kOptionTable) {
+    SCOPED_TRACE(row.name);
+    for (const OptionRow& other : kOptionTable)
+      EXPECT_EQ(row.member == other.member, std::string(row.name) == other.name);
+    options_of_users += row.is_constant() ? 0 : 1;
+    EXPECT_NE(row.kinds, 0u);
+    EXPECT_STRNE(row.help, "");
+    const double inf = std::numeric_limits<double>::infinity();
+    for (const double value : {std::nextafter(row.bounds.least, -inf), std::nextafter(row.bounds.most, inf),
+                               std::numeric_limits<double>::quiet_NaN()}) {
+      if (row.bounds.contain(value)) continue;  // Memory has no upper bound.
+      MapOptions options;
+      options.*row.member = value;
+      try {
+        options.validate();
+        ADD_FAILURE() << value << " was accepted";
+      } catch (const OptionError& error) {
+        EXPECT_EQ(error.field(), row.name);
+        EXPECT_EQ(error.value(), describe_number(value));
+        EXPECT_EQ(error.expected().find("in ["), 0u) << error.expected();
+        EXPECT_EQ(error.what(), error.field() + " = " + error.value() + ": must be " + error.expected());
+      }
+      ++cases;
+    }
+  }
+  EXPECT_GE(cases, 3 * static_cast<int>(kOptionTable.size()) - 1);
+  EXPECT_LE(options_of_users, 16) << "and N and the refinement: 18";
+  MapOptions upside_down;
+  upside_down.max_cell_size = 0.01;
+  try {
+    upside_down.validate();
+    FAIL();
+  } catch (const OptionError& error) {
+    EXPECT_STREQ(error.what(), "max_cell_size = 0.01: must be at least min_cell_size = 0.05 m");
+    EXPECT_EQ(error.other(), "min_cell_size");
+  }
+}
+
+TEST(MapOptions, ArithmeticHoldsAtBothEndsOfEveryOption) {
   int cases = 0;
-  for (const std::string& name : names) {
-    int found = 0;
-    MapOptions::for_each_bounded(defaults,
-                                 [&](const char* bounded, double value, const OptionBounds& bounds) {
-                                   if (name != bounded) return;
-                                   ++found;
-                                   EXPECT_TRUE(value >= bounds.least && value <= bounds.most) << name;
-                                 });
-    ASSERT_EQ(found, 1) << name;
+  for (const OptionRow& row : kOptionTable) {
+    const std::string name = row.name;
     for (const bool most : {false, true}) {
       SCOPED_TRACE(name + (most ? " at most" : " at least"));
       const MapOptions options = with_end(name, most);
@@ -754,7 +785,7 @@ TEST(MapOptions, ArithmeticHoldsAtBothEndsOfEveryOption) {
       ++cases;
     }
   }
-  EXPECT_EQ(cases, 2 * static_cast<int>(names.size()));
+  EXPECT_EQ(cases, 2 * static_cast<int>(kOptionTable.size()));
 }
 
 TEST(MapOptions, ArithmeticHoldsWhereManyOptionsAreAtTheirEnds) {
@@ -763,12 +794,13 @@ TEST(MapOptions, ArithmeticHoldsWhereManyOptionsAreAtTheirEnds) {
   std::size_t observed = 0;
   for (int run = 0; run < 200; ++run) {
     MapOptions options;
-    MapOptions::for_each_bounded(options, [&](const char* name, double& value, const OptionBounds& bounds) {
-      const std::string option = name;
-      if (option.find("cell_size") != std::string::npos || option.find("sigma") != std::string::npos) return;
-      if (option == "hit_given_free" || option == "miss_given_occupied") return;
-      if (random.chance(0.6)) value = random.chance(0.5) ? bounds.least : bounds.most;
-    });
+    for (const OptionRow& row : kOptionTable) {
+      const std::string option = row.name;
+      if (option.find("cell_size") != std::string::npos || option.find("sigma") != std::string::npos)
+        continue;
+      if (option == "hit_given_free" || option == "miss_given_occupied") continue;
+      if (random.chance(0.6)) options.*row.member = random.chance(0.5) ? row.bounds.least : row.bounds.most;
+    }
     SCOPED_TRACE(run);
     observed += expect_sane_numbers<AdaptiveMap<2, 2>>(options);
     ++cases;

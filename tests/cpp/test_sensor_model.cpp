@@ -257,40 +257,5 @@ TEST(CubicTable, OfEightIsThatOfEach) {
 }
 #endif
 
-TEST(SensorOptions, BadValuesAreRefusedByName) {
-  constexpr double kInfinity = std::numeric_limits<double>::infinity();
-  const double nan = std::numeric_limits<double>::quiet_NaN();
-  struct Row {
-    double SensorOptions::*option;
-    double value;
-    const char* message;
-  };
-  using S = SensorOptions;
-  const Row rows[] = {
-      {&S::range_sigma, 0.0, "range_sigma = 0.0: must be in [1e-09, 1000000] m"},
-      {&S::range_sigma, -1.5, "range_sigma = -1.5: "},
-      {&S::range_sigma, nan, "range_sigma = "},
-      {&S::range_sigma, kInfinity, "range_sigma = inf: "},
-      {&S::range_sigma_quadratic, -0.25, "range_sigma_quadratic = -0.25: must be in [0, 1000000] 1/m"},
-      {&S::range_sigma_quadratic, kInfinity, "range_sigma_quadratic = inf: "},
-      {&S::probability_min, 0.0, "probability_min = 0.0: must be in [1e-06, 0.49]"},
-      {&S::probability_min, 0.5, "probability_min = 0.5: "},
-      {&S::probability_min, nan, "probability_min = "},
-      {&S::probability_min, 0.4999, "probability_min = 0.4999: "},
-      {&S::probability_max, 0.5, "probability_max = 0.5: must be in [0.51, 0.999999]"},
-      {&S::probability_max, 1.0, "probability_max = 1.0: "},
-      {&S::log_odds_min, 0.0, "log_odds_min = 0.0: must be in [-1000, -0.001]"},
-      {&S::log_odds_min, -kInfinity, "log_odds_min = -inf: "},
-      {&S::log_odds_max, 0.0, "log_odds_max = 0.0: must be in [0.001, 1000]"},
-      {&S::log_odds_max, kInfinity, "log_odds_max = inf: "}};
-  EXPECT_NO_THROW(SensorOptions{}.validate());
-  for (const Row& row : rows) {
-    SensorOptions options;
-    options.*row.option = row.value;
-    const std::string refusal = refusal_of(options);
-    EXPECT_EQ(refusal.rfind(row.message, 0), 0u) << row.message << ": " << refusal;
-  }
-}
-
 }  // namespace
 }  // namespace ndtree::test::test_sensor_model

@@ -43,16 +43,11 @@ inline MapOptions options_from(Bytes& bytes) {
   options.min_cell_size = 0.05;
   options.max_cell_size = 0.8;
   for (std::size_t changes = bytes.below(4); changes > 0; --changes) {
-    std::size_t number = 0;
-    const std::size_t chosen = bytes.below(28);
+    const OptionRow& row = kOptionTable[bytes.below(kOptionTable.size())];
     const std::size_t how = bytes.below(4);
     const double share = static_cast<double>(bytes.byte()) / 255.0;
-    MapOptions::for_each_bounded(options, [&](const char*, auto& value, const OptionBounds& bounds) {
-      using Value = std::decay_t<decltype(value)>;
-      if (number++ != chosen) return;
-      const double between = bounds.least + share * share * share * (bounds.most - bounds.least);
-      value = static_cast<Value>(how == 0 ? bounds.least : how == 1 ? bounds.most : between);
-    });
+    const double between = row.bounds.least + share * share * share * (row.bounds.most - row.bounds.least);
+    options.*row.member = how == 0 ? row.bounds.least : how == 1 ? row.bounds.most : between;
   }
   options.max_memory = kMostMemory;
   return options;

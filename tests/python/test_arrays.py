@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Arrays of any layout and type give the same map; wrong ones give one clear error and change nothing."""
 
+import pickle
+
 import numpy as np
 import pytest
 from conftest import room_scan
 
 import ndtree
+from ndtree._errors import located, spelled
 
 POINTS, ORIGIN = room_scan(2, 0, 50)
 
@@ -111,12 +114,18 @@ OPTIONS = [
         ValueError,
         "significance = 1.0: must be in [1e-06, 0.999999999]",
     ),
-    ({"split_probability": 1.0}, ValueError, "split_probability = 1.0: must be in [1e-06, 0.999999]"),
-    ({"evidence_memory": 256}, ValueError, "evidence_memory = 256.0: must be in [1, 255] nats"),
-    ({"merge_loss": -1}, ValueError, "merge_loss = -1.0: must be in [0, 1e+09] bits"),
+    ({"beam_divergence": 3}, ValueError, "beam_divergence = 3.0: must be in [0, 2] rad"),
+    ({"evidence_half_life": -1}, ValueError, "evidence_half_life = -1.0: must be in [0, 1e+09] scans"),
+    ({"merge_loss": 3}, TypeError, "no option merge_loss"),
+    ({"constants": {"merge_loss": -1}}, ValueError, "merge_loss = -1.0: must be in [0, 1e+09] bits"),
+    ({"constants": {"range_sigma": 1}}, TypeError, "range_sigma: is no constant of the maps"),
     ({"miss_given_occupied": 0.5, "hit_given_free": 0.5}, ValueError, "hit_given_free = 0.5: must be less"),
     ({"significance": 0.9}, TypeError, "the refinement 'evidence' does not read significance"),
-    ({"refinement": "paper", "merge_loss": 1}, TypeError, "the refinement 'paper' does not read merge_loss"),
+    (
+        {"refinement": "paper", "covered_share": 1},
+        TypeError,
+        "the refinement 'paper' does not read covered_share",
+    ),
     ({"branching": 5}, ValueError, "branching = 5, dim = 2: must be branching 2, 3 or 4"),
     ({"dim": 4, "branching": 3}, ValueError, "branching = 3, dim = 4"),
     ({"refinement": "clever"}, ValueError, "refinement = 'clever': must be 'evidence' or 'paper'"),
@@ -136,7 +145,30 @@ def test_wrong_options_are_refused(options, error, message):
 def test_a_fixed_map_takes_no_options_of_refinement():
     with pytest.raises(TypeError, match="no option significance"):
         ndtree.FixedMap(dim=2, significance=0.9)
-    assert ndtree.FixedMap(dim=2, cell_size=3.0).options["min_cell_size"] == 3.0
+    for name in ("min_cell_size", "cell_size"):  # The second is another name.
+        assert ndtree.FixedMap(dim=2, **{name: 3.0}).options["min_cell_size"] == 3.0
+
+
+def test_errors_carry_option_value_and_what_was_expected():
+    with pytest.raises(ValueError) as caught:
+        ndtree.AdaptiveMap(dim=2, max_cell_size=0.01)
+    error = pickle.loads(pickle.dumps(caught.value))
+    assert (error.option, error.value) == ("max_cell_size", "0.01")
+    assert str(error) == "max_cell_size = 0.01: must be at least min_cell_size = 0.05 m"
+    spelled_out = spelled(error, lambda name: f"<{name}>")
+    assert spelled_out == "<max_cell_size> 0.01: must be at least <min_cell_size> 0.05 m"
+    there = located("a.toml", error)
+    assert str(there) == f"a.toml: {error}" and spelled(there, str.upper).startswith(
+        "a.toml: MAX_CELL_SIZE 0.01"
+    )
+
+
+def test_constants_of_older_maps_are_kept():
+    """They are no options, and a file that has others than today's goes on with them."""
+    m = ndtree.AdaptiveMap(dim=2, constants={"merge_loss": 3.0, "evidence_memory": 100.0})
+    assert m.to_bytes() != ndtree.AdaptiveMap(dim=2).to_bytes()
+    assert ndtree.from_bytes(m.to_bytes()).to_bytes() == m.to_bytes()
+    assert "merge_loss" not in m.options and m.options == ndtree.AdaptiveMap(dim=2).options
 
 
 def test_options_default_to_those_of_the_library():

@@ -54,7 +54,7 @@ def test_windows_leaves_and_grids_take_the_same_cells(size: float) -> None:
         neighbours = [j for j in (i - 1, i, i + 1) if 0 <= j < CELLS]
         found = m.leaves(box, states=["occupied"])
         assert np.rint(found.lower[:, 0] / size).astype(int).tolist() == neighbours, (begin, end)
-        window = ndtree.FixedMap(dim=2, cell_size=size)
+        window = ndtree.FixedMap(dim=2, min_cell_size=size)
         ends = np.c_[(np.arange(CELLS) + 0.5) * size, np.full(CELLS, 0.5 * size)]
         window.insert(ends, [0.5 * size, -3 * size], window=box)
         observed = window.leaves()

@@ -29,7 +29,7 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "fixed, not by name": (
         lambda: ndtree.FixedMap(0.1, 2),
-        "FixedMap(): 2 arguments without names, expected none: did you mean cell_size = 0.1?",
+        "FixedMap(): 2 arguments without names, expected none: did you mean min_cell_size = 0.1?",
     ),
     "no number": (
         lambda: M.insert(POINTS, ORIGIN, max_range="x"),

@@ -17,7 +17,7 @@ MAKERS: list[Any] = [
     lambda **options: ndtree.AdaptiveMap(dim=2, **options),
     lambda **options: ndtree.AdaptiveMap(dim=3, branching=3, min_cell_size=0.1, max_cell_size=0.9, **options),
     lambda **options: ndtree.AdaptiveMap(dim=2, refinement="paper", **options),
-    lambda **options: ndtree.FixedMap(dim=2, cell_size=0.05, **options),
+    lambda **options: ndtree.FixedMap(dim=2, min_cell_size=0.05, **options),
 ]
 
 
@@ -79,7 +79,7 @@ def test_what_cannot_be_compared_is_told() -> None:
     assert len(m.leaves().size) == 1
     if ndtree.has_octomap:
         with pytest.raises(ValueError, match="must be a map of ndtree's own"):
-            ndtree.OctoMap(cell_size=0.1).snapshot()
+            ndtree.OctoMap(min_cell_size=0.1).snapshot()
 
 
 @pytest.mark.parametrize("make", MAKERS)

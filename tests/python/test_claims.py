@@ -130,7 +130,7 @@ def test_in_a_simulated_world_the_line_of_sight_decides() -> None:
 def test_claims_are_a_plain_count() -> None:
     scans = hand_made_log(2)
     space = ndtree.SeenSpace(scans, samples=5000)
-    m = ndtree.FixedMap(dim=2, cell_size=0.1)
+    m = ndtree.FixedMap(dim=2, min_cell_size=0.1)
     nothing = m.claims(space)
     assert (nothing.points, nothing.free, nothing.free_and_unseen) == (5000, 0, 0)
     assert math.isnan(nothing.free_unseen)

@@ -150,14 +150,14 @@ def test_files_of_every_kind_are_compared(tmp_path: Path) -> None:
 def test_octomap_itself_is_compared() -> None:
     if not ndtree.has_octomap:
         pytest.skip("the module was built without OctoMap")
-    o, m = ndtree.OctoMap(cell_size=0.1), ndtree.FixedMap(dim=3, cell_size=0.1)
+    o, m = ndtree.OctoMap(min_cell_size=0.1), ndtree.FixedMap(dim=3, min_cell_size=0.1)
     for seed in range(3):
         o.insert(*room_scan(3, seed))
         m.insert(*room_scan(3, seed))
     result = ndtree.compare_maps(o, m)
     assert result["a"]["cells"] > 1000 and result["agreement"] > 0.9
     with pytest.raises(ValueError, match="a: an OctoMap with dim = 2"):
-        ndtree.compare_maps(ndtree.OctoMap(cell_size=0.1, dim=2), m)
+        ndtree.compare_maps(ndtree.OctoMap(min_cell_size=0.1, dim=2), m)
 
 
 def test_empty_maps_have_nothing_to_compare(tmp_path: Path) -> None:

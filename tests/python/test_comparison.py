@@ -33,8 +33,8 @@ def comparison(log: ndtree.Log) -> ndtree.Comparison:
 def test_counts_are_those_of_maps_made_by_hand(log: ndtree.Log, comparison: ndtree.Comparison) -> None:
     by_hand: dict[str, Any] = {
         "adaptive": ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, max_cell_size=0.8, range_sigma=0.03),
-        "fixed": ndtree.FixedMap(dim=2, cell_size=0.1, range_sigma=0.03),
-        "fixed@0.2": ndtree.FixedMap(dim=2, cell_size=0.2, range_sigma=0.03),
+        "fixed": ndtree.FixedMap(dim=2, min_cell_size=0.1, range_sigma=0.03),
+        "fixed@0.2": ndtree.FixedMap(dim=2, min_cell_size=0.2, range_sigma=0.03),
     }
     assert [row["map"] for row in comparison["maps"]] == list(by_hand)
     for name, m in by_hand.items():

@@ -356,7 +356,7 @@ def test_frontier_cells_are_unknown_and_beside_free_ones(tmp_path: Path, space: 
 
 def fixed_room() -> ndtree.FixedMap:
     """Not about 0, so that no two axes look alike."""
-    m = ndtree.FixedMap(dim=3, cell_size=0.2)
+    m = ndtree.FixedMap(dim=3, min_cell_size=0.2)
     points, origin = room_scan(3, 1, 400)
     shift = np.array([0.2, 0.6, -0.4])
     m.insert(points + shift, origin + shift)

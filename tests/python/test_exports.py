@@ -199,4 +199,4 @@ def test_octomap_itself_has_its_own_file() -> None:
     if not ndtree.has_octomap:
         pytest.skip("the module was built without OctoMap")
     with pytest.raises(ValueError, match="must be a map of ndtree's own"):
-        ndtree.OctoMap(cell_size=0.1).to_grid([[0, 0, 0], [1, 1, 1]])
+        ndtree.OctoMap(min_cell_size=0.1).to_grid([[0, 0, 0], [1, 1, 1]])

@@ -101,7 +101,7 @@ def test_sizes_are_those_of_cells_and_repr_says_what_was_rounded(branching: int,
 
 
 def test_a_fixed_map_has_one_size() -> None:
-    m = ndtree.FixedMap(dim=2, cell_size=0.3)
+    m = ndtree.FixedMap(dim=2, min_cell_size=0.3)
     assert m.min_cell_size == m.max_cell_size == 0.3
 
 

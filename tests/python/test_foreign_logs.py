@@ -329,7 +329,7 @@ def test_points_only_make_their_cells_occupied_and_nothing_free(tmp_path: Path) 
 def test_voxels_are_the_rounded_points(spread: float) -> None:
     points = np.random.default_rng(7).normal(0, spread, (300, 3)) - spread
     points[5] = np.nan
-    m = ndtree.FixedMap(dim=3, cell_size=0.25)
+    m = ndtree.FixedMap(dim=3, min_cell_size=0.25)
     report = ndtree.Scan(points, points, points_only=True).insert_into(m)
     assert (report.beams, report.returned, report.invalid) == (300, 299, 1)
     leaves = m.leaves()
@@ -346,7 +346,7 @@ def test_points_on_borders_are_in_the_cells_that_the_map_finds_there() -> None:
     decimal = np.round(on, 1)  # What files have: some lie below the border.
     for values, expected in ((on, numbers), (below, numbers - 1), (decimal, None)):
         points = np.column_stack([values, np.full(len(values), 0.05), np.full(len(values), 0.05)])
-        m = ndtree.FixedMap(dim=3, cell_size=0.1)
+        m = ndtree.FixedMap(dim=3, min_cell_size=0.1)
         ndtree.Scan(points, points, points_only=True).insert_into(m)
         assert (m.state(points) == 1).all()
         leaves = m.leaves()

@@ -77,7 +77,7 @@ def test_wrong_questions_are_refused() -> None:
 
 @pytest.mark.skipif(not ndtree.has_octomap, reason="built without OctoMap")
 def test_octomap_has_probabilities_of_hits_but_no_bounds() -> None:
-    m = ndtree.OctoMap(dim=2, cell_size=0.05)
+    m = ndtree.OctoMap(dim=2, min_cell_size=0.05)
     mapped, held_out = split(scans_of(1, 30))
     for scan in mapped:
         scan.insert_into(m, **OFFICE)

@@ -124,7 +124,7 @@ def test_an_array_that_says_it_is_larger_than_it_is_is_refused(tmp_path: Path) -
 
 
 def big_map() -> ndtree.FixedMap:
-    m = ndtree.FixedMap(dim=3, cell_size=0.05)
+    m = ndtree.FixedMap(dim=3, min_cell_size=0.05)
     for seed in range(2):
         m.insert(*scan(4000, 9.0, seed=seed))
     return m
@@ -202,7 +202,7 @@ def test_ctrl_c_ends_long_questions(tmp_path: Path) -> None:
 @pytest.mark.parametrize("waits", ["insert", "stats"])
 def test_ctrl_c_is_heard_while_another_thread_has_the_map(waits: str) -> None:
     for beams in (50_000, 500_000):  # As many as keep the map longer than the other waits.
-        m = ndtree.FixedMap(dim=3, cell_size=0.05)
+        m = ndtree.FixedMap(dim=3, min_cell_size=0.05)
         calls = {"insert": lambda m=m: m.insert(*scan(10, 1.0)), "stats": m.stats}
         points, origin = scan(beams, 9.0)
         holder = threading.Thread(target=m.insert, args=(points, origin))

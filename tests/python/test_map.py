@@ -15,7 +15,7 @@ import ndtree
 def make(kind: str, branching: int, dim: int) -> ndtree.OccupancyMap:
     sizes = {2: 0.8, 3: 0.9, 4: 0.8}
     if kind == "fixed":
-        return ndtree.FixedMap(dim=dim, branching=branching, cell_size=0.1)
+        return ndtree.FixedMap(dim=dim, branching=branching, min_cell_size=0.1)
     return ndtree.AdaptiveMap(
         dim=dim, branching=branching, min_cell_size=0.1, max_cell_size=sizes[branching], range_sigma=0.02
     )
@@ -174,8 +174,8 @@ def test_four_dimensions_hold_time_as_a_fourth_axis():
 
 @pytest.mark.skipif(not ndtree.has_octomap, reason="built without OctoMap")
 def test_octomap_answers_the_same_calls(tmp_path):
-    o = ndtree.OctoMap(cell_size=0.1, dim=3)
-    f = ndtree.FixedMap(cell_size=0.1, dim=3)
+    o = ndtree.OctoMap(min_cell_size=0.1, dim=3)
+    f = ndtree.FixedMap(min_cell_size=0.1, dim=3)
     for seed in range(20):
         points, origin = room_scan(3, seed)
         assert o.insert(points, origin).returned == f.insert(points, origin).returned == 300
@@ -192,7 +192,7 @@ def test_octomap_answers_the_same_calls(tmp_path):
     np.testing.assert_array_equal(again.state(inside), o.state(inside))
     o.save(tmp_path / "room.ot")
     assert (tmp_path / "room.ot").read_bytes().startswith(b"# Octomap OcTree file")
-    flat = ndtree.OctoMap(cell_size=0.1, dim=2, insertion="scan")
+    flat = ndtree.OctoMap(min_cell_size=0.1, dim=2, insertion="scan")
     points, origin = room_scan(2, 0)
     flat.insert(points, origin)
     assert flat.leaves().lower.shape[1] == 2

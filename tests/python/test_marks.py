@@ -23,7 +23,7 @@ STATES = {"free": 0, "occupied": 1}
 
 def empty(dim: int, branching: int, kind: str, **options: Any) -> Any:
     if kind == "fixed":
-        return ndtree.FixedMap(dim=dim, branching=branching, cell_size=CELL, **options)
+        return ndtree.FixedMap(dim=dim, branching=branching, min_cell_size=CELL, **options)
     return ndtree.AdaptiveMap(
         dim=dim,
         branching=branching,
@@ -223,6 +223,6 @@ def test_a_scan_history_gives_copies() -> None:
 def test_maps_of_others_say_that_they_cannot() -> None:
     if not ndtree.has_octomap:
         pytest.skip("built without OctoMap")
-    m = ndtree.OctoMap(cell_size=0.1)
+    m = ndtree.OctoMap(min_cell_size=0.1)
     with pytest.raises(ValueError, match="a map of ndtree's own"):
         m.mark(ndtree.Sphere(0.3), "free")

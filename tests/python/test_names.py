@@ -71,7 +71,7 @@ def test_pickles_name_the_package_alone() -> None:
     """What a program stores does not depend on the module that has a class."""
     m = ndtree.AdaptiveMap(dim=2)
     m.insert([[1.0, 0.5]], [0.0, 0.0])
-    fixed = ndtree.FixedMap(dim=3, cell_size=0.1)
+    fixed = ndtree.FixedMap(dim=3, min_cell_size=0.1)
     made = (m, fixed, ndtree.Sphere(0.2), ndtree.HeldOutTruth(), m.leaves(), m.stats())
     for held in (*made, ndtree.Leaves, ndtree.load):
         for protocol in range(pickle.HIGHEST_PROTOCOL + 1):

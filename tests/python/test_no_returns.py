@@ -106,7 +106,7 @@ def test_scans_with_an_origin_of_each_beam_are_judged_alike() -> None:
 def plain_count(scans: list[Scan]) -> tuple[int, float, float]:
     """The rule beam by beam: beams without return that tell something, how many cross, and would rightly."""
     cell = {2: 0.1, 3: 0.2}[scans[0].dim]
-    surfaces = ndtree.FixedMap(dim=scans[0].dim, cell_size=cell, range_sigma=cell / 4)
+    surfaces = ndtree.FixedMap(dim=scans[0].dim, min_cell_size=cell, range_sigma=cell / 4)
     hits: dict[tuple[int, ...], list[int]] = {}
     for number, scan in enumerate(scans[::2]):
         only = scan.returned_only()

@@ -17,7 +17,7 @@ MAPS = {
     "paper": lambda dim: ndtree.AdaptiveMap(
         dim=dim, refinement="paper", min_cell_size=0.1, max_cell_size=1.6, range_sigma=0.02
     ),
-    "fixed": lambda dim: ndtree.FixedMap(dim=dim, cell_size=0.1, range_sigma=0.02),
+    "fixed": lambda dim: ndtree.FixedMap(dim=dim, min_cell_size=0.1, range_sigma=0.02),
 }
 
 
@@ -282,7 +282,7 @@ def test_equal_maps_are_equal(any_room):
 def test_maps_of_others_say_that_they_cannot():
     if not ndtree.has_octomap:
         pytest.skip("built without OctoMap")
-    m = ndtree.OctoMap(cell_size=0.1)
+    m = ndtree.OctoMap(min_cell_size=0.1)
     for call in (m.bounds, m.frontiers, lambda: m.keep_near(np.zeros(3), 1.0)):
         with pytest.raises(ValueError, match="a map of ndtree's own"):
             call()

@@ -71,7 +71,7 @@ def test_each_pixel_has_the_state_of_the_map_there(kind: str, branching: int) ->
     if kind == "adaptive":
         m = inserted(ndtree.AdaptiveMap(dim=2, branching=branching, max_cell_size=1.5))
     else:
-        m = inserted(ndtree.FixedMap(dim=2, branching=branching, cell_size=0.1))
+        m = inserted(ndtree.FixedMap(dim=2, branching=branching, min_cell_size=0.1))
     image, extent = shown_image(plot.occupancy(m))
     np.testing.assert_array_equal(states_of(image), m.state(centres(image, extent)))
     assert image.size > 1000
@@ -263,7 +263,7 @@ def test_colors_say_what_they_should(solid: Any, color: str) -> None:
 
 def test_ceiling_is_cut_away_in_a_room_and_only_there() -> None:
     def room(with_ceiling: bool) -> Any:
-        m = ndtree.FixedMap(dim=3, cell_size=0.1)
+        m = ndtree.FixedMap(dim=3, min_cell_size=0.1)
         generator = np.random.default_rng(4)
         n = 40_000
         wall = generator.uniform((-2, -2, 0), (2, 2, 2.5), (n, 3))
@@ -288,8 +288,8 @@ def test_ceiling_is_cut_away_in_a_room_and_only_there() -> None:
 
 
 def test_side_by_side_is_written(flat: Any, solid: Any, tmp_path: Path) -> None:
-    fixed = inserted(ndtree.FixedMap(dim=2, cell_size=0.1))
-    fixed_3d = inserted(ndtree.FixedMap(dim=3, cell_size=0.2))
+    fixed = inserted(ndtree.FixedMap(dim=2, min_cell_size=0.1))
+    fixed_3d = inserted(ndtree.FixedMap(dim=3, min_cell_size=0.2))
     plot.side_by_side(flat, fixed, tmp_path / "2d.png", dpi=60)
     plot.side_by_side(flat, fixed, tmp_path / "column.png", dpi=60, row=False)
     plot.side_by_side_3d(solid, fixed_3d, tmp_path / "3d.png", dpi=60)
@@ -381,7 +381,7 @@ def test_without_matplotlib_the_extra_is_named() -> None:
 
 
 def test_a_close_up_shows_both_maps_alike_and_counts_their_cells(flat: Any, tmp_path: Path) -> None:
-    fixed = inserted(ndtree.FixedMap(dim=2, cell_size=0.1))
+    fixed = inserted(ndtree.FixedMap(dim=2, min_cell_size=0.1))
     figure = plot.close_up(flat, fixed, tmp_path / "a.png", dpi=60)
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     whole_fixed, whole, near_fixed, near = figure.axes
@@ -402,7 +402,7 @@ def test_a_close_up_shows_both_maps_alike_and_counts_their_cells(flat: Any, tmp_
 
 
 def test_a_close_up_is_where_surfaces_are() -> None:
-    m = ndtree.FixedMap(dim=2, cell_size=0.1)
+    m = ndtree.FixedMap(dim=2, min_cell_size=0.1)
     across = np.linspace(-0.2, 0.2, 40)
     for _ in range(4):  # A corridor of 60 m, with a wall at its far end alone.
         ends = np.stack([np.full(40, 60.0), 3 * across], axis=1)
@@ -414,7 +414,7 @@ def test_a_close_up_is_where_surfaces_are() -> None:
 
 @pytest.mark.long
 def test_a_million_leaves_are_drawn_in_seconds(tmp_path: Path) -> None:
-    m = ndtree.FixedMap(dim=2, cell_size=0.02)
+    m = ndtree.FixedMap(dim=2, min_cell_size=0.02)
     angle = np.linspace(0, 2 * np.pi, 8000, endpoint=False)
     m.insert(15 * np.stack([np.cos(angle), np.sin(angle)], axis=1), np.zeros(2))
     assert m.stats().leaves > 1_000_000
@@ -513,7 +513,7 @@ def test_single_beams_that_went_far_do_not_shrink_the_rest() -> None:
 
 @pytest.mark.parametrize("length", [1.0, 100.0, pytest.param(20_000.0, marks=pytest.mark.long)])
 def test_nothing_but_a_wall_is_a_picture_of_bounded_size(length: float, tmp_path: Path) -> None:
-    m = ndtree.FixedMap(dim=2, cell_size=0.1)
+    m = ndtree.FixedMap(dim=2, min_cell_size=0.1)
     ends = np.stack([np.full(4, 0.02), np.array([-0.5, -0.25, 0.25, 0.5]) * length], axis=1)
     for _ in range(3):
         m.insert(ends, ends * (0, 1) - (0.03, 0))

@@ -62,7 +62,7 @@ def test_features_are_beams_with_an_origin_each(recordings, log, cell, largest):
         rows = np.column_stack([leaves.lower, leaves.size, leaves.log_odds])[leaves.observed]
         seen.append(rows[np.lexsort(rows.T)])
     np.testing.assert_array_equal(*seen)
-    fixed = ndtree.FixedMap(dim=3, cell_size=cell, range_sigma=cell / 2)
+    fixed = ndtree.FixedMap(dim=3, min_cell_size=cell, range_sigma=cell / 2)
     fixed.insert(points, origins)
     assert at_once.stats().observed_leaves < 0.371 * fixed.stats().observed_leaves
     assert at_once.occupied_within(points, cell).mean() > 0.5

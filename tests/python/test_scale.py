@@ -75,7 +75,7 @@ def test_map_and_compare_say_it_in_one_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize("adaptive", [True, False])
 def test_insert_warns_of_absurd_beams_before_it_changes_anything(adaptive: bool) -> None:
     def new() -> ndtree.OccupancyMap:
-        return ndtree.AdaptiveMap(dim=2) if adaptive else ndtree.FixedMap(dim=2, cell_size=0.05)
+        return ndtree.AdaptiveMap(dim=2) if adaptive else ndtree.FixedMap(dim=2, min_cell_size=0.05)
 
     near, far = scans()[0], scans(1000.0)[2]
     m = new()

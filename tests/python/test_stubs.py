@@ -92,10 +92,10 @@ def test_options_of_the_maps_are_those_of_the_library():
     everything = set(ndtree.default_options())
     assert options("AdaptiveMap") == everything
     for name in ("FixedMap", "OctoMap"):
-        assert options(name) - {"cell_size"} < everything
+        assert options(name) < everything
     for kind in {"AdaptiveMap", "FixedMap", "OctoMap"} - OPTIONAL:
         accepted = set()
-        for name in everything | {"cell_size"}:
+        for name in everything:
             for choice in ({"refinement": "paper"}, {}) if kind == "AdaptiveMap" else ({},):
                 try:
                     getattr(ndtree, kind)(dim=2, **choice, **{name: ndtree.default_options().get(name, 0.05)})
@@ -147,8 +147,7 @@ def test_signatures_say_what_is_taken():
     assert str(inspect.signature(ndtree.Sphere)) == "(radius: 'float', center=None) -> 'Shape'"
     for kind in (ndtree.AdaptiveMap, ndtree.FixedMap):
         shown = inspect.signature(kind).parameters
-        used = {{"min_cell_size": "cell_size"}.get(n, n) if kind is ndtree.FixedMap else n: v
-                for n, v in kind(dim=2).options.items()}  # fmt: skip
+        used = kind(dim=2).options
         assert used == {name: shown[name].default for name in used}
     bound = inspect.signature(ndtree.AdaptiveMap(dim=2).state)
     assert list(bound.parameters) == ["points"]
@@ -198,6 +197,14 @@ def test_docstrings_of_the_stub_are_those_of_the_module():
     assert expected == STUB_FILE.read_text(), (
         "NDTREE_UPDATE_DOCS=1 pytest tests/python/test_stubs.py mends it"
     )
+
+
+def test_stub_and_types_say_what_the_table_of_options_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    option_stubs = pytest.importorskip("option_stubs")
+    rows = _core.option_table()
+    for file, made in ((STUB_FILE, option_stubs.stub), (PACKAGE / "base" / "typing.py", option_stubs.typing)):
+        assert made(file.read_text(), rows) == file.read_text(), "tools/option_stubs.py writes them"
 
 
 def test_typed_options_are_those_of_the_maps():

@@ -54,7 +54,7 @@ def test_the_page_s_study_is_what_compare_says(tmp_path: Path) -> None:
     assert len(table.rows) == 6
     expected = ndtree.compare(
         ndtree.simulate("apartment", scans=10),
-        {"rough": lambda: ndtree.FixedMap(dim=3, cell_size=0.2, range_sigma=0.05)},
+        {"rough": lambda: ndtree.FixedMap(dim=3, min_cell_size=0.2, range_sigma=0.05)},
         max_range=5.0,
     ).row("rough")
     row = next(row for row in table.rows if (row["log"], row["map"]) == ("rooms", "rough"))

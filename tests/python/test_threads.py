@@ -83,8 +83,8 @@ def test_questions_and_files_see_whole_scans(tmp_path: Path) -> None:
 
 def test_two_writers_of_one_map_insert_all() -> None:
     """In some order, scan by scan."""
-    m = ndtree.FixedMap(dim=2, cell_size=0.1, log_odds_max=100, log_odds_min=-100)
-    alone = ndtree.FixedMap(dim=2, cell_size=0.1, log_odds_max=100, log_odds_min=-100)
+    m = ndtree.FixedMap(dim=2, min_cell_size=0.1, log_odds_max=100, log_odds_min=-100)
+    alone = ndtree.FixedMap(dim=2, min_cell_size=0.1, log_odds_max=100, log_odds_min=-100)
     for points, origin in SCANS:
         alone.insert(points, origin)
 

@@ -23,7 +23,7 @@ KINDS = {
     "paper": lambda dim: ndtree.AdaptiveMap(
         dim=dim, min_cell_size=0.1, max_cell_size=0.9, branching=3, refinement="paper"
     ),
-    "fixed": lambda dim: ndtree.FixedMap(dim=dim, cell_size=0.2),
+    "fixed": lambda dim: ndtree.FixedMap(dim=dim, min_cell_size=0.2),
 }
 
 
@@ -433,8 +433,8 @@ def test_fewer_scans_than_the_state_has_are_others(tmp_path):
 
 
 def test_maps_of_other_options_are_not_adopted():
-    m = ndtree.FixedMap(dim=2, cell_size=0.1)
-    other = ndtree.FixedMap(dim=2, cell_size=0.1, log_odds_max=20.0)
+    m = ndtree.FixedMap(dim=2, min_cell_size=0.1)
+    other = ndtree.FixedMap(dim=2, min_cell_size=0.1, log_odds_max=20.0)
     with pytest.raises(
         ValueError, match=r"log_odds_max = 20\.0 of a map that is adopted by one with 3\.5: must be the same"
     ):

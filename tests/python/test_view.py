@@ -467,7 +467,7 @@ def test_kinds_are_all_drawn() -> None:
 
 @pytest.mark.long
 def test_a_million_cells_are_ready_in_seconds() -> None:
-    m = ndtree.FixedMap(dim=3, cell_size=0.05)
+    m = ndtree.FixedMap(dim=3, min_cell_size=0.05)
     generator = np.random.default_rng(8)
     points = generator.uniform(-12, 12, (60_000, 3))
     points[:, 2] = 0.3 * np.sin(points[:, 0]) + generator.normal(0, 0.02, len(points)) - 2

@@ -22,9 +22,9 @@ from ndtree.viewer.snapshot import Snapshot
 
 def made(kind: str, dim: int, branching: int = 2) -> Any:
     if kind == "fixed":
-        return ndtree.FixedMap(dim=dim, branching=branching, cell_size=0.1)
+        return ndtree.FixedMap(dim=dim, branching=branching, min_cell_size=0.1)
     if kind == "octomap":
-        return ndtree.OctoMap(cell_size=0.1)
+        return ndtree.OctoMap(min_cell_size=0.1)
     return ndtree.AdaptiveMap(
         dim=dim, branching=branching, refinement=kind, min_cell_size=0.1, max_cell_size=0.9
     )

@@ -10,7 +10,6 @@
 #include <exception>
 #include <iostream>
 #include <limits>
-#include <map>
 #include <optional>
 #include <sstream>
 #include <stdexcept>
@@ -40,41 +39,6 @@ struct Call {
   std::string csv;
   ndtree::ComparisonOptions options;
 };
-
-const std::map<std::string, std::string>& option_help() {
-  static const std::map<std::string, std::string> help{
-      {"min_cell_size", "smallest cell of the adaptive map, and cell of the others [m]"},
-      {"max_cell_size", "largest cell that is ever updated [m]"},
-      {"range_sigma", "standard deviation of a range at the sensor [m]"},
-      {"range_sigma_quadratic", "its growth with the squared range [1/m]"},
-      {"probability_min", "least probability that one beam gives; OctoMap's miss"},
-      {"probability_max", "largest probability that one beam gives; OctoMap's hit"},
-      {"log_odds_min", "lower bound of a cell's log-odds"},
-      {"log_odds_max", "upper bound of a cell's log-odds"},
-      {"miss_given_occupied", "fraction of beams that pass an occupied cell"},
-      {"hit_given_free", "fraction of beams that end in a free cell"},
-      {"significance", "paper: confidence of the split test"},
-      {"merge_free_below", "paper: siblings merge if all are at most this probable"},
-      {"merge_occupied_above", "paper: or all at least this"},
-      {"split_probability", "a cell splits if more probably than this it is partially occupied"},
-      {"merge_loss", "siblings merge if that loses at most this for each cell saved [bits]"},
-      {"inherited_beams", "evenly spread beams added where a split divides evidence"},
-      {"noise_sigmas", "no split makes smaller cells than this many standard deviations"},
-      {"evidence_memory", "a cell remembers evidence of this weight [nats]"},
-      {"free_memory", "evidence that a cell remembers if it is for free space only [nats]"},
-      {"scan_beams", "beams of one scan that count at most in a cell if all passed it"},
-      {"evidence_prior", "evidence of both kinds that every cell begins with [nats]"},
-      {"change_probability", "a streak of scans less likely than this is a change; 0: never"},
-      {"evidence_half_life", "a cell's evidence halves in this many scans of it; 0: never"},
-      {"covered_share",
-       "fraction of each part (quadrant, octant) to be seen until a cell is observed; 0: any beam"},
-      {"coverage_cells", "cells of more smallest cells than this split to show what was seen"},
-      {"partial_probability", "least probability of a smallest cell that would split; 0: its beams decide"},
-      {"beam_divergence", "full angle of wide beams, as of sonar [rad]; 0: beams are lines"},
-      {"max_memory", "scans for which a map would need more are refused; 0: 3/4 of the machine's [bytes]"},
-  };
-  return help;
-}
 
 std::string flag(std::string name) {
   std::replace(name.begin(), name.end(), '_', '-');
@@ -109,11 +73,12 @@ void declare(CLI::App& app, Call& call) {
       ->capture_default_str();
   app.add_option("--repeat", call.options.repeat, "timed runs of each map, alternating")
       ->capture_default_str();
-  ndtree::for_each_option(call.options.map, [&](const char* name, double& value) {
-    const auto help = option_help().find(name);
-    app.add_option(flag(name), value, help == option_help().end() ? "option of the map" : help->second)
-        ->capture_default_str();
-  });
+  for (const ndtree::OptionRow& row : ndtree::kOptionTable) {
+    CLI::Option* const option =
+        app.add_option(flag(row.name), call.options.map.*row.member, std::string(row.help) + row.bounds.unit)
+            ->capture_default_str();
+    if (row.is_constant()) option->group("");  // Hidden: for trials.
+  }
   app.add_option("--json", call.json, "write all figures to this file")->type_name("FILE");
   app.add_option("--csv", call.csv, "write a line for each map to this file")->type_name("FILE");
   app.set_version_flag("--version", NDTREE_VERSION);

@@ -285,7 +285,7 @@ def mover_of(case: Case, scans: int) -> tuple[Mover, int | None]:
 def mapped(r: Recording, cell: float, branching: int = 2, is_fixed: bool = False) -> ndtree.OccupancyMap:
     sigma = max(r.sensor.sigma, 0.01)
     if is_fixed:
-        m: ndtree.OccupancyMap = ndtree.FixedMap(dim=r.dim, cell_size=cell, range_sigma=sigma)
+        m: ndtree.OccupancyMap = ndtree.FixedMap(dim=r.dim, min_cell_size=cell, range_sigma=sigma)
     else:
         m = ndtree.AdaptiveMap(dim=r.dim, branching=branching, min_cell_size=cell, range_sigma=sigma)
     for i in range(len(r)):

@@ -15,7 +15,6 @@
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/core/beta.hpp"
-#include "ndtree/core/option.hpp"
 #include "ndtree/core/quick_log.hpp"
 #include "ndtree/core/unfused.hpp"
 
@@ -23,14 +22,6 @@ namespace ndtree {
 
 struct EvidenceMergeOptions {
   double merge_loss = 4.0;  ///< Siblings merge if that loses at most this for each cell that it saves [bits].
-
-  /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
-  template <class Options, class Visit>
-  static void for_each_bounded(Options& options, Visit&& visit) {
-    visit("merge_loss", options.merge_loss, OptionBounds{0.0, 1e9, " bits"});
-  }
-  /// @throws std::invalid_argument naming the first option that is out of bounds.
-  void validate() const { for_each_bounded(*this, require_within); }
 };
 
 /// Siblings merge where one cell has nearly the information of N^D cells. Two things are lost, in bits:

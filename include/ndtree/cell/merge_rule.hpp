@@ -9,22 +9,12 @@
 
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/core/log_odds.hpp"
-#include "ndtree/core/option.hpp"
 
 namespace ndtree {
 
 struct MergeOptions {
   double merge_free_below = 0.13;      ///< Siblings merge if all are at most this probable,
   double merge_occupied_above = 0.96;  ///< or all at least this.
-
-  /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
-  template <class Options, class Visit>
-  static void for_each_bounded(Options& options, Visit&& visit) {
-    visit("merge_free_below", options.merge_free_below, OptionBounds{0.0, 0.49});
-    visit("merge_occupied_above", options.merge_occupied_above, OptionBounds{0.51, 1.0});
-  }
-  /// @throws std::invalid_argument naming the first option that is out of bounds.
-  void validate() const { for_each_bounded(*this, require_within); }
 };
 
 /// Siblings merge where all are almost surely free, or all almost surely occupied. The parent gets the mean

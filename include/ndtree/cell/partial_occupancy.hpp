@@ -47,8 +47,9 @@ class PartialOccupancyModel {
         occupied_from_(1.0 - options.miss_given_occupied),
         below_(free_until_),
         above_(1.0 - occupied_from_) {
-    require_option(free_until_ < occupied_from_, "hit_given_free", options.hit_given_free,
-                   "less than 1 - miss_given_occupied");
+    if (!(free_until_ < occupied_from_))
+      throw OptionError("hit_given_free", describe_number(options.hit_given_free), "less than 1 - ",
+                        "miss_given_occupied");
   }
 
   [[nodiscard]] OccupancyHypotheses operator()(std::uint32_t hits, std::uint32_t misses) const {

@@ -32,20 +32,6 @@ struct SensorOptions {
   double probability_max = 0.7;  ///< and its largest.
   double log_odds_min = -2.0;    ///< A cell's log-odds stay above this,
   double log_odds_max = 3.5;     ///< and below this, so that a change can be seen.
-
-  /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
-  template <class Options, class Visit>
-  static void for_each_bounded(Options& options, Visit&& visit) {
-    visit("range_sigma", options.range_sigma, kRangeSigmaBounds);
-    visit("range_sigma_quadratic", options.range_sigma_quadratic, OptionBounds{0.0, 1e6, " 1/m"});
-    visit("beam_divergence", options.beam_divergence, OptionBounds{0.0, 2.0, " rad"});
-    visit("probability_min", options.probability_min, OptionBounds{1e-6, 0.49});
-    visit("probability_max", options.probability_max, OptionBounds{0.51, 1.0 - 1e-6});
-    visit("log_odds_min", options.log_odds_min, OptionBounds{-1e3, -1e-3});
-    visit("log_odds_max", options.log_odds_max, OptionBounds{1e-3, 1e3});
-  }
-  /// @throws std::invalid_argument naming the first option that is out of bounds.
-  void validate() const { for_each_bounded(*this, require_within); }
 };
 
 /// Whether a sensor's noise is a template on its numbers, so that beams are packed eight at a time.

@@ -7,7 +7,6 @@
 
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/core/chi_square.hpp"
-#include "ndtree/core/option.hpp"
 
 namespace ndtree {
 
@@ -19,18 +18,6 @@ struct SplitOptions {
   double split_probability = 0.7;
   /// Least probability of a smallest cell that would split if it could; 0: all its beams decide.
   double partial_probability = 0.45;
-
-  /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
-  template <class Options, class Visit>
-  static void for_each_bounded(Options& options, Visit&& visit) {
-    visit("miss_given_occupied", options.miss_given_occupied, OptionBounds{1e-6, 1.0 - 1e-6});
-    visit("hit_given_free", options.hit_given_free, OptionBounds{1e-6, 1.0 - 1e-6});
-    visit("significance", options.significance, OptionBounds{1e-6, 1.0 - 1e-9});
-    visit("split_probability", options.split_probability, OptionBounds{1e-6, 1.0 - 1e-6});
-    visit("partial_probability", options.partial_probability, OptionBounds{0.0, 0.95});
-  }
-  /// @throws std::invalid_argument naming the first option that is out of bounds.
-  void validate() const { for_each_bounded(*this, require_within); }
 };
 
 /// Chi-square test that a cell is neither entirely occupied nor entirely free (Sec. III-A).

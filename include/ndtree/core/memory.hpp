@@ -14,6 +14,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "ndtree/core/option.hpp"
+
 namespace ndtree {
 
 /// No bound to the memory.
@@ -36,8 +38,8 @@ class MemoryLimitReached : public std::bad_alloc {
 /// @throws std::invalid_argument.
 inline void require_room_for_empty(std::size_t bytes, std::size_t limit) {
   if (bytes > limit)
-    throw std::invalid_argument("max_memory = " + std::to_string(limit) + " bytes: must be at least " +
-                                std::to_string(bytes) + ", what the map takes while it is empty");
+    throw OptionError("max_memory", std::to_string(limit) + " bytes",
+                      "at least " + std::to_string(bytes) + ", what the map takes while it is empty");
 }
 
 /// Bytes that are left of a limit beside others.

@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <utility>
 
 namespace ndtree {
 
@@ -46,13 +47,38 @@ template <class Point>
   return "'" + shown + (text.size() > kMost ? "...'" : "'");
 }
 
-/// @throws std::invalid_argument naming the option, its value and what it must be, unless it is valid.
+/// A value that cannot be taken. It carries the field and the value, so that each front end spells them in
+/// its own way: `min_cell_size = -1.0`, `--min-cell-size -1`, a parameter of ROS.
+class OptionError : public std::invalid_argument {
+ public:
+  /// @param value as it is written, with its unit; empty: the message is `expected` alone.
+  /// @param expected behind "must be". @param other a field whose value stands behind `expected`, or empty.
+  OptionError(std::string field, std::string value, std::string expected, std::string other = {},
+              std::string value_of_other = {})
+      : std::invalid_argument(field + (value.empty() ? ": " : " = " + value + ": must be ") + expected +
+                              other + value_of_other),
+        field_(std::move(field)),
+        value_(std::move(value)),
+        expected_(std::move(expected)),
+        other_(std::move(other)),
+        value_of_other_(std::move(value_of_other)) {}
+
+  [[nodiscard]] const std::string& field() const { return field_; }
+  [[nodiscard]] const std::string& value() const { return value_; }
+  [[nodiscard]] const std::string& expected() const { return expected_; }
+  [[nodiscard]] const std::string& other() const { return other_; }
+  [[nodiscard]] const std::string& value_of_other() const { return value_of_other_; }
+
+ private:
+  std::string field_, value_, expected_, other_, value_of_other_;
+};
+
+/// @throws OptionError naming the option, its value and what it must be, unless it is valid.
 inline void require_option(bool valid, const char* name, double value, const std::string& limit) {
-  if (valid) return;
-  throw std::invalid_argument(std::string(name) + " = " + describe_number(value) + ": must be " + limit);
+  if (!valid) throw OptionError(name, describe_number(value), limit);
 }
 
-/// @throws std::invalid_argument naming the option, its value and its bounds if it is outside, or NaN.
+/// @throws OptionError naming the option, its value and its bounds if it is outside, or NaN.
 inline void require_within(const char* name, double value, const OptionBounds& bounds) {
   if (value >= bounds.least && value <= bounds.most) return;
   char limits[64];

@@ -30,7 +30,7 @@ class CellsAlong {
   CellsAlong(double unit, double lower, double cell_size)
       : unit_(unit), lower_(lower), cell_size_(cell_size) {
     if (!(cell_size > 0.0) || !std::isfinite(cell_size))
-      throw std::invalid_argument("cell_size = " + describe_number(cell_size) + " m: must be > 0 and finite");
+      throw OptionError("cell_size", describe_number(cell_size) + " m", "> 0 and finite");
   }
 
   /// Whether cells are larger than the map's smallest.
@@ -77,8 +77,9 @@ template <class Target, class Map>
   constexpr int D = Map::kDim;
   const CellsAlong cells(map.options().min_cell_size, 0.0, cell_size);
   if (CellsAlong::whole(cell_size / map.options().min_cell_size) < 1.0)
-    throw std::invalid_argument("cell_size = " + describe_number(cell_size) + " m: must be >= " +
-                                describe_number(map.options().min_cell_size) + " m, the map's min_cell_size");
+    throw OptionError("cell_size", describe_number(cell_size) + " m",
+                      ">= " + describe_number(map.options().min_cell_size) + " m, the map's ",
+                      "min_cell_size");
   typename Target::Options options = map.options();
   options.min_cell_size = cell_size;
   options.max_cell_size = std::max(options.max_cell_size, cell_size);

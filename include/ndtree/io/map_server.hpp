@@ -79,10 +79,12 @@ template <class Map>
   double bottom = -std::numeric_limits<double>::infinity();
   double top = std::numeric_limits<double>::infinity();
   if (options.height) {
-    if (D != 3) throw std::invalid_argument("height: a map in the plane has none");
+    if (D != 3) throw OptionError("height", "", "a map in the plane has none");
     if (!(options.height->first < options.height->second))
-      throw std::invalid_argument("height = " + describe_number(options.height->first) + " to " +
-                                  describe_number(options.height->second) + " m: must be from low to high");
+      throw OptionError(
+          "height",
+          describe_number(options.height->first) + " to " + describe_number(options.height->second) + " m",
+          "from low to high");
     bottom = CellsAlong::whole(options.height->first / unit);
     top = CellsAlong::whole(options.height->second / unit);
   }

@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/core/option.hpp"
 #include "ndtree/core/random.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/types.hpp"
@@ -204,9 +205,7 @@ inline SensorTrack timed(const std::vector<Waypoint>& path, const std::vector<Pl
 }
 
 inline void refuse(std::size_t count, const char* name, const char* world) {
-  if (count > 0)
-    throw std::invalid_argument(std::string(name) + " = " + std::to_string(count) + ": must be 0 in the " +
-                                world);
+  if (count > 0) throw OptionError(name, std::to_string(count), std::string("0 in the ") + world);
 }
 
 }  // namespace detail
@@ -217,8 +216,8 @@ inline SimulatedLog<2> simulate_office(const SimulationOptions& options, const P
   laser.validate();
   detail::refuse(options.cars, "cars", "office");
   if (options.doors > kOfficeDoors)
-    throw std::invalid_argument("doors = " + std::to_string(options.doors) + ": must be at most " +
-                                std::to_string(kOfficeDoors) + ", which the office has");
+    throw OptionError("doors", std::to_string(options.doors),
+                      "at most " + std::to_string(kOfficeDoors) + ", which the office has");
   Scene<2> scene = office_scene(options.yaw, options.doors);
   SimulatedLog<2> log{
       World<2>(std::move(scene.shapes)), laser.directions(), laser.range, {}, options, {}, {}};

@@ -10,7 +10,6 @@
 #include <cstdint>
 
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/option.hpp"
 #include "ndtree/tree/child_index.hpp"
 
 namespace ndtree {
@@ -22,15 +21,6 @@ struct CoverageOptions {
   double covered_share = 0.5;
   /// Cells whose edge is longer than this many min_cell_size split to show what was seen.
   double coverage_cells = 2.0;
-
-  /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
-  template <class Options, class Visit>
-  static void for_each_bounded(Options& options, Visit&& visit) {
-    visit("covered_share", options.covered_share, OptionBounds{0.0, 1.0});
-    visit("coverage_cells", options.coverage_cells, OptionBounds{1.0, 1e9});
-  }
-  /// @throws std::invalid_argument naming the first option that is out of bounds.
-  void validate() const { for_each_bounded(*this, require_within); }
 };
 
 /// A cell's parts: it is halved along each of its first axes, at most four, so that a set of parts fits 16

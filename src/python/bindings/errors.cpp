@@ -12,6 +12,7 @@
 #include <string_view>
 
 #include "ndtree/core/memory.hpp"
+#include "ndtree/core/option.hpp"
 #include "ndtree/io/byte_stream.hpp"
 #include "python_map.hpp"
 
@@ -86,6 +87,13 @@ void translate(std::exception_ptr pointer) {
     throw;
   } catch (const py::error_already_set&) {
     throw;
+  } catch (const OptionError& error) {
+    const py::object made =
+        py::module_::import("ndtree._errors")
+            .attr("WrongValue")
+            .attr("of_library")(error.field(), py::str(with_short_numbers(error.value())),
+                                with_short_numbers(error.expected()), error.other(), error.value_of_other());
+    PyErr_SetObject(py::type::of(made).ptr(), made.ptr());
   } catch (const std::invalid_argument& error) {
     set_error(PyExc_ValueError, error.what());
   } catch (const std::domain_error& error) {

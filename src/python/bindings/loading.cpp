@@ -38,7 +38,7 @@ std::unique_ptr<MapInterface> made(const std::string& refinement, const Make& ma
     return map_from_bytes(make(static_cast<PaperMap<2, D>*>(nullptr)));
   if (refinement == EvidenceRefinement::kName)
     return map_from_bytes(make(static_cast<AdaptiveMap<2, D>*>(nullptr)));
-  throw std::invalid_argument("refinement = '" + refinement + "': must be 'evidence', 'paper' or 'fixed'");
+  throw OptionError("refinement", "'" + refinement + "'", "'evidence', 'paper' or 'fixed'");
 }
 
 /// What `make()` makes of the file's bytes, without the interpreter's lock; errors name the file.

@@ -175,8 +175,7 @@ py::object simulate(const std::string& world, std::uint64_t seed, std::optional<
     } else if (count != nullptr) {
       const auto given = value.cast<std::int64_t>();
       if (given < 0 || given > kMostThings)
-        throw py::value_error(name + " = " + std::to_string(given) + ": must be in [0, " +
-                              std::to_string(kMostThings) + "]");
+        throw OptionError(name, std::to_string(given), "in [0, " + std::to_string(kMostThings) + "]");
       *count = static_cast<std::size_t>(given);
     } else {
       throw py::type_error("simulate() got an unexpected keyword argument '" + name + "'");
@@ -185,7 +184,7 @@ py::object simulate(const std::string& world, std::uint64_t seed, std::optional<
   if (world == "office") return py::cast(simulate_office(options));
   if (world == "apartment") return py::cast(simulate_apartment(options));
   if (world == "street") return py::cast(simulate_street(options));
-  throw py::value_error("world = '" + world + "': must be 'office', 'apartment' or 'street'");
+  throw OptionError("world", "'" + world + "'", "'office', 'apartment' or 'street'");
 }
 
 }  // namespace

@@ -82,13 +82,13 @@ class MapExportsOf final : public MapExports {
     if constexpr (D == 3)
       return ndtree::octomap_bytes(map_, format, cell_size, layers_.colors());
     else
-      throw std::invalid_argument("a map with dim = " + std::to_string(D) + ": OctoMap has three dimensions");
+      throw std::invalid_argument("a " + std::to_string(D) + "-D map: OctoMap has three dimensions");
   }
   [[nodiscard]] MapServerImage map_server_image(const MapServerOptions& options) const override {
     if constexpr (D <= 3)
       return ndtree::map_server_image(map_, options);
     else
-      throw std::invalid_argument("a map with dim = 4: an image is of one with dim = 2 or 3");
+      throw std::invalid_argument("a 4-D map: an image is of one in 2-D or 3-D");
   }
   [[nodiscard]] std::string ply_bytes(const bool* chosen) const override {
     if constexpr (D <= 3)
@@ -100,7 +100,7 @@ class MapExportsOf final : public MapExports {
           layers_.ply_properties(),
           [&](const CellIndex<D>& leaf, double* numbers) { layers_.ply_numbers(leaf, numbers); });
     else
-      throw std::invalid_argument("a map with dim = 4: PLY has three dimensions");
+      throw std::invalid_argument("a 4-D map: PLY has three dimensions");
   }
 
  private:

@@ -37,10 +37,8 @@ const Instantiation& find(int branching, int dim) {
                                           instantiation<2, 4>()};
   for (const Instantiation& one : all)
     if (one.branching == branching && one.dim == dim) return one;
-  throw std::invalid_argument(
-      "branching = " + std::to_string(branching) + ", dim = " + std::to_string(dim) +
-      ": must be branching 2, 3 or 4 with dim 2 or 3, or branching 2 with dim 4; C++ has "
-      "all others");
+  throw OptionError("branching", std::to_string(branching) + ", dim = " + std::to_string(dim),
+                    "branching 2, 3 or 4 with dim 2 or 3, or branching 2 with dim 4; C++ has all others");
 }
 
 }  // namespace

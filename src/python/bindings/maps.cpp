@@ -173,27 +173,51 @@ void warn_of_scale(const BeamArrays& beams, int dim, double cell_size, double ma
   }
 }
 
-/// Whether a map of this refinement has such an option; cell sizes of maps with one size are called
-/// otherwise.
-bool is_read(std::string_view option, std::string_view refinement) {
-  if (option == "max_memory") return refinement != kOctomap;
-  const std::string_view only = only_reader(option);
-  if (!only.empty()) return refinement == only;
-  const bool of_probability = option.substr(0, 4) == "prob" || option.substr(0, 8) == "log_odds";
-  if (refinement == kOctomap) return of_probability;
-  return refinement != FixedRefinement::kName || of_probability || option.substr(0, 5) == "range";
-}
-
+/// Options of a map, without the constants of the method.
 py::dict options_dict(const MapOptions& options, std::string_view refinement) {
   py::dict dict;
-  for_each_option(options, [&](const char* name, double value) {
-    if (is_read(name, refinement) || std::string_view(name) == "min_cell_size") dict[name] = value;
-  });
+  for (const OptionRow& row : kOptionTable)
+    if (!row.is_constant() && row.is_read_by(refinement)) dict[row.name] = options.*row.member;
   return dict;
 }
 
+/// A keyword's value. @throws py::type_error naming it if it is no number.
+double number_of(const char* name, py::handle value) {
+  const double number = PyFloat_AsDouble(value.ptr());
+  if (PyErr_Occurred() == nullptr) return number;
+  py::error_already_set error;
+  if (!error.matches(PyExc_TypeError) && !error.matches(PyExc_ValueError) &&
+      !error.matches(PyExc_OverflowError))
+    throw error;
+  const std::string text =
+      std::string(name) + " = " + py::repr(value).cast<std::string>() + ": must be a number";
+  py::raise_from(error, PyExc_TypeError, text.c_str());
+  throw py::error_already_set();
+}
+
+/// The row of an option; of a constant, if constants are meant.
+const OptionRow* row_of(std::string_view name, bool constant) {
+  const auto* const row = std::find_if(kOptionTable.begin(), kOptionTable.end(),
+                                       [&](const OptionRow& one) { return one.name == name; });
+  return row != kOptionTable.end() && row->is_constant() == constant ? row : nullptr;
+}
+
+py::list option_table() {
+  py::list table;
+  const MapOptions defaults;
+  for (const OptionRow& row : kOptionTable) {
+    py::list readers;
+    for (const char* const kind : {"evidence", "paper", "fixed", "octomap"})
+      if (row.is_read_by(kind)) readers.append(kind);
+    const py::object placeholder = row.is_constant() ? py::object(py::none()) : py::str(row.placeholder);
+    table.append(py::make_tuple(row.name, defaults.*row.member, row.bounds.least, row.bounds.most,
+                                row.bounds.unit, readers, placeholder, row.help, row.when));
+  }
+  return table;
+}
+
 std::string sizes_text(const MapOptions& options, bool adaptive) {
-  if (!adaptive) return "cell_size=" + number_text(options.min_cell_size);
+  if (!adaptive) return "min_cell_size=" + number_text(options.min_cell_size);
   return "min_cell_size=" + number_text(options.min_cell_size) +
          ", max_cell_size=" + number_text(options.max_cell_size);
 }
@@ -213,9 +237,9 @@ void bind_own_map(py::module_& module, const char* name, bool adaptive, const ch
       .def(py::init([name, adaptive](int dim, int branching, const std::string& refinement,
                                      const py::object& layers, const py::kwargs& options) {
              if (adaptive && refinement != EvidenceRefinement::kName && refinement != PaperRefinement::kName)
-               throw py::value_error("refinement = '" + refinement + "': must be 'evidence' or 'paper'");
+               throw OptionError("refinement", "'" + refinement + "'", "'evidence' or 'paper'");
              if (!adaptive && refinement != FixedRefinement::kName)
-               throw py::value_error("refinement = '" + refinement + "': must be 'fixed'");
+               throw OptionError("refinement", "'" + refinement + "'", "'fixed'");
              const std::vector<LayerKind> kinds = layer_kinds(layers);
              auto map =
                  make_map(refinement, branching, dim, options_from_keywords(options, refinement, name));
@@ -251,33 +275,24 @@ py::object to_python(std::unique_ptr<MapInterface> map) {
 
 MapOptions options_from_keywords(const py::kwargs& keywords, std::string_view refinement, const char* type) {
   MapOptions options;
-  const bool adaptive = refinement != FixedRefinement::kName && refinement != kOctomap;
   for (const auto& [key, value] : keywords) {
     const auto name = key.cast<std::string>();
-    bool known = false;
-    for_each_option(options, [&](const char* option, double& place) {
-      const std::string_view here = option;
-      const bool accepted = is_read(here, refinement)
-                                ? name == here
-                                : here == "min_cell_size" && name == "cell_size" && !adaptive;
-      if (!accepted) return;
-      known = true;
-      const double number = PyFloat_AsDouble(value.ptr());
-      if (PyErr_Occurred() != nullptr) {
-        py::error_already_set error;
-        if (!error.matches(PyExc_TypeError) && !error.matches(PyExc_ValueError) &&
-            !error.matches(PyExc_OverflowError))
-          throw error;
-        const std::string text = name + " = " + py::repr(value).cast<std::string>() + ": must be a number";
-        py::raise_from(error, PyExc_TypeError, text.c_str());
-        throw py::error_already_set();
-      }
-      place = number;
-    });
-    if (!known)
+    if (name == "constants") {  // Of a map that was made by an older version, and of trials: no option.
+      for (const auto& [constant, number] : value.cast<py::dict>())
+        if (const OptionRow* const row = row_of(constant.cast<std::string>(), true))
+          options.*row->member = number_of(row->name, number);
+        else
+          throw py::type_error(py::str(constant).cast<std::string>() + ": is no constant of the maps");
+      continue;
+    }
+    const bool one_size = refinement == FixedRefinement::kName || refinement == kOctomap;
+    const OptionRow* const row = row_of(one_size && name == "cell_size" ? "min_cell_size" : name, false);
+    if (row == nullptr || !row->is_read_by(refinement))
       throw py::type_error(std::string(type) + "() got an unexpected keyword argument '" + name + "'");
+    options.*row->member = number_of(name.c_str(), value);
   }
-  if (!adaptive) options.max_cell_size = std::max(options.max_cell_size, options.min_cell_size);
+  if (refinement == FixedRefinement::kName || refinement == kOctomap)
+    options.max_cell_size = std::max(options.max_cell_size, options.min_cell_size);
   return options;
 }
 
@@ -580,10 +595,12 @@ void bind_maps(py::module_& module) {
       [] {
         py::dict dict;
         const MapOptions options;
-        for_each_option(options, [&](const char* name, double value) { dict[name] = value; });
+        for (const OptionRow& row : kOptionTable)
+          if (!row.is_constant()) dict[row.name] = options.*row.member;
         return dict;
       },
       doc::default_options);
+  module.def("option_table", &option_table, doc::option_table);
 }
 
 }  // namespace ndtree::python

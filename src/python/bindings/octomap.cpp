@@ -98,7 +98,7 @@ class OctomapAdapter final : public QueryAdapter<OctomapBaseline, D> {
 std::unique_ptr<MapInterface> adapter(OctomapBaseline map, int dim) {
   if (dim == 2) return std::make_unique<OctomapAdapter<2>>(std::move(map));
   if (dim == 3) return std::make_unique<OctomapAdapter<3>>(std::move(map));
-  throw std::invalid_argument("dim = " + std::to_string(dim) + ": must be 2 or 3 for OctoMap");
+  throw OptionError("dim", std::to_string(dim), "2 or 3 for OctoMap");
 }
 
 OctomapInsertion insertion_from(const std::string& name) {
@@ -106,8 +106,7 @@ OctomapInsertion insertion_from(const std::string& name) {
   if (name == "scan") return OctomapInsertion::scan_at_once;
   if (name == "scan_lazy") return OctomapInsertion::scan_at_once_lazy;
   if (name == "scan_discretized") return OctomapInsertion::scan_discretized;
-  throw std::invalid_argument("insertion = '" + name +
-                              "': must be 'ray', 'scan', 'scan_lazy' or 'scan_discretized'");
+  throw OptionError("insertion", "'" + name + "'", "'ray', 'scan', 'scan_lazy' or 'scan_discretized'");
 }
 
 PythonOctoMap copy(const PythonOctoMap& map) {

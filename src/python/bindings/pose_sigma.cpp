@@ -70,7 +70,7 @@ void bind_pose_sigma(py::module_& module) {
          const py::object& own, double sigma, double quadratic) {
         const DoubleArray any = as_doubles(points, "points");
         const int dim = any.ndim() == 2 && any.shape(1) == 3 ? 3 : 2;
-        SensorOptions sensor;
+        MapOptions sensor;
         sensor.range_sigma = sigma;
         sensor.range_sigma_quadratic = quadratic;
         sensor.validate();

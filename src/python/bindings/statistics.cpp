@@ -21,7 +21,7 @@ void bind_statistics(py::module_& module) {
       "splits",
       [](const py::array_t<std::uint32_t>& hits, const py::array_t<std::uint32_t>& misses,
          double miss_given_occupied, double hit_given_free, double significance) {
-        SplitOptions options;
+        MapOptions options;
         options.miss_given_occupied = miss_given_occupied;
         options.hit_given_free = hit_given_free;
         options.significance = significance;

@@ -15,7 +15,7 @@ from ndtree.typing import FixedMapOptions, MapOptions, SimulationOptions, StateN
 options: MapOptions = {"min_cell_size": 0.05, "range_sigma": 0.02}
 adaptive = ndtree.AdaptiveMap(dim=2, refinement="paper", **options)
 again = ndtree.AdaptiveMap(dim=adaptive.dim, **adaptive.options)
-equal: FixedMapOptions = {"cell_size": 0.1}
+equal: FixedMapOptions = {"min_cell_size": 0.1}
 fixed = ndtree.FixedMap(dim=3, branching=3, **equal)
 simulated: SimulationOptions = {"outlier_rate": 0.0}
 log = ndtree.simulate("office", scans=20, **simulated)

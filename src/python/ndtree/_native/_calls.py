@@ -3,15 +3,16 @@
 
 from __future__ import annotations
 
+import functools
 import operator
-import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from difflib import get_close_matches
 from typing import Any
 
+from ndtree._errors import WrongOption, key
+from ndtree._native import _core
 from ndtree._native._signatures import parameters_of
 
-UNEXPECTED = re.compile(r"got an unexpected keyword argument '(\w+)'")
 #: What other libraries call an option, by a part of the name.
 ELSEWHERE = (
     ("max_cell", "max_cell_size"),
@@ -27,7 +28,6 @@ ELSEWHERE = (
     ("clamp_max", "log_odds_max"),
     ("dimension", "dim"),
 )
-MISMATCH = re.compile(r"incompatible (?:function|constructor) arguments")
 #: By what is in an annotation: a type that suits, and what it is called.
 _WANTED: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
     ("SupportsFloat", lambda value: hasattr(value, "__float__") or hasattr(value, "__index__"), "a number"),
@@ -50,106 +50,130 @@ _BOUNDS = {
 }
 
 
-def error_of(text: str, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> Exception:
-    """What is wrong with the call that pybind11 describes in several lines.
-
-    Returns
-    -------
-    Exception
-        ValueError for an integer out of bounds, else TypeError.
-    """
-    try:
-        return TypeError(_said(text, arguments, keywords))
-    except ValueError as error:
-        error.__context__ = None  # That of pybind11, in several lines.
-        return error.with_traceback(None)
-
-
 #: What the one argument of OctoMap's constructor is called here.
-_FIRST = {"AdaptiveMap": "min_cell_size", "FixedMap": "cell_size", "OctoMap": "cell_size"}
+_FIRST = {"AdaptiveMap": "min_cell_size", "FixedMap": "min_cell_size", "OctoMap": "min_cell_size"}
 
 
-def require_known(name: str, given: Collection[str], known: Collection[str]) -> None:
+def require_options(name: str, keywords: Mapping[str, Any], known: Collection[str]) -> None:
     """Refuse an option that a map does not take, and name the one that is probably meant.
 
     Raises
     ------
-    TypeError
-        For the first of `given` that is not `known`.
+    WrongOption
+        For the first keyword that is not `known`, or that maps of the refinement do not read.
     """
-    for option in given:
-        if option in known:
+    refinement = keywords.get("refinement", "fixed" if name == "FixedMap" else "evidence")
+    for option in keywords:
+        if option in INTERNAL_KEYWORDS.get(name, ()):
             continue
-        own = "cell_size" if "cell_size" in known else "min_cell_size"
-        meant = [own if one == "min_cell_size" else one for part, one in ELSEWHERE if part in option]
-        near = [one for one in meant if one in known] or get_close_matches(option, known, 1)
-        hint = f"did you mean {near[0]}? " if near else ""
-        raise TypeError(f"{name}(): no option {option}: {hint}help(ndtree.{name}) lists all")
+        if option not in known:
+            meant = [one for part, one in ELSEWHERE if part in option]
+            near = [one for one in meant if one in known] or get_close_matches(option, known, 1)
+            hint = f"did you mean {key(near[0])}? " if near else ""
+            said = f"{name}(): no option {key(option)}: {hint}help(ndtree.{name}) lists all"
+            if option in _readers():
+                raise WrongOption.unread(said, option, "octomap" if name == "OctoMap" else refinement)
+            raise WrongOption(said)
+        readers = _readers().get(option, (refinement,))
+        if name == "AdaptiveMap" and refinement in ("evidence", "paper") and refinement not in readers:
+            said = f"{name}(): the refinement {refinement!r} does not read {key(option)}"
+            raise WrongOption.unread(said, option, refinement)
 
 
-def _said(text: str, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> str:
-    lines = text.splitlines()
-    found = parameters_of(lines[1]) if len(lines) > 1 else []
-    known = [(name, annotation, default is not None) for name, annotation, default in found if name != "/"]
-    is_method = bool(known) and known[0][0] == "self"
-    if is_method or text.startswith("__init__"):
-        arguments = arguments[1:]
-    known = known[1:] if is_method else known
-    name = _called(text)
-    names = [one for one, _, _ in known if not one.startswith("*")]
-    positional = [
-        one for one, _, _ in known[: next((i for i, one in enumerate(known) if one[0] == "*"), None)]
-    ]
-    if len(arguments) > len(positional):
+#: Words that constructors take and that are no options: another name, and constants of older files.
+INTERNAL_KEYWORDS = {
+    "AdaptiveMap": ("constants",),
+    "FixedMap": ("cell_size", "constants"),
+    "OctoMap": ("cell_size",),
+    "ScanHistory": ("constants",),
+}
+
+
+@functools.lru_cache(maxsize=1)
+def _readers() -> dict[str, list[str]]:
+    return {name: readers for name, *_, readers, kind, _, _ in _core.option_table() if kind is not None}
+
+
+class Call:
+    """What a compiled function takes, to say what is wrong with a call of it.
+
+    Parameters
+    ----------
+    name : str
+        "Class.method", or that of a function.
+    line : str
+        The one that pybind11 writes above its docstring.
+    is_method : bool
+    """
+
+    def __init__(self, name: str, line: str, *, is_method: bool) -> None:
+        short = name.rpartition(".")[2]
+        self._name = name.partition(".")[0] if short == "__init__" else short
+        self._skipped = int(is_method)
+        known = [
+            (one, wanted, default is not None) for one, wanted, default in parameters_of(line) if one != "/"
+        ]
+        self._known = known[self._skipped :]
+
+    def error_of(self, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> Exception:
+        """What is wrong with a call: ValueError for an integer out of bounds, else TypeError."""
+        try:
+            return TypeError(f"{self._name}(): {self._said(arguments[self._skipped :], keywords)}")
+        except ValueError as error:
+            error.__context__ = None  # That of pybind11, in several lines.
+            return error.with_traceback(None)
+
+    def _said(self, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> str:
+        names = [one for one, _, _ in self._known if not one.startswith("*")]
+        starred = next((i for i, one in enumerate(self._known) if one[0][0] == "*"), None)
+        positional = [one for one, _, _ in self._known[:starred]]
+        if len(arguments) > len(positional):
+            return self._too_many(arguments, positional)
+        given = {**dict(zip(positional, arguments)), **keywords}
+        if not any(one.startswith("**") for one, _, _ in self._known):
+            for key in keywords:
+                if key not in names:
+                    return f"no argument {key}, expected {', '.join(names) or 'none'}"
+        for one, wanted, has_default in self._known:
+            if one.startswith("*") or (one not in given and has_default):
+                continue
+            if one not in given:
+                return f"{one} is missing, expected {', '.join(names)}"
+            refused = self._refused(one, given[one], wanted)
+            if refused:
+                return refused
+        shown = ", ".join(f"{key} = {_shown(value)}" for key, value in given.items())
+        return f"{shown or 'no arguments'}: a value is out of bounds, or of another kind than expected"
+
+    def _too_many(self, arguments: tuple[Any, ...], positional: list[str]) -> str:
         most = f"at most {len(positional)} ({', '.join(positional)})" if positional else "none"
-        extra = arguments[len(positional)]
-        own = _FIRST.get(name)
-        meant = f": did you mean {own} = {_shown(extra)}?" if own and not positional else ""
+        own = _FIRST.get(self._name)
+        meant = f": did you mean {own} = {_shown(arguments[0])}?" if own and not positional else ""
         count = (
             "1 argument without a name"
             if len(arguments) == 1
             else f"{len(arguments)} arguments without names"
         )
-        return f"{name}(): {count}, expected {most}{meant}"
-    given = {**dict(zip(positional, arguments)), **keywords}
-    if not any(one.startswith("**") for one, _, _ in known):
-        for key in keywords:
-            if key not in names:
-                return f"{name}(): no argument {key}, expected {', '.join(names) or 'none'}"
-    for one, wanted, has_default in known:
-        if one.startswith("*"):
-            continue
-        if one not in given:
-            if not has_default:
-                return f"{name}(): {one} is missing, expected {', '.join(names)}"
-            continue
-        value = given[one]
+        return f"{count}, expected {most}{meant}"
+
+    def _refused(self, name: str, value: Any, wanted: str) -> str:
+        """What a value must be; empty if it suits."""
         if value is None and "None" in wanted:
-            continue
+            return ""
         for word, suits, words in _WANTED:
             if word in wanted:
                 if not suits(value):
-                    return f"{name}(): {one} = {_shown(value)}: must be {words}"
+                    return f"{name} = {_shown(value)}: must be {words}"
                 if word == "SupportsInt":
-                    _check_bounds(f"{name}(): {one}", value, _BOUNDS.get(one, _OF_INT))
-                break
-    shown = ", ".join(f"{key} = {_shown(value)}" for key, value in given.items())
-    return f"{name}(): {shown or 'no arguments'}: a value is out of bounds, or of another kind than expected"
+                    _check_bounds(f"{self._name}(): {name}", value, _BOUNDS.get(name, _OF_INT))
+                return ""
+        return ""
 
 
 def _check_bounds(what: str, value: Any, bounds: tuple[int, int]) -> None:
     number = operator.index(value)
     if not bounds[0] <= number <= bounds[1]:
         raise ValueError(f"{what} = {_shown(number)}: must be from {bounds[0]} to {bounds[1]}")
-
-
-def _called(text: str) -> str:
-    """Name of what was called; a class's for its constructor."""
-    name = text.partition("(")[0].strip()
-    if name == "__init__":
-        made = re.search(r"\d+\. (?:[\w.]+\.)?(\w+)\(", text)
-        return made[1] if made else name
-    return name
 
 
 def _shown(value: Any) -> str:

@@ -18,7 +18,7 @@ from typing import Any
 from ndtree import _lazy
 from ndtree._native import _core, results
 from ndtree._native._arguments import TAKEN, flattened, refuse_masked, shaped
-from ndtree._native._calls import MISMATCH, UNEXPECTED, error_of, require_known
+from ndtree._native._calls import Call, require_options
 from ndtree._native._signatures import signature_of, text_of
 
 #: By the compiled type of a result: the one that takes its place.
@@ -88,13 +88,16 @@ def _reduce(self: Any, protocol: int) -> Any:
 
 def _constructor_options(module: Any) -> dict[str, dict[str, float]]:
     """Keywords of the maps' constructors that pybind11 knows as ``**kwargs`` alone, with their defaults."""
-    defaults: dict[str, float] = module.default_options()
-    taken = {"AdaptiveMap": defaults, "ScanHistory": defaults}
-    for name in ("FixedMap", "OctoMap"):
-        if hasattr(module, name):
-            read = getattr(module, name)(dim=2).options
-            taken[name] = {"cell_size": read.pop("min_cell_size"), **{key: defaults[key] for key in read}}
-    return taken
+    kinds = {"AdaptiveMap": {"evidence", "paper"}, "ScanHistory": {"evidence"}, "FixedMap": {"fixed"}}
+    kinds["OctoMap"] = {"octomap"}
+    return {
+        name: {
+            row[0]: row[1]
+            for row in module.option_table()
+            if row[6] is not None and refinements & set(row[5])
+        }
+        for name, refinements in kinds.items()
+    }
 
 
 def _is_compiled(held: Any) -> bool:
@@ -113,6 +116,7 @@ def _wrapped(
     axes = TAKEN.get(name, TAKEN.get(short)) if is_method else None
     takes_path = "path" in names
     writes = takes_path and short.startswith(("save", "write"))
+    takes = Call(name, function.__doc__.partition("\n")[0], is_method=is_method)
 
     @functools.wraps(function)
     def call(*arguments: Any, **keywords: Any) -> Any:
@@ -124,7 +128,7 @@ def _wrapped(
         if writes and isinstance(given.get("path"), str):
             _lazy.method("require_kind")(given["path"])
         if options is not None:
-            require_known(class_name, keywords, names)
+            require_options(class_name, keywords, names)
             if asks_for_dim and "dim" not in keywords and len(arguments) == 1:
                 raise TypeError(f"{class_name}(): dim is missing, expected dim=2 or dim=3, as the points are")
         leading = None
@@ -135,16 +139,9 @@ def _wrapped(
                 return _plain(function(*arguments, **keywords))
             return shaped(_plain(function(arguments[0], **changed)), leading)
         except TypeError as error:
-            text = str(error)
-            unread = UNEXPECTED.search(text)
-            if unread is not None and options is not None:
-                kind = keywords.get("refinement", signature.parameters["refinement"].default)  # type: ignore[union-attr]
-                raise TypeError(
-                    f"{class_name}(): the refinement {kind!r} does not read {unread[1]}"
-                ) from None
-            if not MISMATCH.search(text):
+            if "\n" not in str(error):  # pybind11's own lists all that it takes.
                 raise
-            refused: Exception = error_of(text, arguments, keywords)
+            refused = takes.error_of(arguments, keywords)
         raise refused
 
     call.__qualname__ = name  # pybind11's own is that of a class of its.

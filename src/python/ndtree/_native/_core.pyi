@@ -1976,62 +1976,37 @@ class AdaptiveMap(OccupancyMap):
         What cells carry beside their occupancy, by a name: "mean" of a number a beam, "mean3" of three, as of a
         colour, "majority" of labels, whole numbers in [0, 65535], or "latest" of times [s]. See `insert`, `layer`.
     min_cell_size : float
-        Cells are never split below this edge length [m].
+        Edge of the smallest cells [m]; of all cells where they are fixed.
     max_cell_size : float
-        No larger cell is ever updated [m]; rounded down to min_cell_size * branching**k.
-    range_sigma, range_sigma_quadratic : float
-        Standard deviation of a range r is range_sigma + range_sigma_quadratic * r**2 [m, 1/m].
-    probability_min, probability_max : float
-        Bounds of a single beam's inverse sensor model.
-    log_odds_min, log_odds_max : float
-        Bounds of a cell's log-odds.
-    miss_given_occupied, hit_given_free : float
-        Error rates p(miss|occ) and p(hit|free) of the sensor.
-    split_probability : float
-        An occupied cell splits if it is more probably than this partially occupied, unless it is predicted to
-        re-merge ("evidence").
-    merge_loss : float
-        Siblings merge if that loses at most this for each cell that it saves ("evidence") [bits].
-    inherited_beams : float
-        A cell that splits divides its evidence as the scan's beams go, with this many more beams spread evenly
-        ("evidence").
-    noise_sigmas : float
-        No hit or miss splits a cell into children smaller than this many standard deviations of the range;
-        coverage may, to separate seen from unseen space ("evidence").
-    evidence_memory : float
-        Evidence that a cell remembers at most; older evidence fades ("evidence") [nats].
-    free_memory : float
-        Cap of evidence in a cell that has it for free space only ("evidence") [nats].
-    scan_beams : float
-        Beams of one scan that count at most in a cell if all of them passed it ("evidence").
-    known_evidence, sample_beams : float
-        Cells sample a scan that is denser than they are: a well observed cell, with known_evidence [nats], about
-        sample_beams beams per cell of min_cell_size side by side in it, any other five times as many ("evidence").
-    evidence_prior : float
-        Evidence of both kinds that every cell begins with ("evidence") [nats].
-    change_probability : float
-        A streak of scans that contradicts a cell and is less likely than this is a change, and the cell forgets its
-        earlier evidence; 0 for never ("evidence").
-    evidence_half_life : float
-        A cell's evidence halves in this many scans that observe it; 0 for never ("evidence") [scans].
-    covered_share : float
-        A cell is observed once this fraction of each of its parts (quadrants, octants) was seen; 0: as soon as a
-        beam passed it ("evidence").
-    coverage_cells : float
-        A cell that was not seen in part splits to show it if its edge is longer than this many min_cell_size
-        ("evidence").
-    partial_probability : float
-        A smallest cell that is more probably than split_probability partially occupied, as by a table top or a chair's leg,
-        has at least this probability, however many beams pass beside what is in it; 0: all its beams decide ("evidence").
-    beam_divergence : float
-        Full angle of the cone somewhere across which the surface lies that a beam meets [rad], as of sonar or radar: a hit is
-        worth to a cell the part of the beam's cross-section that the cell covers; 0: beams are lines ("evidence").
+        Edge of the largest cells that are updated [m]; rounded down to min_cell_size * branching**k.
+    range_sigma : float
+        Standard deviation of a range [m].
+    range_sigma_quadratic : float
+        Its growth with the squared range [1/m].
+    probability_min : float
+        Least probability that one beam gives a cell.
+    probability_max : float
+        Largest probability that one beam gives a cell.
+    log_odds_min : float
+        A cell's log-odds never fall below.
+    log_odds_max : float
+        A cell's log-odds never rise above.
+    miss_given_occupied : float
+        Fraction of beams that pass an occupied cell.
+    hit_given_free : float
+        Fraction of beams that end in a free cell.
     significance : float
         Confidence of the chi-square test that splits a cell ("paper").
-    merge_free_below, merge_occupied_above : float
-        Siblings merge if all are at most, or all at least, this probable ("paper").
+    sample_beams : float
+        Beams that a well observed cell samples of a dense scan, per smallest cell side by side in it ("evidence").
+    evidence_half_life : float
+        A cell's evidence halves in this many scans that observe it [scans]; 0: never ("evidence").
+    covered_share : float
+        Fraction of each part (quadrant, octant) to be seen until a cell is observed; 0: any beam ("evidence").
+    beam_divergence : float
+        Full angle of wide beams, as of sonar [rad]; 0: lines ("evidence").
     max_memory : float
-        A scan with which the map would hold more is refused [bytes]; 0: three quarters of the machine's memory.
+        No map holds more [bytes]; 0: 3/4 of the machine's memory.
 
     Raises
     ------
@@ -2058,25 +2033,11 @@ class AdaptiveMap(OccupancyMap):
         log_odds_max: float = ...,
         miss_given_occupied: float = ...,
         hit_given_free: float = ...,
-        split_probability: float = ...,
-        merge_loss: float = ...,
-        inherited_beams: float = ...,
-        noise_sigmas: float = ...,
-        evidence_memory: float = ...,
-        free_memory: float = ...,
-        scan_beams: float = ...,
-        known_evidence: float = ...,
+        significance: float = ...,
         sample_beams: float = ...,
-        evidence_prior: float = ...,
-        change_probability: float = ...,
         evidence_half_life: float = ...,
         covered_share: float = ...,
-        coverage_cells: float = ...,
-        partial_probability: float = ...,
         beam_divergence: float = ...,
-        significance: float = ...,
-        merge_free_below: float = ...,
-        merge_occupied_above: float = ...,
         max_memory: float = ...,
     ) -> None: ...
     def __copy__(self) -> Self: ...
@@ -2117,10 +2078,8 @@ class FixedMap(OccupancyMap):
     ----------
     dim, branching, layers
         As for AdaptiveMap.
-    cell_size : float
-        Edge length of every cell that a beam updates [m].
-    range_sigma, range_sigma_quadratic, probability_min, probability_max, log_odds_min, log_odds_max, max_memory : float
-        As for AdaptiveMap.
+    min_cell_size, range_sigma, range_sigma_quadratic, probability_min, probability_max, log_odds_min, log_odds_max, max_memory : float
+        As for AdaptiveMap; min_cell_size is the edge of every cell that a beam updates, and cell_size another name of it.
     """
 
     def __init__(
@@ -2130,7 +2089,7 @@ class FixedMap(OccupancyMap):
         branching: int = 2,
         refinement: Literal["fixed"] = "fixed",
         layers: Mapping[str, str] | None = None,
-        cell_size: float = ...,
+        min_cell_size: float = ...,
         range_sigma: float = ...,
         range_sigma_quadratic: float = ...,
         probability_min: float = ...,
@@ -2173,21 +2132,20 @@ class FixedMap(OccupancyMap):
 class OctoMap(OccupancyMap):
     """OctoMap itself (liboctomap), with the calls of the other maps.
 
-    save() writes OctoMap's own .ot file. `stats()` counts cells of `cell_size` as observed_leaves, before
+    save() writes OctoMap's own .ot file. `stats()` counts cells of `min_cell_size` as observed_leaves, before
     pruning, and those after as pruned_leaves. `leaves()` gives them as stored, without counts of hits.
 
     Parameters
     ----------
-    cell_size : float
-        Edge length of the smallest cell [m].
     dim : int
         3; or 2: scans then lie in the plane z = 0.
     insertion : str
         "ray": insertRay() for each beam. "scan": insertPointCloud(), which updates a cell once a scan; it takes
         one origin a scan. "scan_lazy": the same with lazy evaluation. "scan_discretized": the same, and of the
         beams that end in one cell, one counts.
-    probability_min, probability_max, log_odds_min, log_odds_max : float
-        A miss and a hit add the log-odds of the first two, within the bounds of the last two.
+    min_cell_size, probability_min, probability_max, log_odds_min, log_odds_max : float
+        A miss and a hit add the log-odds of the probabilities, within the bounds of a cell's log-odds; cell_size is
+        another name of min_cell_size.
 
     Raises
     ------
@@ -2200,7 +2158,7 @@ class OctoMap(OccupancyMap):
         *,
         dim: int = 3,
         insertion: Insertion = "ray",
-        cell_size: float = ...,
+        min_cell_size: float = ...,
         probability_min: float = ...,
         probability_max: float = ...,
         log_odds_min: float = ...,
@@ -2560,6 +2518,16 @@ def from_bytes(bytes: bytes) -> AdaptiveMap | FixedMap:
 
 def default_options() -> MapOptions:
     """dict of float: what maps use where nothing is said."""
+
+def option_table() -> list[tuple[str, float, float, float, str, list[str], str | None, str, str]]:
+    """The library's one table of options, and of the constants of the method.
+
+    Returns
+    -------
+    list of tuple
+        Name, default, least and largest value, unit with a blank before it, refinements of the maps that read it,
+        what is typed behind a flag (None: a constant, which no map takes), what it is, and when to touch it.
+    """
 
 def is_held_out(i: int, held_out: int) -> bool:
     """Whether scan i, counted from 0, is held out: the last of every `held_out`; none if 0."""

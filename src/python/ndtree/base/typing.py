@@ -33,56 +33,47 @@ ChangeOf = Literal["states", "cells"]
 World = Literal["office", "apartment", "street"]
 
 
-class _CommonOptions(TypedDict, total=False):
+class OctoMapOptions(TypedDict, total=False):
+    """Keywords of `ndtree.OctoMap`."""
+
+    min_cell_size: float
     probability_min: float
     probability_max: float
     log_odds_min: float
     log_odds_max: float
 
 
-class OctoMapOptions(_CommonOptions, total=False):
-    """Keywords of `ndtree.OctoMap`."""
-
-    cell_size: float
-
-
-class FixedMapOptions(_CommonOptions, total=False):
+class FixedMapOptions(TypedDict, total=False):
     """Keywords of `ndtree.FixedMap`."""
 
-    cell_size: float
+    min_cell_size: float
     range_sigma: float
     range_sigma_quadratic: float
+    probability_min: float
+    probability_max: float
+    log_odds_min: float
+    log_odds_max: float
     max_memory: float
 
 
-class MapOptions(_CommonOptions, total=False):
+class MapOptions(TypedDict, total=False):
     """Keywords of `ndtree.AdaptiveMap`, and what `OccupancyMap.options` and `default_options` give."""
 
     min_cell_size: float
     max_cell_size: float
     range_sigma: float
     range_sigma_quadratic: float
+    probability_min: float
+    probability_max: float
+    log_odds_min: float
+    log_odds_max: float
     miss_given_occupied: float
     hit_given_free: float
-    split_probability: float
-    merge_loss: float
-    inherited_beams: float
-    noise_sigmas: float
-    evidence_memory: float
-    free_memory: float
-    scan_beams: float
-    known_evidence: float
+    significance: float
     sample_beams: float
-    evidence_prior: float
-    change_probability: float
     evidence_half_life: float
     covered_share: float
-    coverage_cells: float
-    partial_probability: float
     beam_divergence: float
-    significance: float
-    merge_free_below: float
-    merge_occupied_above: float
     max_memory: float
 
 

@@ -1,85 +1,74 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which options the kinds of maps take. Their defaults are the maps' own and stand nowhere here."""
+"""Kinds of maps, and their options, as the library's table has them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
+from ndtree._errors import WrongValue
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
+
+DEFAULT_REFINEMENT = _core.AdaptiveMap(dim=2).refinement
 
 
 @dataclass(frozen=True)
 class MapOption:
-    """A keyword of the maps' constructors, and a flag of the command line."""
+    """A keyword of the maps' constructors, a flag, a key of files and a parameter of the nodes.
+
+    Parameters
+    ----------
+    name : str
+    type : type
+        int, float or str.
+    default : int, float or str
+    unit : str
+        Empty for a plain number.
+    read_by : tuple of str
+        Refinements of the maps that read it: "evidence", "paper", "fixed", "octomap".
+    placeholder : str
+        What is typed behind the flag.
+    what : str
+        What it is.
+    when : str
+        When to touch it.
+    """
 
     name: str
     type: type
-    help: str
+    default: Any
+    unit: str
+    read_by: tuple[str, ...]
+    placeholder: str
+    what: str
+    when: str
+
+    @property
+    def help(self) -> str:
+        """What it is, with its unit."""
+        first, more, rest = self.what.rstrip(".").partition(";")
+        return f"{first} [{self.unit}]{more}{rest}." if self.unit else self.what
 
 
-MAP_OPTIONS = (
-    MapOption("branching", int, "Children of a node along each axis, N."),
-    MapOption("min_cell_size", float, "Edge of the smallest cells [m]; of all cells where they are fixed."),
-    MapOption("max_cell_size", float, "Edge of the largest cells that are updated [m]."),
-    MapOption("refinement", str, "Policy that splits and merges cells."),
-    MapOption("range_sigma", float, "Standard deviation of a range [m]."),
-    MapOption("range_sigma_quadratic", float, "Its growth with the squared range [1/m]."),
-    MapOption("probability_min", float, "Least probability that one beam gives a cell."),
-    MapOption("probability_max", float, "Largest probability that one beam gives a cell."),
-    MapOption("log_odds_min", float, "A cell's log-odds never fall below."),
-    MapOption("log_odds_max", float, "A cell's log-odds never rise above."),
-    MapOption("miss_given_occupied", float, "Fraction of beams that pass an occupied cell."),
-    MapOption("hit_given_free", float, "Fraction of beams that end in a free cell."),
-    MapOption(
-        "split_probability",
-        float,
-        "An occupied cell splits if more probably than this it is partially occupied.",
-    ),
-    MapOption("merge_loss", float, "Siblings merge if that loses at most this per cell saved [bits]."),
-    MapOption("inherited_beams", float, "Evenly spread beams added where a split divides evidence."),
-    MapOption(
-        "noise_sigmas", float, "No hit or miss splits cells into children smaller than this many sigma."
-    ),
-    MapOption("evidence_memory", float, "Evidence that a cell remembers [nats]."),
-    MapOption("free_memory", float, "Evidence that a cell remembers if it is for free space only [nats]."),
-    MapOption("scan_beams", float, "Beams of a scan that count at most in a cell if all passed it."),
-    MapOption(
-        "known_evidence", float, "A cell with this evidence is well observed, and samples fewer beams [nats]."
-    ),
-    MapOption(
-        "sample_beams",
-        float,
-        "Beams of a dense scan that a cell samples, per smallest cell side by side in it.",
-    ),
-    MapOption("evidence_prior", float, "Evidence that a cell begins with [nats]."),
-    MapOption("change_probability", float, "A streak of scans less likely is a change; 0: never."),
-    MapOption("evidence_half_life", float, "A cell's evidence halves in this many of its scans; 0: never."),
-    MapOption(
-        "covered_share",
-        float,
-        "Fraction of each part (quadrant, octant) to be seen until a cell is observed; 0: any beam.",
-    ),
-    MapOption(
-        "coverage_cells",
-        float,
-        "Cells with an edge of more smallest cells than this split to show what was seen.",
-    ),
-    MapOption(
-        "partial_probability",
-        float,
-        "Least probability of a smallest cell that holds something thin; 0: all its beams decide.",
-    ),
-    MapOption("beam_divergence", float, "Full angle of wide beams, as of sonar [rad]; 0: lines."),
-    MapOption("max_memory", float, "No map holds more [bytes]; 0: 3/4 of the machine's memory."),
-    MapOption("significance", float, "Confidence of the split test."),
-    MapOption("merge_free_below", float, "Siblings merge if all are at most this probable."),
-    MapOption("merge_occupied_above", float, "Siblings merge if all are at least this probable."),
-)
+def _of_table() -> tuple[MapOption, ...]:
+    ours = ("evidence", "paper", "fixed")
+    rows = [
+        MapOption("branching", int, 2, "", ours, "N", "Children of a node along each axis, N.",
+                  "N = 3: fewer levels, coarser steps"),
+        MapOption("refinement", str, DEFAULT_REFINEMENT, "", ours[:2], "NAME",
+                  "Policy that splits and merges cells.", "paper: the published rules, to compare"),
+    ]  # fmt: skip
+    for name, default, _, _, unit, read_by, placeholder, what, when in _core.option_table():
+        if placeholder is not None:
+            rows.append(
+                MapOption(name, float, default, unit.strip(), tuple(read_by), placeholder, what, when)
+            )
+    return tuple(rows)
+
+
+MAP_OPTIONS = _of_table()
 OPTION_NAMES = tuple(option.name for option in MAP_OPTIONS)
-
-DEFAULT_REFINEMENT = _core.AdaptiveMap(dim=2).refinement
 
 _INSERTIONS = {
     "octomap": "ray",
@@ -94,7 +83,7 @@ _INSERTIONS = {
 KINDS = ("adaptive", "paper", "fixed", *_INSERTIONS)
 
 
-def make_map(name: str, *, dim: int, cell_size: float | None = None, **options: Any) -> OccupancyMap:
+def make_map(name: str, *, dim: int, **options: Any) -> OccupancyMap:
     """A map by the name of its kind; of the options it gets those that it takes.
 
     Parameters
@@ -103,8 +92,6 @@ def make_map(name: str, *, dim: int, cell_size: float | None = None, **options: 
         One of `KINDS`, with "@" and a cell size [m] if that is not the common one, as in "fixed@0.1".
     dim : int
         Number of coordinates of a point.
-    cell_size : float, optional
-        The common cell size [m], ``min_cell_size`` of an adaptive map. Left out: the adaptive map's default.
     **options
         As in `AdaptiveMap`.
 
@@ -117,32 +104,33 @@ def make_map(name: str, *, dim: int, cell_size: float | None = None, **options: 
     """
     kind, _, own_size = name.partition("@")
     if kind not in KINDS:
-        raise ValueError(f"map {name!r}: must be one of {', '.join(KINDS)}, with @ and a cell size if wanted")
+        raise WrongValue.of("maps", name, f"one of {', '.join(KINDS)}, with @ and a cell size if wanted")
     if own_size:
         try:
-            cell_size = float(own_size)
+            options["min_cell_size"] = float(own_size)
         except ValueError:
-            raise ValueError(f"map {name!r}: expected a cell size in metres behind the @") from None
+            raise WrongValue.of("maps", name, "a kind, with a cell size in metres behind the @") from None
+    if "cell_size" in options:  # Of maps with one size, another name.
+        options.setdefault("min_cell_size", options.pop("cell_size"))
     for option in options:
-        if option not in OPTION_NAMES or option == "min_cell_size":
+        if option not in OPTION_NAMES:
             raise TypeError(f"{option}: no map has such an option")
-    if kind in ("adaptive", "paper"):
-        if kind == "paper":
-            options["refinement"] = "paper"
-        if cell_size is not None:
-            options["min_cell_size"] = cell_size
-        plain = _core.AdaptiveMap(dim=dim, refinement=options.get("refinement", DEFAULT_REFINEMENT))
-        return _core.AdaptiveMap(dim=dim, **_only({"branching", "refinement", *plain.options}, options))
-    if cell_size is None:
-        cell_size = _core.default_options()["min_cell_size"]
-    if kind == "fixed":
-        taken = {"branching", *_core.FixedMap(dim=dim).options}
-        return _core.FixedMap(dim=dim, cell_size=cell_size, **_only(taken, options))
-    if not _core.has_octomap:
+    if kind in _INSERTIONS and not _core.has_octomap:
         raise RuntimeError(f"map {name!r}: OctoMap was not there when ndtree was built")
-    taken = set(_core.OctoMap(dim=dim).options)
-    return _core.OctoMap(dim=dim, cell_size=cell_size, insertion=_INSERTIONS[kind], **_only(taken, options))
+    refinement = "paper" if kind == "paper" else options.get("refinement", DEFAULT_REFINEMENT)
+    refinement = "fixed" if kind == "fixed" else "octomap" if kind in _INSERTIONS else refinement
+    return map_of(refinement, dim, {**options, "refinement": refinement}, insertion=_INSERTIONS.get(kind))
 
 
-def _only(names: set[str], options: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in options.items() if name in names}
+def map_of(
+    refinement: str, dim: int, options: dict[str, Any], *, insertion: str | None = None
+) -> OccupancyMap:
+    """A map of a refinement, "fixed" and "octomap" too, with those of the options that it reads."""
+    read = {
+        option.name: options[option.name]
+        for option in MAP_OPTIONS
+        if option.name in options and refinement in option.read_by
+    }
+    if refinement == "octomap":
+        return _core.OctoMap(dim=dim, insertion=insertion, **read)  # type: ignore[arg-type]
+    return (_core.FixedMap if refinement == "fixed" else _core.AdaptiveMap)(dim=dim, **read)

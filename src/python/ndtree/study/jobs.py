@@ -69,8 +69,7 @@ class Job:
         log = opened(self.log)
         config = self.log.config
         kind, options = self.parameters.kind, {**config.options, **self.parameters.options}
-        size = options.pop("min_cell_size", None)
-        make = functools.partial(make_map, kind, dim=log.dim, cell_size=size, **options)
+        make = functools.partial(make_map, kind, dim=log.dim, **options)
         found = compare(
             log,
             {"map": make},

@@ -23,7 +23,7 @@ class MapKind:
     dim, branching : int
     refinement : str
     options : dict of float
-        All that the refinement reads.
+        All that the refinement reads; of tiles that an older version made, constants of the method, too.
     """
 
     dim: int
@@ -48,12 +48,12 @@ class MapKind:
 
     def new(self) -> OccupancyMap:
         """An empty map."""
-        options = dict(self.options)
-        if self.refinement == "fixed":
-            options["cell_size"] = options.pop("min_cell_size")
-            return _core.FixedMap(dim=self.dim, branching=self.branching, **options)
-        return _core.AdaptiveMap(
-            dim=self.dim, branching=self.branching, refinement=self.refinement, **options
+        known = _core.default_options()
+        options = {name: value for name, value in self.options.items() if name in known}
+        constants = {name: value for name, value in self.options.items() if name not in known}
+        make: Any = _core.FixedMap if self.refinement == "fixed" else _core.AdaptiveMap
+        return make(  # type: ignore[no-any-return]
+            dim=self.dim, branching=self.branching, refinement=self.refinement, constants=constants, **options
         )
 
     def is_worth_storing(self, m: OccupancyMap) -> bool:

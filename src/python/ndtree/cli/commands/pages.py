@@ -8,9 +8,8 @@ import textwrap
 from collections.abc import Iterable
 from typing import Any
 
-from ndtree._native._core import AdaptiveMap, default_options
 from ndtree.cli.commands import COMMANDS, every
-from ndtree.cli.commands.table import DEFAULTS, OF_MAPS, QUESTIONS, TOUCHED, Row, row_of
+from ndtree.cli.commands.table import DEFAULTS, QUESTIONS, TOUCHED, Row, row_of
 from ndtree.cli.help import LEFT, WIDTH
 
 #: Lines of a page of ``--help``.
@@ -35,14 +34,7 @@ def flags_of(parameter: Any) -> str:
 
 def default_of(command: str, row: Row) -> str:
     """What stands if an option is left out, with its unit."""
-    if (command, row.name) in DEFAULTS:
-        return DEFAULTS[command, row.name]
-    if row.default != OF_MAPS:
-        return row.default
-    if row.name == "refinement":
-        return str(AdaptiveMap(dim=2).refinement)
-    value = 2 if row.name == "branching" else default_options()[row.name]
-    return f"{value:g} {row.unit}".strip()
+    return DEFAULTS.get((command, row.name), row.default)
 
 
 def _first_page() -> str:

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: The default of an option of the maps, which is the maps' own.
-OF_MAPS = "of the maps"
+from ndtree.maps.kinds import MAP_OPTIONS
 
 
 @dataclass(frozen=True)
@@ -26,20 +25,36 @@ class Row:
         What stands if it is left out, with its unit.
     when : str
         When to touch it.
-    unit : str
-        Of the default of an option of the maps.
     """
 
     name: str
     value: str
     default: str
     when: str
-    unit: str = ""
 
 
-def _maps(name: str, value: str, unit: str, when: str) -> Row:
-    return Row(name, value, OF_MAPS, when, unit)
+#: What stands behind the default of an option of the maps.
+_MORE = {
+    "range_sigma": ", or as measured", "range_sigma_quadratic": ", or as measured",
+    "max_memory": ": 3/4 of the machine's", "evidence_half_life": ": never", "beam_divergence": ": lines",
+}  # fmt: skip
 
+
+def _of_maps(*names: str) -> list[Row]:
+    """Rows of options of the maps, as the library's table has them."""
+    rows = []
+    for option in sorted(
+        (one for one in MAP_OPTIONS if one.name in names), key=lambda one: names.index(one.name)
+    ):
+        number = f"{option.default:g}" if isinstance(option.default, float) else f"{option.default}"
+        default = f"{number} {option.unit}".strip() + _MORE.get(option.name, "")
+        rows.append(Row(option.name, option.placeholder, default, option.when))
+    return rows
+
+
+_SIZES = ("min_cell_size", "max_cell_size", "branching", "refinement", "max_memory")
+_NOISE = ("range_sigma", "range_sigma_quadratic")
+_OF_EVIDENCE = tuple(one.name for one in MAP_OPTIONS if one.name not in (*_SIZES, *_NOISE))
 
 QUESTIONS: dict[str, tuple[Row, ...]] = {
     "What is written, and where?": (
@@ -66,12 +81,8 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("quiet", "", "off", "scripts: errors alone are said"),
     ),
     "How fine is the map?": (
-        _maps("min_cell_size", "M", "m", "the finest detail that you can use"),
-        _maps("max_cell_size", "M", "m", "hardly ever"),
+        *_of_maps(*_SIZES),
         Row("fixed", "", "adaptive", "the baseline: all cells of one size"),
-        _maps("branching", "N", "children per axis", "N = 3: fewer levels, coarser steps"),
-        _maps("refinement", "NAME", "", "paper: the published rules, to compare"),
-        _maps("max_memory", "BYTES", "bytes: 3/4 of the machine's", "several maps on one machine"),
         Row("max_resident", "SIZE", "2GiB", "a .tiles map on a small machine"),
         Row("tile_size", "M", "16 largest cells", "many small or few large files"),
     ),
@@ -84,8 +95,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         ),
         Row("no_return", "auto|free|ignore", "auto", "free space is missing, or goes through glass"),
         Row("zero_is", "no-echo|invalid", "as the log says", "a laser that writes 0"),
-        _maps("range_sigma", "M", "m, or as measured", "as ndtree calibrate says"),
-        _maps("range_sigma_quadratic", "PER_M", "1/m, or as measured", "depth cameras: 0.001 to 0.0015"),
+        *_of_maps(*_NOISE),
         Row("min_range", "M", "0 m", "the robot sees itself"),
         Row("fov", "DEG", "by PARAM, or the number of beams", "CARMEN logs that do not say"),
         Row("camera", "FX,FY,CX,CY", "as the log says", "depth images without a calibration"),
@@ -179,38 +189,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("workers", "N", "all cores", "leave cores to others"),
         Row("processes", "N", "one a core", "1: times that are worth printing"),
     ),
-    "How is evidence weighed? (for research)": (
-        _maps("miss_given_occupied", "SHARE", "", "as ndtree calibrate says"),
-        _maps("hit_given_free", "SHARE", "", "as ndtree calibrate says"),
-        _maps("change_probability", "P", "", "0: nothing in the world moves"),
-        _maps("evidence_half_life", "SCANS", "scans: never", "old evidence should fade"),
-        _maps("covered_share", "SHARE", "", "0: a cell is free as soon as one beam clips it"),
-        _maps("coverage_cells", "CELLS", "smallest cells", "1: a finer border of unknown space"),
-        _maps(
-            "partial_probability",
-            "P",
-            "",
-            "0.6: table tops and chair legs survive beams that pass beside them",
-        ),
-        _maps("beam_divergence", "RAD", "rad: lines", "sonar and radar: the angle of their cones"),
-        _maps("sample_beams", "BEAMS", "beams", "dense scans: more beams, slower"),
-        _maps("probability_min", "P", "", "what one miss says"),
-        _maps("probability_max", "P", "", "0.8: thin things survive, walls get thicker"),
-        _maps("log_odds_min", "L", "", "how sure free space may be"),
-        _maps("log_odds_max", "L", "", "how sure walls may be"),
-        _maps("split_probability", "P", "", "rarely"),
-        _maps("merge_loss", "BITS", "bits", "fewer cells for less detail"),
-        _maps("inherited_beams", "BEAMS", "beams", "rarely"),
-        _maps("noise_sigmas", "SIGMAS", "sigma", "cells below the noise"),
-        _maps("evidence_memory", "NATS", "nats", "rarely"),
-        _maps("free_memory", "NATS", "nats", "rarely"),
-        _maps("scan_beams", "BEAMS", "beams", "rarely"),
-        _maps("known_evidence", "NATS", "nats", "rarely"),
-        _maps("evidence_prior", "NATS", "nats", "rarely"),
-        _maps("significance", "P", "", "with --refinement paper"),
-        _maps("merge_free_below", "P", "", "with --refinement paper"),
-        _maps("merge_occupied_above", "P", "", "with --refinement paper"),
-    ),
+    "How is evidence weighed? (for research)": (*_of_maps(*_OF_EVIDENCE),),
 }
 
 #: Where an option's default is another one in a command.

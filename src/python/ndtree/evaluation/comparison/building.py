@@ -21,17 +21,15 @@ OUTCOMES = ("returned", "not_returned", "beyond_max_range", "invalid")
 COUNTED = ("leaves", "nodes", "updates", "splits", "merges", "memory_bytes")
 
 
-def makers_of(maps: Maps, dim: int, cell_size: float | None, options: dict[str, Any]) -> dict[str, MapMaker]:
+def makers_of(maps: Maps, dim: int, options: dict[str, Any]) -> dict[str, MapMaker]:
     if isinstance(maps, Mapping):
-        if options or cell_size is not None:
+        if options:
             raise TypeError("maps made by own functions take no further options")
         makers = dict(maps)
     else:
         if isinstance(maps, str) or len(set(maps)) != len(maps):
             raise ValueError(f"maps = {maps!r}: must be different names")
-        makers = {
-            name: lambda name=name: make_map(name, dim=dim, cell_size=cell_size, **options) for name in maps
-        }
+        makers = {name: lambda name=name: make_map(name, dim=dim, **options) for name in maps}
     if not makers:
         raise ValueError("maps: must name at least one")
     return makers

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ndtree._errors import WrongValue, key
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap, is_held_out
 from ndtree.base.progress import Progress, no_progress
@@ -44,7 +45,6 @@ def compare(
     max_range: float = math.inf,
     no_return: str = AUTO,
     repeat: int = 1,
-    cell_size: float | None = None,
     progress: Progress | None = None,
     calibration: bool = False,
     certify: bool = False,
@@ -70,8 +70,6 @@ def compare(
         "auto": what `ndtree.evaluation.no_returns.judge` finds.
     repeat : int
         How often each map is made, in turns, for the times. Updates and cells do not depend on it.
-    cell_size : float, optional
-        Smallest cells [m]. Left out: the adaptive map's own default.
     progress : callable, optional
         Called as ``progress(what, done, total)`` with numbers of scans.
     calibration : bool
@@ -115,7 +113,6 @@ def compare(
         max_range=max_range,
         no_return=no_return,
         repeat=repeat,
-        cell_size=cell_size,
         progress=progress,
         **options,
     )
@@ -130,24 +127,19 @@ def map_in_turns(
     max_range: float = math.inf,
     no_return: str = AUTO,
     repeat: int = 1,
-    cell_size: float | None = None,
     progress: Progress | None = None,
     **options: Any,
 ) -> Trial:
     """The first half of `compare`, with the same arguments: makes the maps, quicker than judging them."""
     for name, value, least in (("held_out", held_out, 0), ("repeat", repeat, 1)):
         if value < least:
-            raise ValueError(f"{name} = {value}: must be >= {least}")
+            raise WrongValue.of(name, value, f">= {least}")
     if held_out == 1:
-        raise ValueError("held_out = 1: must be 0 or at least 2, or nothing is left to map")
+        raise WrongValue.of("held_out", 1, "0 or at least 2, or nothing is left to map")
     if no_return not in NO_RETURN:
-        raise ValueError(f"no_return = {no_return!r}: must be one of {', '.join(NO_RETURN)}")
+        raise WrongValue.of("no_return", f"{no_return!r}", f"one of {', '.join(NO_RETURN)}")
     if maps is None:
         maps = DEFAULT_MAPS
-    if "min_cell_size" in options:
-        if cell_size is not None:
-            raise ValueError("cell_size and min_cell_size say the same: give one of them")
-        cell_size = options.pop("min_cell_size")
     require_log(log)
     progress = progress or no_progress
     scans = _loaded(log, progress)
@@ -156,10 +148,10 @@ def map_in_turns(
     if no_return == "ignore":
         scans = [scan.returned_only() for scan in scans]
     dim = scans[0].dim
-    makers = makers_of(maps, dim, cell_size, options)
+    makers = makers_of(maps, dim, options)
     mapped = {i: scan for i, scan in enumerate(scans) if not is_held_out(i, held_out)}
     if not mapped:
-        raise ValueError("held_out: no scan is left to map")
+        raise WrongValue(f"{key('held_out')}: no scan is left to map")
     unseen = [scan for i, scan in enumerate(scans) if is_held_out(i, held_out)]
 
     built = {name: Built() for name in makers}

@@ -137,10 +137,7 @@ class MapService:
         )
 
     def _new_map(self, dim: int, options: dict[str, Any]) -> OccupancyMap:
-        if not self._fixed:
-            return _core.AdaptiveMap(dim=dim, **options)
-        named = {("cell_size" if name == "min_cell_size" else name): one for name, one in options.items()}
-        return _core.FixedMap(dim=dim, **named)
+        return (_core.FixedMap if self._fixed else _core.AdaptiveMap)(dim=dim, **options)
 
     def _localized(self, found: Localization) -> None:
         """Publish where the robot is, while it is known."""
@@ -214,7 +211,7 @@ class MapService:
             if file and self.mapper.has_map and self._localizer is None:
                 write(self.mapper.snapshot(), Path(file))
         except (ValueError, OSError) as error:
-            self._node.say(Level.error, in_parameters(str(error)))
+            self._node.say(Level.error, in_parameters(error))
         if self._server is not None:
             self._server.close()
         self._say_failures()

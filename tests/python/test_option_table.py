@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""An option of a map is one row of the library's table: all else comes from it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+from snippets import ROOT
+
+import ndtree
+from ndtree._native import _core
+from ndtree.maps.kinds import MAP_OPTIONS
+
+#: Loads the compiled module with a row more, before anything reads the table.
+WITH_A_ROW = """
+import importlib.util, sys
+from pathlib import Path
+import ndtree
+
+folder = Path(ndtree.__file__).parent / "_native"
+file = next(folder.glob("_core.*so")) if list(folder.glob("_core.*so")) else next(folder.glob("_core*.pyd"))
+spec = importlib.util.spec_from_file_location("ndtree._native._core", file)
+core = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(core)
+rows = core.option_table()
+row = ("wall_sag", 0.25, 0.0, 1.0, " m", ["evidence"], "SAG", "How far a wall sags.", "in old houses")
+core.option_table = lambda: [*rows, row]
+import ndtree._native
+sys.path.insert(0, {tools!r})
+"""
+#: Where a row is found: what prints a text, and what stands in it.
+PLACES = {
+    "signature": ("import inspect; print(inspect.signature(ndtree.AdaptiveMap))", "wall_sag: 'float' = 0.25"),
+    "not of others": (
+        "import inspect; print('wall_sag' in str(inspect.signature(ndtree.FixedMap)))",
+        "False",
+    ),
+    "flag": (
+        "from ndtree.cli.commands.pages import pages; print(pages()['map', True])",
+        "  --wall-sag SAG            How far a wall sags [m] (default: 0.25 m).",
+    ),
+    "file": ("print(ndtree.Config.of(wall_sag=0.5).toml())", "[map]\nwall_sag = 0.5"),
+    "parameter": (
+        "from ndtree.live.ros1.parameters import Parameters; "
+        "print(Parameters({'wall_sag': 1}, lambda name, value: value, print).map_options)",
+        "{'wall_sag': 1.0}",
+    ),
+    "stub": (
+        "import option_stubs as o; print(o.stub(o.STUB.read_text(), core.option_table()))",
+        '    wall_sag : float\n        How far a wall sags [m] ("evidence").',
+    ),
+    "types": (
+        "import option_stubs as o; print(o.typing(o.TYPING.read_text(), core.option_table()))",
+        "    max_memory: float\n    wall_sag: float\n",
+    ),
+    "page": (
+        "import docs_site; print(docs_site._options_table())",
+        "| `wall_sag` | 0.25 | adaptive | How far a wall sags [m]. |",
+    ),
+    "all flags": (
+        "from ndtree.cli.commands.pages import table_of_options; print(dict(table_of_options()))",
+        "('--wall-sag SAG', '0.25 m', 'in old houses', ",
+    ),
+}
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_a_row_is_found_everywhere(place: str) -> None:
+    if place in ("page",):
+        pytest.importorskip("griffe", reason="griffe is not installed: the pages' tables are made with it")
+        pytest.importorskip("viser", reason="viser is not installed: the page of the viewer is described")
+    pytest.importorskip("typer")
+    prints, expected = PLACES[place]
+    code = WITH_A_ROW.format(tools=str(ROOT / "tools")) + prints
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert expected in done.stdout, done.stdout[-3000:]
+
+
+def test_users_choose_few_options() -> None:
+    assert len(MAP_OPTIONS) <= 18
+    assert {one.name for one in MAP_OPTIONS} == {*ndtree.default_options(), "branching", "refinement"}
+
+
+def test_constants_say_where_they_come_from() -> None:
+    constants = [row for row in _core.option_table() if row[6] is None]
+    assert len(constants) > 10
+    for name, value, least, most, *_, source, when in constants:
+        assert least <= value <= most and len(source) > 20 and not when, name
+        with pytest.raises(TypeError, match=f"no option {name}"):
+            ndtree.AdaptiveMap(dim=2, **{name: value})
