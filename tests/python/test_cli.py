@@ -73,17 +73,17 @@ def test_map_writes_the_map_that_the_library_makes(log: Path, tmp_path: Path) ->
     target, picture, figures = tmp_path / "a.ndt", tmp_path / "a.png", tmp_path / "a.json"
     done = run(
         "map", log, "-o", target, "--picture", picture, "--json", figures,
-        "--min-cell-size", 0.1, "--max-range", 9, "--merge-loss", 3, "--no-return", "free",
+        "--min-cell-size", 0.1, "--max-range", 9, "--sample-beams", 3, "--no-return", "free",
     )  # fmt: skip
     assert done.exit_code == 0, done.output
-    by_hand = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, merge_loss=3)
+    by_hand = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, sample_beams=3)
     for scan in ndtree.read(log):
         scan.insert_into(by_hand, max_range=9)
     assert ndtree.load(target).to_bytes() == by_hand.to_bytes()
     assert picture.read_bytes().startswith(b"\x89PNG")
     written = json.loads(figures.read_text())
     assert written["stats"]["updates"] == by_hand.stats().updates
-    assert written["options"]["merge_loss"] == 3
+    assert written["options"]["sample_beams"] == 3
     assert written["scans"] == 20
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "a.ndt", "a.png"]
     assert f"wrote {target} and {picture}" in done.output

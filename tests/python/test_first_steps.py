@@ -69,8 +69,8 @@ def test_a_map_asks_for_its_dimension(kind: str) -> None:
         ("AdaptiveMap", "min_cell_sise", "min_cell_size"),
         ("AdaptiveMap", "max_cell", "max_cell_size"),
         ("AdaptiveMap", "sigma", "range_sigma"),
-        ("FixedMap", "resolution", "cell_size"),
-        ("FixedMap", "min_cell_size", "cell_size"),
+        ("FixedMap", "resolution", "min_cell_size"),
+        ("FixedMap", "max_sigma", "range_sigma"),
     ],
 )
 def test_the_option_that_was_meant_is_named(kind: str, given: str, meant: str) -> None:

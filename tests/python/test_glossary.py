@@ -1,17 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pages and comments use the glossary's words, and the check that says so finds what it should."""
+"""Terms are defined once, and the library's pages lead somewhere."""
 
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
 
 import pytest
 from snippets import ROOT, anchors, links
-
-sys.path.insert(0, str(ROOT / "tools"))
-import check_words
 
 
 def rows_of(page: Path) -> list[tuple[str, str, str]]:
@@ -21,59 +17,6 @@ def rows_of(page: Path) -> list[tuple[str, str, str]]:
 
 GLOSSARY = rows_of(ROOT / "docs" / "glossary.md")
 LIBRARY = rows_of(ROOT / "include" / "ndtree" / "TERMS.md")
-
-
-def test_pages_and_comments_use_the_words_of_the_glossary() -> None:
-    count, findings = check_words.check(ROOT)
-    assert count > 500
-    assert not findings, "\n" + "\n".join(findings)
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "expected"),
-    [
-        ("docs/a.md", "One.\n\nTwo of\nso many cells.\n", [(4, "so many", "this many")]),
-        ("docs/a.md", "`whoever` is code,\n\n```sh\nwhoever\n```\n", []),
-        ("docs/a.md", "Whoever maps.\n", [(1, "Whoever", "say who")]),
-        ("a.hpp", "// The beams that\n// settled cells take.\nint x;\n", [(2, "settled", "saturated")]),
-        ("a.hpp", 'f("settled");  // A saturated cell.\n', []),
-        ("a.hpp", "int x;  ///< The same of eight.\n", [(1, "The same of", "say what it does")]),
-        ("a.hpp", "int y;\n/// ... or few beams.\n", [(2, "...", "a comment is understood")]),
-        ("a.hpp", "bool is_settled();\n", [(1, "is_settled", "saturated")]),
-        ("a.hpp", "auto theirs = its;\n", []),
-        ("a.py", '"""What nobody needs."""\nx = "heirs"\n', [(1, "nobody", "")]),
-        ("a.py", "x = {\n    'nobody': 1,\n}\n", []),
-        ("a.py", "def f():\n    x = 1  # heritage\n", [(2, "heritage", "child initialisation")]),
-        ("a.py", "\n# It brings beams\n# to their cells.\n", [(2, "brings beams to their cells", "bin")]),
-        ("run.sh", "#!/bin/sh\nx=1 # in vain\n", [(2, "in vain", "without success")]),
-        ("docs/a.md", "Of the beams, those that end there are hits.\n", [(1, "Of the beams", "")]),
-        ("docs/a.md", "Half of the cells are free; a known cell; it settles; a chance.\n", []),
-    ],
-)  # fmt: skip
-def test_the_check_names_line_word_and_a_better_one(
-    name: str, text: str, expected: list[tuple[int, str, str]]
-) -> None:
-    found = sorted(check_words.findings_in(name, text))
-    assert len(found) == len(expected), found
-    for (line, word, better), (expected_line, expected_word, expected_better) in zip(found, expected):
-        assert line == expected_line
-        assert word.startswith(expected_word)
-        assert expected_better in better
-
-
-def test_a_listed_file_that_is_clean_must_leave_the_list(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "docs").mkdir()
-    (tmp_path / "docs" / "a.md").write_text("Nobody.\n")
-    (tmp_path / "docs" / "b.md").write_text("A cell.\n")
-    monkeypatch.setattr(check_words, "NOT_YET", {"docs/a.md", "docs/b.md"})
-    count, findings = check_words.check(tmp_path)
-    assert count == 2
-    assert findings == [
-        "tools/check_words.py: NOT_YET lists docs/b.md, which has no finding: take it from the list"
-    ]
-    assert check_words.check(tmp_path, skip=False)[1][0].startswith("docs/a.md:1: 'Nobody': write ")
 
 
 def test_each_term_is_defined_once_and_leads_somewhere() -> None:

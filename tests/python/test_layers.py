@@ -82,7 +82,7 @@ def test_occupancy_does_not_depend_on_layers() -> None:
 
 
 def test_beams_without_return_say_nothing() -> None:
-    m = ndtree.FixedMap(dim=2, cell_size=0.1, layers={"label": "majority"})
+    m = ndtree.FixedMap(dim=2, min_cell_size=0.1, layers={"label": "majority"})
     m.insert(
         [[1.05, 0.05], [1.05, 0.05], [0.05, 1.05]],
         [0, 0],
@@ -327,7 +327,7 @@ def test_maps_of_parts_of_space_take_their_layers_along() -> None:
 
 
 def test_means_of_large_numbers_stay_finite() -> None:
-    m = ndtree.FixedMap(dim=2, cell_size=0.1, layers={"i": "mean"})
+    m = ndtree.FixedMap(dim=2, min_cell_size=0.1, layers={"i": "mean"})
     for value in (3e38, -3e38):
         m.insert([[1.05, 0.05]], [0, 0], layers={"i": [value]})
     assert abs(m.layer("i", [1.05, 0.05])) < 1e35
@@ -335,13 +335,15 @@ def test_means_of_large_numbers_stay_finite() -> None:
 
 
 def test_beams_that_say_nothing_may_say_anything_to_layers() -> None:
-    m = ndtree.FixedMap(dim=2, cell_size=0.1, layers={"i": "mean"})
+    m = ndtree.FixedMap(dim=2, min_cell_size=0.1, layers={"i": "mean"})
     m.insert([[np.nan, 0.0], [1.05, 0.05]], [0, 0], layers={"i": [np.nan, 4]})
     assert m.layer("i", [1.05, 0.05]) == 4
 
 
 def test_no_two_columns_of_a_ply_file_have_one_name(tmp_path: Path) -> None:
-    m = ndtree.FixedMap(dim=2, cell_size=0.1, layers={"state": "majority", "red": "mean", "color": "mean3"})
+    m = ndtree.FixedMap(
+        dim=2, min_cell_size=0.1, layers={"state": "majority", "red": "mean", "color": "mean3"}
+    )
     m.insert([[1.05, 0.05]], [0, 0], layers={"state": [2], "red": [1], "color": [[1, 2, 3]]})
     m.save_ply(tmp_path / "m.ply")
     head = (tmp_path / "m.ply").read_bytes().partition(b"end_header")[0]

@@ -21,6 +21,7 @@ from slams import bag_of, drifted, office, path_message, yaw
 from typer.testing import CliRunner
 
 import ndtree
+from ndtree._errors import key
 from ndtree.cli.commands import app
 from ndtree.live import FramesIntake, LiveMapper, MessagesIntake, Reading, Transform
 from ndtree.live.playing import messages_of
@@ -276,12 +277,14 @@ def test_strict_refuses_scans_that_are_left_out(tmp_path: Path) -> None:
 
 def test_a_node_is_told_of_parameters() -> None:
     said = (
-        "bag: no transform to laser, expected one of:\n    --trajectory FILE\n"
-        "    --still, if the sensor stands\n    --sensor-frame FRAME, of a, b\n"
-        "  --topic /scan, which sees less; ndtree calibrate --find-mount"
+        f"bag: no transform to laser, expected one of:\n    {key('trajectory')} FILE\n"
+        f"    {key('still')}, if the sensor stands\n    {key('sensor_frame')} FRAME, of a, b\n"
+        f"  {key('topic')} /scan, which sees less; ndtree calibrate --find-mount"
     )
     assert in_parameters(said) == (
         "bag: no transform to laser, expected one of:\n    still, if the sensor stands\n"
         "    sensor_frame FRAME, of a, b\n  topics /scan, which sees less; ndtree calibrate --find-mount"
     )
-    assert in_parameters("chosen: --dim 2 --range-sigma 0.02") == "chosen: dim 2 range_sigma 0.02"
+    assert (
+        in_parameters(f"chosen: {key('dim')} 2 {key('range_sigma')} 0.02") == "chosen: dim 2 range_sigma 0.02"
+    )

@@ -18,6 +18,7 @@ pytest.importorskip("matplotlib")
 from typer.testing import CliRunner
 
 import ndtree
+from ndtree._errors import Text, WrongValue, key, located
 from ndtree.cli.commands import app, every, messages
 from ndtree.cli.commands.messages import in_words, laid_out
 from ndtree.logs import READER_OPTIONS
@@ -98,7 +99,8 @@ CALLS: tuple[tuple[str, int, str], ...] = (
         2,
         "--significance: --refinement evidence has no use for it",
     ),
-    ("map office.npz -o o.ndt --fixed --merge-loss 3", 2, "--merge-loss: --fixed has no use for it"),
+    ("map office.npz -o o.ndt --fixed --covered-share 0", 2, "--covered-share: --fixed has no use for it"),
+    ("map office.npz -o o.ndt --merge-loss 3", 2, "--merge-loss: no such option"),
     ("map office.npz -o o.ndt --fixed --max-cell-size 3", 2, "--max-cell-size: --fixed has no use for it"),
     ("map bag --mount 1,2", 2, "--mount 1,2: 2 numbers, expected x,y,z,roll,pitch,yaw or x,y,yaw"),
     ("info cut.bag --mount 1,2,3,4,5,x", 2, "--mount 1,2,3,4,5,x: expected x,y,z,roll,pitch,yaw"),
@@ -222,22 +224,24 @@ def test_what_is_to_be_typed_has_a_line_of_its_own(folder: Path, monkeypatch: py
 @pytest.mark.parametrize(
     "text, expected",
     [
-        ("min_cell_size = -1.0: must be > 0 m", "--min-cell-size -1: must be > 0 m"),
-        ("every = 0: must be >= 1", "--every 0: must be >= 1"),
-        ("a.bag: base_frame = x: not in /tf", "a.bag: --base-frame x: not in /tf"),
-        ("a.bag: expected fixed_frame as one of map", "a.bag: expected --fixed-frame as one of map"),
-        ("a.bag: option trajectory: no", "a.bag: --trajectory: no"),
-        ("a/min_cell_size.npz: no scans", "a/min_cell_size.npz: no scans"),
-        ("a.npz: scan 3: range_sigma = -1 m of beam 2: must be > 0", None),
-        ("every beam returned", None),
-        (
-            "start = 3 s, stop = 2 s: must be 0 <= start < stop",
-            "--from 3 s, --to 2 s: must be 0 <= --from < --to",
-        ),
+        (WrongValue.of("min_cell_size", "-1.0", "> 0 m"), "--min-cell-size -1: must be > 0 m"),
+        (WrongValue.of("no_return", "'maybe'", "free"), "--no-return maybe: must be free"),
+        (located("a.bag", WrongValue.of("every", 0, ">= 1")), "a.bag: --every 0: must be >= 1"),
+        (f"a.bag: {key('base_frame')} = x: not in /tf", "a.bag: --base-frame x: not in /tf"),
+        (f"{key('mount')} = '1,2': two", "--mount 1,2: two"),
+        (f"{key('start')} = 3 s, {key('stop')} = 2 s", "--from 3 s, --to 2 s"),
+        (Text(f"{key('align')} finds poses"), "--align finds poses"),
+        ("every beam with min_cell_size = 3", None),
     ],
 )
-def test_keywords_become_flags(text: str, expected: str | None) -> None:
+def test_options_become_flags(text: str | Exception, expected: str | None) -> None:
     assert in_words(text) == (text if expected is None else expected)
+
+
+def test_an_option_is_a_keyword_of_python_where_nothing_spells_it() -> None:
+    said = f"{key('align')} finds poses"
+    assert Text(said) == str(WrongValue(said)) == "align finds poses"
+    assert in_words(located("b", WrongValue(said))) == "b: --align finds poses"
 
 
 def test_long_messages_are_parted_and_lose_no_word() -> None:

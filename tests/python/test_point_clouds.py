@@ -853,7 +853,7 @@ BROKEN: dict[str, tuple[Make, str]] = {
     ),
     "two trajectories": (
         changed("other.txt", kitti_lines(5).encode()),
-        r"2 trajectories, expected one of them:\n  --trajectory .*other\.txt\n  --trajectory .*poses\.txt",
+        r"2 trajectories, expected one of them:\n  trajectory .*other\.txt\n  trajectory .*poses\.txt",
     ),
     "trajectory too short": (
         changed("poses.txt", kitti_lines(4).encode()),

@@ -39,7 +39,7 @@ def test_a_second_lap_beside_the_first_is_told_of_with_how_far(
     found = drift(spread(laps)[0])
     assert found is not None and found.places >= 10
     assert found.error == pytest.approx(math.hypot(*shift), abs=0.03)
-    assert f"drift by about {found.error:.1g} m" in str(found) and "--align" in str(found)
+    assert f"drift by about {found.error:.1g} m" in str(found) and "align" in str(found)
 
 
 def test_a_heading_that_drifts_is_told_of(office: list[Scan]) -> None:

@@ -215,7 +215,7 @@ def test_a_radar_does_not_stand_in_for_a_laser_without_a_place(
     ros2: Messages, planar: bool, tmp_path: Path
 ) -> None:
     path = laser_and_radar(ros2, tmp_path / "bag", planar=planar, laser_frame="elsewhere")
-    with pytest.raises(ValueError, match=r"(?s)no transform to elsewhere.*--mount.*\n  --topic /radar"):
+    with pytest.raises(ValueError, match=r"(?s)no transform to elsewhere.*mount X.*\n  topic /radar"):
         read(path)
 
 
@@ -241,10 +241,6 @@ def test_what_is_wrong_is_said_in_flags_on_the_command_line(ros2: Messages, tmp_
 def test_texts_that_only_look_like_options_stay() -> None:
     for text in ("/poses: no pose in it", "a.bag: /x/poses: poses of a", "2 trajectories in topic /scan"):
         assert in_words(text) == text
-    assert in_words("x: 2, a and b: say which by the option trajectory").endswith("by --trajectory")
-    assert in_words("x: mount: a log takes no such option, it takes topic, poses").endswith(
-        "--topic, --poses"
-    )
 
 
 # --- Time -------------------------------------------------------------------------------------------

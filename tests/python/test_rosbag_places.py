@@ -135,12 +135,12 @@ def test_without_tf_the_odometry_that_knows_the_sensors_base_counts(tmp_path: Pa
     parts = [fixed("base_link", "laser"), scans("laser")]
     log = log_of(tmp_path, *parts, odometry("odom", "base_link"), odometry("odom", "other", "/a"))
     assert log.uses == "/scan (LaserScan in laser), poses in odom from /odom"
-    assert any("--odometry /odom; others are /a (Odometry)" in note for note in log.notes)
+    assert any("odometry /odom; others are /a (Odometry)" in note for note in log.notes)
     for scan, t in zip(log, STAMPS):
         np.testing.assert_allclose(scan.origin, (place(t) + MOUNT)[: log.dim], atol=1e-6)
     for name, wrong in (("nameless", ""), ("another", "wheel")):
         (tmp_path / name).mkdir()
-        with pytest.raises(ValueError, match=r"expected one of:\n  --odometry /odom\n"):
+        with pytest.raises(ValueError, match=r"expected one of:\n  odometry /odom\n"):
             log_of(tmp_path / name, *parts, odometry("odom", wrong))
 
 
@@ -150,7 +150,7 @@ def test_a_map_that_is_known_too_late_is_told_of(tmp_path: Path) -> None:
     parts = [moved("odom", "base_link"), fixed("base_link", "laser"), scans("laser"), late]
     log = log_of(tmp_path, *parts)
     assert "poses in odom" in log.uses
-    assert any("map is known for 25 % of the scans: --fixed-frame map" in note for note in log.notes)
+    assert any("map is known for 25 % of the scans: fixed_frame map" in note for note in log.notes)
     assert len(list(read(tmp_path / "bag", fixed_frame="map"))) == 5
 
 

@@ -172,7 +172,7 @@ def test_what_cannot_be_chosen_is_listed(ros2: Messages, tmp_path: Path) -> None
         (two, {"topic": "scan", "trajectory": str(kitti)}, ValueError, "kitti.txt: has no times"),
         ({"/scan": scan}, {}, ValueError, "no transform to sensor, the frame of /scan: there is no /tf"),
         ({"/scan": ros2.laser(START, "laser", [1]), "/tf_static": away}, {}, ValueError,
-         "laser is connected with none of map, odom, world (?s:.*) --fixed-frame FRAME, of earth, laser"),
+         "laser is connected with none of map, odom, world (?s:.*) fixed_frame FRAME, of earth, laser"),
         ({"/depth": image, "/tf_static": fixed}, {}, ValueError, "no CameraInfo of 2 x 2 pixels beside"),
         ({"/depth": image, "/tf_static": fixed}, {"camera": "1"}, ValueError, "expected fx,fy,cx,cy"),
         ({"/scan": scan, "/odom": odometry}, {"odometry": "/odom"}, ValueError,
@@ -186,7 +186,7 @@ def test_what_cannot_be_chosen_is_listed(ros2: Messages, tmp_path: Path) -> None
     assert len(list(read(tmp_path / "1", topic="scan"))) == 1
     alone = read(tmp_path / "1")  # A laser comes before a cloud.
     assert alone.uses.startswith("/scan (LaserScan")
-    assert alone.notes == ["--topic would take another sensor than /scan: /points (PointCloud2)"]
+    assert alone.notes == ["topic would take another sensor than /scan: /points (PointCloud2)"]
 
 
 def test_lasers_whose_beams_have_no_directions(ros2: Messages, tmp_path: Path) -> None:
@@ -217,9 +217,7 @@ def test_cameras_without_calibration(ros2: Messages, tmp_path: Path) -> None:
     content = [("/tf_static", START, fixed)]
     content.append(("/depth", START, ros2.image(START, "sensor", np.ones((2, 2)), "16UC1")))
     content.append(("/camera_info", START, ros2.camera_info(START, "sensor", (2, 2), (0, 0, 0, 0))))
-    with pytest.raises(
-        ValueError, match=r"--camera fx,fy,cx,cy; found /camera_info; of /camera_info: fx = 0"
-    ):
+    with pytest.raises(ValueError, match=r"camera fx,fy,cx,cy; found /camera_info; of /camera_info: fx = 0"):
         read(write_bag(tmp_path / "bag", ros2, content))
     assert len(list(read(tmp_path / "bag", camera="1,1,1,1"))) == 1
 

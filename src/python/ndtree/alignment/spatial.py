@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ndtree._errors import WrongValue, key
 from ndtree.alignment.aligned_log import AlignedLog
 from ndtree.alignment.planar import Floats
 from ndtree.alignment.sensor_scans import spread_evenly
@@ -213,7 +214,7 @@ def align_by_kiss_icp(
     if log.dim != 3:
         raise ValueError(f"{log.name}: is {log.dim}-D, expected a 3-D log")
     if not 0 < max_range < np.inf:
-        raise ValueError(f"max_range = {max_range:g} m: must be > 0 and finite")
+        raise WrongValue.of("max_range", f"{max_range:g} m", "> 0 and finite")
     odometry = _kiss_icp(max_range)
     begin = time.perf_counter()
     first: Floats | None = None
@@ -260,7 +261,7 @@ def _kiss_icp(max_range: float) -> Any:
         from kiss_icp.config import KISSConfig
         from kiss_icp.kiss_icp import KissICP
     except ImportError as error:
-        raise ImportError(f"--odometry kiss-icp needs kiss-icp ({error}); {INSTALL}") from None
+        raise ImportError(f"{key('odometry')} kiss-icp needs kiss-icp ({error}); {INSTALL}") from None
     config = KISSConfig()
     config.data.max_range, config.data.min_range, config.data.deskew = max_range, _LEAST_RANGE, False
     config.mapping.voxel_size = max_range / 100

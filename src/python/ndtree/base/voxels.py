@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import WrongValue, key
 from ndtree._native import _core
 
 if TYPE_CHECKING:
@@ -58,9 +59,9 @@ def voxelise(points: NDArray[np.floating[Any]], target: OccupancyMap) -> VoxelRe
     """
     begin = time.perf_counter()
     if target.branching != 2 or target.refinement not in _REFINEMENTS:
-        raise ValueError(
-            f"branching = {target.branching}, refinement = {target.refinement!r}: points without a sensor "
-            f"need a map with branching 2 and one of {', '.join(_REFINEMENTS)}"
+        raise WrongValue(
+            f"{key('branching')} = {target.branching}, {key('refinement')} = {target.refinement!r}: points "
+            f"without a sensor need a map with branching 2 and one of {', '.join(_REFINEMENTS)}"
         )
     size = float(target.options["min_cell_size"])
     finite = np.isfinite(points).all(axis=1)
@@ -87,9 +88,9 @@ def voxelise(points: NDArray[np.floating[Any]], target: OccupancyMap) -> VoxelRe
             made.append((count + more, other))
     for _, one in reversed(made):
         if target.refinement != "fixed" and one.options["max_cell_size"] != target.options["max_cell_size"]:
-            raise ValueError(
-                f"max_cell_size = {target.options['max_cell_size']:g} m: points without a sensor need "
-                f"{one.options['max_cell_size']:g} m"
+            raise WrongValue(
+                f"{key('max_cell_size')} = {target.options['max_cell_size']:g} m: points without a sensor "
+                f"need {one.options['max_cell_size']:g} m"
             )
         target.merge(one)
     count = int(np.count_nonzero(finite))

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
 from ndtree.base.certificate import Certificate
 from ndtree.base.scan import Scan
@@ -27,7 +28,7 @@ def certify(
     if not 0.0 < confidence < 1.0:
         raise ValueError(f"confidence = {confidence}: must be in (0, 1)")
     if not max_range > 0.0:
-        raise ValueError(f"max_range = {max_range} m: must be > 0")
+        raise WrongValue.of("max_range", f"{max_range} m", "> 0")
     counts = [free_and_wrong(target, scan, max_range) for scan in scans]
     called = np.array([free for free, _ in counts if free > 0], dtype=np.int64)
     wrong = np.array([occupied for free, occupied in counts if free > 0], dtype=np.int64)

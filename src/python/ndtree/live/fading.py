@@ -14,6 +14,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ndtree._errors import WrongValue
 from ndtree._native._core import AdaptiveMap, OccupancyMap
 from ndtree.base.scan import Scan
 from ndtree.logs.poses.following import FALL
@@ -53,7 +54,7 @@ class Fading:
         if self._box is not None and not (
             self._box.ndim == 2 and len(self._box) == 2 and (self._box[0] < self._box[1]).all()
         ):
-            raise ValueError(f"box = {self._box.tolist()}: must be two corners, the lower one first")
+            raise WrongValue.of("box", self._box.tolist(), "two corners, the lower one first")
         self.begin()
 
     def begin(self) -> None:

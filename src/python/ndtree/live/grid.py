@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
 from ndtree._native.results import Changes
 
@@ -85,9 +86,9 @@ class GridFollower:
 
     def __init__(self, cell_size: float | None = None, height: tuple[float, float] | None = None) -> None:
         if cell_size is not None and not 0 < cell_size < math.inf:
-            raise ValueError(f"cell_size = {cell_size:g} m: must be > 0 and finite")
+            raise WrongValue.of("cell_size", f"{cell_size:g} m", "> 0 and finite")
         if height is not None and not height[0] < height[1]:
-            raise ValueError(f"height = {height[0]:g} to {height[1]:g} m: must be from low to high")
+            raise WrongValue.of("height", f"{height[0]:g} to {height[1]:g} m", "from low to high")
         self._wanted, self._height = cell_size, height
         self.values: NDArray[np.int8] | None = None
         self._lower = np.zeros(2, dtype=np.int64)  # In pixels from 0.

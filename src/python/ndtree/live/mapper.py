@@ -24,6 +24,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import marked, spelled
 from ndtree._native._core import AdaptiveMap, InsertReport, OccupancyMap
 from ndtree.base.scan import Scan
 from ndtree.live.corrections import Corrections
@@ -292,7 +293,7 @@ class LiveMapper:
         """
         with self._lock:
             if self._target is None:
-                raise RuntimeError(f"there is no map yet: {self.undecided or 'nothing was mapped'}")
+                raise RuntimeError(f"there is no map yet: {spelled(self.undecided) or 'nothing was mapped'}")
             if self._corrections is not None:
                 raise RuntimeError("the map follows corrections: what is changed in it would be lost")
             self._may_begin_again = False
@@ -304,7 +305,7 @@ class LiveMapper:
         """The map as it is now, which stays so; RuntimeError if there is none yet."""
         with self._lock:
             if self._target is None:
-                raise RuntimeError(f"there is no map yet: {self.undecided or 'nothing was mapped'}")
+                raise RuntimeError(f"there is no map yet: {spelled(self.undecided) or 'nothing was mapped'}")
             return self._target.snapshot() if self._corrections is None else self._corrections.map
 
     def replace(self, m: OccupancyMap | None) -> None:
@@ -419,7 +420,7 @@ class LiveMapper:
             except ValueError as error:
                 if closing:
                     raise
-                self.undecided = str(error)
+                self.undecided = marked(error)
         if self._intake.config is not None:
             self.undecided = ""
             with self._changed:

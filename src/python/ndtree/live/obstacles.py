@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ndtree._errors import WrongValue
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 
@@ -110,7 +111,7 @@ def obstacle_distance(
             f"min_distance = {min_distance:g} m: must be from 0 to max_distance = {max_distance:g} m"
         )
     if not height[0] <= height[1] or not all(map(math.isfinite, height)):
-        raise ValueError(f"height = {height[0]:g} to {height[1]:g} m: must be from low to high, and finite")
+        raise WrongValue.of("height", f"{height[0]:g} to {height[1]:g} m", "from low to high, and finite")
     if unknown not in ("tell", "free", "occupied"):
         raise ValueError(f"unknown = {unknown!r}: must be 'tell', 'free' or 'occupied'")
     matrix = _core.pose_matrix(pose, dim=m.dim)

@@ -7,6 +7,7 @@ import math
 import os
 from pathlib import Path
 
+from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
 from ndtree.maps.writers import write
 
@@ -24,7 +25,7 @@ class Saver:
 
     def __init__(self, path: str | os.PathLike[str], period: float) -> None:
         if not 0 < period < math.inf:
-            raise ValueError(f"save_every = {period:g} s: must be > 0 and finite")
+            raise WrongValue.of("save_every", f"{period:g} s", "> 0 and finite")
         self.path, self.period = path, period
 
     def update(self, m: OccupancyMap, stamp: float) -> None:

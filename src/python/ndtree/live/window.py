@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
 
@@ -31,7 +32,7 @@ class Window:
 
     def __init__(self, radius: float) -> None:
         if not 0 < radius < math.inf:
-            raise ValueError(f"window = {radius:g} m: must be > 0 and finite")
+            raise WrongValue.of("window", f"{radius:g} m", "> 0 and finite")
         self.radius = radius
         self.begin()
 

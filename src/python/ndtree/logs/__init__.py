@@ -8,6 +8,7 @@ import os
 import shlex
 from typing import Any
 
+from ndtree._errors import WrongValue, key
 from ndtree.logs.core.failures import NotALog, readable
 from ndtree.logs.core.joined import JoinedLog
 from ndtree.logs.core.log import Log, SizedLog
@@ -137,9 +138,9 @@ def read(
         A TypeError, if the format does not take one of the options.
     """
     if dim not in (None, 2, 3):
-        raise ValueError(f"dim = {dim!r}: must be 2 or 3")
+        raise WrongValue.of("dim", f"{dim!r}", "2 or 3")
     source, chosen = _looked_up(path, format)
-    given = {key: value for key, value in options.items() if value is not None}
+    given = {name: value for name, value in options.items() if value is not None}
     _require_taken(source, chosen, given)
     with readable(source.path, f"cannot be read as {chosen.description}"):
         log = chosen.open(source, dim=dim, **given)
@@ -194,7 +195,7 @@ def _looked_up(path: str | os.PathLike[str], format: str | None) -> tuple[Source
     name = os.fspath(path)
     by_name = {row.name: row for row in _TABLE}
     if format is not None and format not in by_name:
-        raise ValueError(f"format = {format!r}: must be one of {', '.join(FORMATS)}")
+        raise WrongValue.of("format", f"{format!r}", f"one of {', '.join(FORMATS)}")
     with readable(name):
         source = source_of(name, _A_LOG)
         chosen = by_name[format] if format is not None else _recognised(source)
@@ -261,6 +262,6 @@ def _require_taken(source: Source, format: Format, options: dict[str, Any]) -> N
     for name in options:
         if name not in taken:
             raise WrongOption(
-                f"{source.path}: {name}: {format.description} takes no such option, "
-                f"it takes {', '.join(taken) or 'none'}"
+                f"{source.path}: {key(name)}: {format.description} takes no such option, "
+                f"it takes {', '.join(map(key, taken)) or 'none'}"
             )

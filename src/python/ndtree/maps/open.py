@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import WrongValue
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.logs import MAP_MAGIC, OCTOMAP_MAGIC, kind_of
@@ -90,7 +91,7 @@ class PlacedMap:
             If the cell size is none.
         """
         if cell_size is not None and not (cell_size > 0 and math.isfinite(cell_size)):
-            raise ValueError(f"cell_size = {cell_size} m: must be > 0 and finite")
+            raise WrongValue.of("cell_size", f"{cell_size} m", "> 0 and finite")
         if not self.offset.any():
             return self.map
         leaves = self.map.leaves()

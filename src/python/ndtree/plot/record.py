@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ndtree import plot
+from ndtree._errors import WrongValue
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import require_kind
@@ -67,7 +68,7 @@ class Recorder:
         if ending not in ENDINGS:
             raise ValueError(f"{self._path}: the name of a film must end in {' or '.join(ENDINGS)}")
         if every < 1:
-            raise ValueError(f"every = {every}: must be >= 1")
+            raise WrongValue.of("every", every, ">= 1")
         if color not in plot.COLORS:
             raise ValueError(f"color = {color!r}: must be one of {', '.join(plot.COLORS)}")
         if ending == ".mp4" and not FFMpegWriter.isAvailable():

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
 from ndtree.tiles.kind import MapKind
@@ -70,12 +71,12 @@ class TileGrid:
         cube = round(edge / unit)
         least = CUBES * edge if tile_size is None else float(tile_size)
         if not (least > 0 and math.isfinite(least)):
-            raise ValueError(f"tile_size = {tile_size} m: must be > 0 and finite")
+            raise WrongValue.of("tile_size", f"{tile_size} m", "> 0 and finite")
         cubes = 1
         while cubes * edge < least * (1 - 1e-9):
             cubes *= m.branching
         if cubes * cube > 1 << 36:
-            raise ValueError(f"tile_size = {least:g} m: must be at most 2^36 cells of {unit:g} m")
+            raise WrongValue.of("tile_size", f"{least:g} m", f"at most 2^36 cells of {unit:g} m")
         return cls(m.dim, unit, cube, cubes)
 
     @property

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
 from ndtree._native.results import InsertReport
 from ndtree.base.scan import Scan
@@ -89,7 +90,7 @@ class TileMapper:
         made_from: dict[str, Any] | None = None,
     ) -> None:
         if max_resident < 1 << 20:
-            raise ValueError(f"max_resident = {max_resident} bytes: must be at least {1 << 20}")
+            raise WrongValue.of("max_resident", f"{max_resident} bytes", f"at least {1 << 20}")
         self._storage = storage
         self._kind = MapKind.of(m)
         self._grid = TileGrid.of(m, tile_size)

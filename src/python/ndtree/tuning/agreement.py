@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import Text, key
 from ndtree.base.scan import Scan
 
 Floats = NDArray[np.float64]
@@ -60,10 +61,10 @@ class Disagreement:
     def __str__(self) -> str:
         """What was found and what helps, in one line."""
         when = f"from {self.since:.1f} s on" if math.isfinite(self.since) else "from some scan on"
-        return (
+        return Text(
             f"{when}, scans that follow each other disagree by {self.error:.2f} m while the poses move "
-            f"{self.moved:.2f} m: wheels slip or poses drift; --align, or poses of a SLAM or a localization "
-            "help, or --to before that"
+            f"{self.moved:.2f} m: wheels slip or poses drift; {key('align')}, or poses of a SLAM or a "
+            f"localization help, or {key('stop')} before that"
         )
 
 

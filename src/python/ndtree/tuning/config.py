@@ -11,12 +11,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from ndtree._errors import WrongOption, key, marked
 from ndtree.base import checks
 from ndtree.base.checks import Check, Table, integer, number, one_of, text, true_or_false
 from ndtree.base.files import begins_with, replaced
 from ndtree.base.scan import Scan
 from ndtree.evaluation.no_returns import AUTO
-from ndtree.logs import FORMATS, READER_OPTIONS, Log, WrongOption, read
+from ndtree.logs import FORMATS, READER_OPTIONS, Log, read
 from ndtree.logs.core.rules import GIVEN, MEASURED, USUAL, Decision
 from ndtree.logs.core.silence import CutOff
 from ndtree.maps.kinds import MAP_OPTIONS
@@ -199,7 +200,7 @@ class Config:
         try:
             return log.select(**parts) if parts else log
         except ValueError as error:
-            raise WrongOption(str(error)) from None
+            raise WrongOption(marked(error)) from None
 
     def ruled(self, log: AnyLog) -> AnyLog:
         """An open log, read as this says."""
@@ -218,15 +219,15 @@ class Config:
 
     @property
     def chosen(self) -> list[str]:
-        """Flags that were not given and change the map, as one would type them."""
+        """Options that were not given and change the map, with their values."""
         if self.look is None:
             return []
-        rows = [f"--dim {self.look.dim}"]
+        rows = [f"{key('dim')} {self.look.dim}"]
         for name in ("range_sigma", "range_sigma_quadratic", "no_return", "believed_range"):
             one = self.values.get(name, Decision(None))
             if one.source == MEASURED or (one.source == USUAL and name != "no_return"):
                 value = f"{one.value:g}" if isinstance(one.value, float) else one.value
-                rows.append(f"--{name.replace('believed', 'max').replace('_', '-')} {value}")
+                rows.append(f"{key(name.replace('believed', 'max'))} {value}")
         return rows
 
     def toml(self) -> str:
@@ -275,5 +276,5 @@ def _point(name: str, value: Any, count: int) -> list[float]:
     except ValueError:
         numbers = []
     if len(numbers) != count:
-        raise WrongOption(f"{name} = {value}: expected {count} numbers with commas between them")
+        raise WrongOption(f"{key(name)} = {value}: expected {count} numbers with commas between them")
     return numbers

@@ -8,6 +8,7 @@ import os
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ndtree._errors import Text, key
 from ndtree.base.progress import Progress
 from ndtree.evaluation.no_returns import AUTO
 from ndtree.logs import Log
@@ -60,13 +61,13 @@ def inspect(
     if not log.has_sensor and "range_sigma" in options and "min_cell_size" not in options:
         size = 2 * options["range_sigma"]
         values["min_cell_size"] = Decision(size, MEASURED, "twice the noise")
-        notes.append(f"cells of {size:g} m, twice the noise; --min-cell-size says another")
+        notes.append(f"cells of {size:g} m, twice the noise; {key('min_cell_size')} says another")
     choose_sigma = with_sigma and log.is_raw and not {"range_sigma", "range_sigma_quadratic"} & options.keys()
     choose_no_return = given.no_return == AUTO and log.knows_no_returns
     if given.no_return == AUTO:
         values["no_return"] = Decision("free", USUAL, "the log has no such beams, or says what they mean")
     if not (choose_sigma or choose_no_return):
-        return Config(values, None, tuple(notes))
+        return Config(values, None, tuple(map(Text, notes)))
     decides = choose_no_return and log.may_be_zero and log.rules.zero_is is None
     may_be_cut_off = log.may_be_cut_off and log.rules.cut_off is UNSEARCHED
     look = first_look(log.ruled(zero_is=NO_ECHO) if decides else log, progress=progress)
@@ -88,7 +89,9 @@ def inspect(
             values["believed_range"] = Decision(look.max_range, MEASURED, why)
     config = Config(values, look)
     means = values["zero_is"].value if "zero_is" in values else log.rules.zero_is
-    return replace(config, notes=(*notes, *_said(config, look, choose_sigma, choose_no_return, zeros, means)))
+    return replace(
+        config, notes=(*map(Text, notes), *_said(config, look, choose_sigma, choose_no_return, zeros, means))
+    )
 
 
 def _said(
@@ -100,11 +103,13 @@ def _said(
     lines += [str(look.no_returns)] if no_return else []
     if zeros >= _FEW_ZEROS:
         word, other = ("no echo", INVALID) if means == NO_ECHO else ("nothing", NO_ECHO)
-        lines.append(f"range 0, of {100 * zeros:.0f} % of the beams, says {word}; else --zero-is {other}")
+        lines.append(
+            f"range 0, of {100 * zeros:.0f} % of the beams, says {word}; else {key('zero_is')} {other}"
+        )
     if look.cut_off is not None:
         lines.append(f"readings of {look.cut_off:.4g} m, the log's largest range, are beams without return")
     doubt = look.disagreement or look.drift
-    return lines if doubt is None else [*lines, str(doubt)]
+    return list(map(Text, lines if doubt is None else [*lines, str(doubt)]))
 
 
 @dataclass(frozen=True)
@@ -149,7 +154,7 @@ def prospect_of(log: Log, given: Config | None = None, *, progress: Progress | N
     if look is None and log.has_sensor:  # Nothing had to be decided.
         look = first_look(log, progress=progress)
         doubt = look.disagreement or look.drift
-        config = replace(config, notes=(*config.notes, *([] if doubt is None else [str(doubt)])))
+        config = replace(config, notes=(*config.notes, *([] if doubt is None else [Text(str(doubt))])))
     try:
         cost = None if look is None else look.cost()
     except MemoryError:

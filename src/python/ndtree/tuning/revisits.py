@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ndtree._errors import Text, key
 from ndtree._native._core import Matcher
 from ndtree.alignment.planar import Floats, pose_of, seen_from, wrapped
 from ndtree.alignment.sensor_scans import ends_to_match, pose_in_log, spread_evenly
@@ -52,9 +53,9 @@ class Drift:
 
     def __str__(self) -> str:
         """What was found and what helps, in one line."""
-        return (
+        return Text(
             f"surfaces double where the robot comes back: poses drift by about {self.error:.1g} m "
-            f"({self.places} places seen again); --align finds poses, or take those of a SLAM"
+            f"({self.places} places seen again); {key('align')} finds poses, or take those of a SLAM"
         )
 
 

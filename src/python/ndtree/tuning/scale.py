@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from ndtree._errors import Text, key
 from ndtree.base.scan import Scan
 
 #: More smallest cells on a beam, or from one scan's origin to the next, than sensors and robots have:
@@ -54,14 +55,15 @@ class Scale:
         """The first that is absurd, and what it may be, in one line; None if nothing is."""
         if self._far is not None:
             number, length = self._far
-            return (
+            return Text(
                 f"scan {number} has a beam of {length:,.0f} m, {length / self._cell:,.0f} cells: expected "
-                "metres, and origins in the frame of the end points; if it is meant, --max-range says so"
+                "metres, and origins in the frame of the end points; if it is meant, "
+                f"{key('max_range')} says so"
             )
         if self._jump is not None:
             number, length = self._jump
-            return (
+            return Text(
                 f"scan {number} lies {length:,.0f} m from the one before: expected all scans in one frame, "
-                "as UTM or local, and --origin for far-away coordinates"
+                f"as UTM or local, and {key('origin')} for far-away coordinates"
             )
         return None

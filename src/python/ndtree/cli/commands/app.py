@@ -6,7 +6,7 @@ import inspect
 import sys
 import warnings
 from importlib import import_module
-from typing import Annotated, Any, Callable
+from typing import Annotated, Any, Callable, Union
 
 import typer
 import typer.core
@@ -148,7 +148,7 @@ def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
         except (BrokenPipeError, typer.Exit):
             raise
         except (WrongCall, WrongOption, ImportError) as error:
-            _end(str(error), WRONG_CALL, has_flags)
+            _end(error, WRONG_CALL, has_flags)
         except (OSError, ValueError, MemoryError, RuntimeError) as error:
             _end(reason_of(error), BAD_INPUT, has_flags)
 
@@ -159,22 +159,22 @@ def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
     return guarded
 
 
-def reason_of(error: BaseException) -> str:
+def reason_of(error: Exception) -> Union[str, Exception]:
     """What is wrong with the input."""
     if isinstance(error, OSError):
         where = f"{error.filename}: " if error.filename else ""
         return f"{where}{error.strerror or error}"
-    return str(error) or "not enough memory"
+    return error if str(error) else "not enough memory"
 
 
-def print_error(message: str, has_flags: bool = True) -> None:
+def print_error(message: Union[str, Exception], has_flags: bool = True) -> None:
     """Print what is wrong, in the words of the command line if it has some; also where all else is silent."""
     from ndtree.cli.commands.messages import laid_out  # Not for the help alone.
 
     print(laid_out(message, has_flags), file=heard(sys.stderr))
 
 
-def _end(message: str, status: int, has_flags: bool) -> None:
+def _end(message: Union[str, Exception], status: int, has_flags: bool) -> None:
     print_error(message, has_flags)
     raise typer.Exit(status)
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Optional
 import numpy as np
 import typer
 
+from ndtree._errors import marked
 from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import map_options, opened
@@ -92,7 +93,7 @@ def clean(
         share = cleaned.moved / max(cleaned.points, 1)
         print(f"{source.name}: {number_of(cleaned.scans, 'scan')}, {cleaned.points} points that returned")
         for line in config.notes:
-            print(f"  {line}")
+            print(f"  {marked(line)}")
         moved = f"{number_of(cleaned.moved, 'point')} moved ({100 * share:.1f} %)"
         print(f"  {moved}; unknown for {cleaned.unknown} others")
         if cleaned.truth:

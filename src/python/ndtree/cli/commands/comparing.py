@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Callable, Optional
 
+from ndtree._errors import located
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.logs import inspected, made, print_lines, warn_of_skipped
+from ndtree.cli.commands.messages import in_words
 from ndtree.cli.commands.output import is_stdout
 from ndtree.cli.commands.progress import progress
 from ndtree.evaluation.comparison import DEFAULT_MAPS, Comparison, map_in_turns
@@ -37,10 +39,9 @@ def compared(
     if len(set(maps)) != len(maps):
         raise WrongCall(f"--maps {','.join(maps)}: must be different")
     options = given.options
-    fitting: dict[str, Any] = dict(options)
-    size = fitting.pop("min_cell_size", None)
+    size = options.get("min_cell_size", _core.default_options()["min_cell_size"])
     for name in maps:
-        made(functools.partial(make_map, name, dim=log.dim, cell_size=size, **fitting))
+        made(functools.partial(make_map, name, dim=log.dim, **options))
     log, config = inspected(log, given, with_sigma=False)
     limit, no_return = config.max_range, config.no_return
     with progress() as advance:
@@ -51,15 +52,15 @@ def compared(
         except ValueError as error:
             if str(error).startswith(log.name):
                 raise
-            raise ValueError(f"{log.name}: {error}") from None
+            raise located(log.name, error) from None
     if not is_stdout(json_file):
         print_lines(log, config)
-        scale = Scale(_core.default_options()["min_cell_size"] if size is None else size, limit)
+        scale = Scale(size, limit)
         for scan in config.look.sample if config.look else ():
             scale.add(scan)
         absurd = scale.warning()
         if absurd:
-            print(f"{log.name}: {absurd}")
+            print(f"{log.name}: {in_words(absurd)}")
     made_maps(trial.map_objects)
     with progress() as advance:
         comparison = trial.judged(advance, calibration=calibration, certify=certify)

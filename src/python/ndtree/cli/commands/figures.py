@@ -14,7 +14,7 @@ import numpy as np
 from ndtree._native._core import OccupancyMap, default_options
 from ndtree.base.words import number_of
 from ndtree.cli.commands.logs import length_of
-from ndtree.cli.commands.messages import line_width
+from ndtree.cli.commands.messages import in_words, line_width
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log
 
@@ -187,7 +187,7 @@ def indented(text: str) -> str:
     """What is said below a heading, in lines that fit a terminal."""
     return "\n".join(
         row
-        for part in text.split("\n")
+        for part in in_words(text).split("\n")
         for row in textwrap.wrap(
             part.strip(),
             line_width(),

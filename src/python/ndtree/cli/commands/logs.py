@@ -7,12 +7,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Callable, Optional
 
+from ndtree._errors import marked
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.scan import Scan
 from ndtree.cli.commands.flags import opened, require_none
-from ndtree.cli.commands.messages import laid_out
+from ndtree.cli.commands.messages import in_words, laid_out
 from ndtree.cli.commands.options import World
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log, simulate
@@ -85,16 +86,12 @@ def made(make: Callable[[], Any]) -> Any:
     try:
         return make()
     except (ValueError, TypeError, RuntimeError) as error:
-        raise WrongCall(str(error)) from None
+        raise WrongCall(in_words(error)) from None
 
 
 def new_map(dim: int, config: Config) -> OccupancyMap:
-    if not config.get("fixed"):
-        return _core.AdaptiveMap(dim=dim, **config.options)
-    options = {**config.options}
-    if "min_cell_size" in options:
-        options["cell_size"] = options.pop("min_cell_size")
-    return _core.FixedMap(dim=dim, **options)
+    make = _core.FixedMap if config.get("fixed") else _core.AdaptiveMap
+    return make(dim=dim, **config.options)
 
 
 def inspected(log: Log, given: Config, *, with_sigma: bool = True) -> tuple[Log, Config]:
@@ -109,4 +106,4 @@ def inspected(log: Log, given: Config, *, with_sigma: bool = True) -> tuple[Log,
 def print_lines(log: Log, config: Config) -> None:
     """What was chosen, before what it was chosen for."""
     for line in config.notes:
-        print(laid_out(f"{log.name}: {line}").removeprefix("ndtree: "))
+        print(laid_out(f"{log.name}: {marked(line)}").removeprefix("ndtree: "))

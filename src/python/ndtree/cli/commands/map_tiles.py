@@ -5,11 +5,13 @@ import re
 from pathlib import Path
 from typing import Any, Optional
 
+from ndtree._errors import WrongValue
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.words import number_of
 from ndtree.cli.commands.figures import counted, indented
 from ndtree.cli.commands.logs import length_of, new_map
 from ndtree.cli.commands.mapping import Passage
+from ndtree.cli.commands.messages import in_words
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log
 from ndtree.maps.open import TILES_SUFFIX
@@ -55,9 +57,9 @@ def map_into_tiles(
         mapper = TileMapper(
             storage_of(output), target, tile_size=tile_size, max_resident=limit, made_from=source
         )
-    except ValueError as error:
-        if str(error).startswith(("tile_size", "max_resident")):
-            raise WrongCall(str(error)) from None
+    except WrongValue as error:
+        if error.option in ("tile_size", "max_resident"):
+            raise WrongCall(in_words(error)) from None
         raise
     known = mapper.done
     passage = Passage(log, config)

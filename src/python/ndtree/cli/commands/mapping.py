@@ -11,6 +11,7 @@ from typing import Any, Optional
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import located
 from ndtree._native._core import OccupancyMap
 from ndtree.base.progress import Progress
 from ndtree.base.scan import Scan
@@ -129,7 +130,7 @@ class Passage:
             except ValueError as error:
                 if is_final(error):
                     raise
-                self.log._skip("scans that cannot be mapped", ValueError(f"{name}: {error}"))
+                self.log._skip("scans that cannot be mapped", located(name, error))
                 continue
             except MemoryError:
                 raise ValueError(f"{name}: {BEYOND_MEMORY}") from None

@@ -61,12 +61,12 @@ def _said(error: Any, command: Any, words: Sequence[str]) -> str:
     if kind == "BadParameter" and parameter is not None:
         value = _value_of(parameter, words)
         return f"{_called(parameter)}{value}: must be {_expected(parameter)}"
+    known = getattr(command, "commands", None)
+    if known is not None and words and words[0] not in known:
+        near = get_close_matches(words[0], known, 1)
+        hint = f": did you mean {near[0]}?" if near else f", expected one of {', '.join(known)}"
+        return f"{words[0]}: no such command{hint}"
     text = " ".join(error.format_message().split())
-    found = re.search(r"No such command '([^']*)'", text)
-    if found and command is not None:
-        near = get_close_matches(found[1], command.commands, 1)
-        hint = f": did you mean {near[0]}?" if near else f", expected one of {', '.join(command.commands)}"
-        return f"{found[1]}: no such command{hint}"
     found = re.search(r"unexpected extra arguments? ?\((.*)\)", text.replace("argument(s)", "arguments"))
     if found and command is not None:
         return f"{found[1]}: more than the command takes, expected {_arguments(command)}"

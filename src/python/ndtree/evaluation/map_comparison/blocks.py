@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import WrongValue, key
 from ndtree.maps.open import PlacedMap
 
 Floats = NDArray[np.float64]
@@ -48,7 +49,9 @@ class _Grid:
         low = np.floor((np.min(lows, axis=0) - self.origin) / self.cell_size)
         high = np.ceil((np.max(highs, axis=0) - self.origin) / self.cell_size)
         if np.abs([low, high]).max() > _TOO_LARGE:
-            raise ValueError(f"cell_size = {self.cell_size} m: too small for maps that lie so far from 0")
+            raise WrongValue(
+                f"{key('cell_size')} = {self.cell_size} m: too small for maps that lie so far from 0"
+            )
         return low.astype(np.int64), high.astype(np.int64) - 1
 
     def blocks(self, a: PlacedMap, b: PlacedMap) -> Iterator[tuple[Integers, int, Integers]]:

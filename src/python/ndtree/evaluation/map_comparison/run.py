@@ -12,6 +12,7 @@ from typing import Any, Union
 
 import numpy as np
 
+from ndtree._errors import WrongValue
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.evaluation.map_comparison.blocks import STATES, common_grid
@@ -104,7 +105,7 @@ def compare_maps(
             f"{first.name} is {first.map.dim}-D and {second.name} {second.map.dim}-D: must be the same"
         )
     if cell_size is not None and not (cell_size > 0 and math.isfinite(cell_size)):
-        raise ValueError(f"cell_size = {cell_size} m: must be > 0 and finite")
+        raise WrongValue.of("cell_size", f"{cell_size} m", "> 0 and finite")
     if max_points < 1:
         raise ValueError(f"max_points = {max_points}: must be >= 1")
     grid = common_grid(first, second, cell_size)

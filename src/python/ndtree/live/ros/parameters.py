@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from ndtree._errors import WrongValue, key, keys_of, marked, spelled
 from ndtree.live.corrections import MEMORY
 from ndtree.live.localizing import ODOMETRY
 from ndtree.live.mapper import PATIENCE, QUEUE
@@ -78,8 +78,6 @@ ROWS = (
     Row("diagnostics_period", 1.0, "Of diagnostics [s].", (0.01, 1e3)),
     Row("clear_radius", 1.0, "What clear_around forgets around the sensor [m].", (0.0, 1e6), True),
 )  # fmt: skip
-#: A flag of the commands in what readers say.
-_FLAG = re.compile(r"--(?P<name>[a-z][a-z-]*)")
 _OTHER_NAMES = {"topic": "topics"}
 CHANGING = {row.name for row in ROWS if row.changes}
 
@@ -97,29 +95,25 @@ def config_of(value: Callable[[str], Any], options: dict[str, Any] | None = None
     if value("fixed_cells"):
         given["fixed"] = True
     if given.get("no_return", "auto") not in ("auto", "free", "ignore"):
-        raise ValueError(f"no_return = {given['no_return']}: must be auto, free or ignore")
+        raise WrongValue.of("no_return", given["no_return"], "auto, free or ignore")
     whole = Config.load(value("config")) if value("config") else Config()
     whole = whole.overridden(Config.of(**given, **(options or {})).values)
     return Config.of(fixed_frame=ODOMETRY).overridden(whole.values) if value("localize") else whole
 
 
-def in_parameters(text: str) -> str:
-    """What readers say for the command line, with parameters; ways that are no parameter's are left out."""
+def in_parameters(text: str | Exception) -> str:
+    """A text of the library with its options named as parameters, without ways that are no parameter's."""
     names = {row.name for row in ROWS} | {option.name for option in MAP_OPTIONS}
 
-    def name_of(flag: re.Match[str]) -> str:
-        name = flag["name"].replace("-", "_")
-        return _OTHER_NAMES.get(name, name)
+    def name_of(option: str) -> str:
+        return _OTHER_NAMES.get(option, option)
 
     def is_way(line: str) -> bool:
-        begins = _FLAG.match(line.lstrip())
-        return begins is None or name_of(begins) in names
+        begins = keys_of(line)[:1] if line.lstrip().startswith(key("")[0]) else []
+        return all(name_of(option) in names for option in begins)
 
-    return "\n".join(
-        _FLAG.sub(lambda flag: name_of(flag) if name_of(flag) in names else flag[0], line)
-        for line in text.split("\n")
-        if is_way(line)
-    )
+    lines = filter(is_way, marked(text).split("\n"))
+    return "\n".join(spelled(line, name_of) for line in lines)
 
 
 def followed(follow: str) -> dict[str, Any]:

@@ -30,6 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         import rospy
 
+        from ndtree.live.ros.parameters import in_parameters
         from ndtree.live.ros1.node import MapNode
         from ndtree.logs.core.failures import WrongOption
     except ImportError as error:
@@ -48,7 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
         node = MapNode()
         node.run(ended)
     except (ValueError, OSError, ImportError, WrongOption, rospy.ROSException) as error:
-        print(f"ndtree_map: {error}", file=sys.stderr)
+        print(f"ndtree_map: {in_parameters(error)}", file=sys.stderr)
         return 1
     finally:
         if node is not None:

@@ -33,6 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.signals import SignalHandlerOptions
 
+        from ndtree.live.ros.parameters import in_parameters
         from ndtree.live.ros2.node import MapNode
         from ndtree.logs.core.failures import WrongOption
     except ImportError as error:
@@ -58,7 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
         while not ended and rclpy.ok():
             executor.spin_once(timeout_sec=_LOOKS)
     except (ValueError, OSError, ImportError, WrongOption) as error:
-        print(f"ndtree_map: {error}", file=sys.stderr)
+        print(f"ndtree_map: {in_parameters(error)}", file=sys.stderr)
         return 1
     finally:
         if node is not None:

@@ -8,15 +8,13 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
+from ndtree._errors import WrongOption, WrongValue, located
+
 #: Characters of what a library said, or of a value, that a message repeats.
 MOST_SHOWN = 200
 _DIGITS = re.compile(r"\d{41,}")
 #: What Rust's libraries raise, which Python does not count among its exceptions.
 _PANIC = "PanicException"
-
-
-class WrongOption(TypeError):
-    """An option that a format does not take, or not together with another."""
 
 
 @contextmanager
@@ -74,6 +72,8 @@ def _clear(path: str, what: str, error: BaseException, foreign: bool) -> BaseExc
             return OSError(error.errno, error.strerror, path)
     elif isinstance(error, ValueError) and not isinstance(error, UnicodeError):
         text = _shortened(str(error))
+        if isinstance(error, WrongValue):
+            return error if _names_a_file(text, path) else located(path, error)
         if _names_a_file(text, path):
             return error if text == str(error) else ValueError(text)
         if type(error) is ValueError and not foreign:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ndtree._errors import Text
 from ndtree._native import _core
 from ndtree.base.files import require_no_input
 from ndtree.base.scan import Scan
@@ -129,7 +130,7 @@ class Log(ABC):
     @property
     def notes(self) -> list[str]:
         """What was decided when it was opened, and what the last loop has seen; a line each."""
-        return [*self._decided, *self._seen]
+        return [Text(one) for one in (*self._decided, *self._seen)]
 
     @property
     def decisions(self) -> dict[str, Decision]:

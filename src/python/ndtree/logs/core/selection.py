@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ndtree._errors import WrongValue, key
 from ndtree.base.scan import Scan
 
 Floats = NDArray[np.float64]
@@ -32,16 +33,19 @@ class Selection:
     ) -> None:
         for name, value in (("every", every), ("stride", stride)):
             if value != int(value) or value < 1:
-                raise ValueError(f"{name} = {value}: must be a whole number >= 1")
+                raise WrongValue.of(name, value, "a whole number >= 1")
         self.every, self._stride = int(every), int(stride)
         if not 0 <= min_range < math.inf:
-            raise ValueError(f"min_range = {min_range:g} m: must be >= 0 and finite")
+            raise WrongValue.of("min_range", f"{min_range:g} m", ">= 0 and finite")
         self._min_range = float(min_range)
         self.is_timed = start is not None or stop is not None
         self.start = 0.0 if start is None else float(start)
         self.stop = math.inf if stop is None else float(stop)
         if not 0 <= self.start < self.stop:
-            raise ValueError(f"start = {self.start:g} s, stop = {self.stop:g} s: must be 0 <= start < stop")
+            raise WrongValue(
+                f"{key('start')} = {self.start:g} s, {key('stop')} = {self.stop:g} s: must be 0 <= "
+                f"{key('start')} < {key('stop')}"
+            )
         self._box = None if box is None else _box(box, dim)
         self._origin = None if origin is None else _point("origin", origin, dim)
 
@@ -96,7 +100,9 @@ class OneByOne:
         if self._seen == 0:
             self._first = scan.stamp
         elif self._seen == 1 and selection.is_timed and self._first == scan.stamp == 0.0:
-            raise ValueError(f"{self._name}: its scans have no times, expected neither start nor stop")
+            raise WrongValue(
+                f"{self._name}: its scans have no times, expected neither {key('start')} nor {key('stop')}"
+            )
         self._seen += 1
         after = scan.stamp - self._first
         self.is_over = self.is_over or after >= selection.stop
@@ -129,11 +135,11 @@ def _cropped(scan: Scan, lower: Floats, upper: Floats) -> Scan:
 
 def _box(box: tuple[ArrayLike, ArrayLike], dim: int) -> tuple[Floats, Floats]:
     if len(box) != 2:
-        raise ValueError(f"box has {len(box)} corners: must be (lower, upper)")
+        raise WrongValue(f"{key('box')} has {len(box)} corners: must be (lower, upper)")
     lower, upper = (_point("box", corner, dim) for corner in box)
     if not (lower < upper).all():
-        raise ValueError(
-            f"box from {lower.tolist()} to {upper.tolist()}: must be lower < upper on every axis"
+        raise WrongValue(
+            f"{key('box')} from {lower.tolist()} to {upper.tolist()}: must be lower < upper on every axis"
         )
     return lower, upper
 
@@ -141,5 +147,7 @@ def _box(box: tuple[ArrayLike, ArrayLike], dim: int) -> tuple[Floats, Floats]:
 def _point(name: str, values: ArrayLike, dim: int) -> Floats:
     point = np.asarray(values, dtype=np.float64)
     if point.shape != (dim,) or not np.isfinite(point).all():
-        raise ValueError(f"{name} has a point {np.asarray(values).tolist()}: must be {dim} finite numbers")
+        raise WrongValue(
+            f"{key(name)} has a point {np.asarray(values).tolist()}: must be {dim} finite numbers"
+        )
     return point

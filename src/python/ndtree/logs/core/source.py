@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from ndtree._errors import WrongValue, key
 from ndtree.logs.core.failures import WrongOption
 from ndtree.logs.core.log import Log
 from ndtree.logs.core.plain_file import open_plain
@@ -69,7 +70,7 @@ ZERO_IS = ReaderOption(
 def check_zero_is(path: str, zero_is: str | None) -> None:
     """Refuse what is none of the words for it. @raises WrongOption"""
     if zero_is not in (None, NO_ECHO, INVALID):
-        raise WrongOption(f"{path}: zero_is = {zero_is!r}: must be {NO_ECHO} or {INVALID}")
+        raise WrongOption(f"{path}: {key('zero_is')} = {zero_is!r}: must be {NO_ECHO} or {INVALID}")
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def source_of(path: str, expected: str) -> Source:
 def require_dim(source: Source, format: Format, has: int, wanted: int | None) -> None:
     """Refuse a `wanted` dimension that a format does not have; None is any."""
     if wanted not in (None, has):
-        raise ValueError(f"{source.path}: {format.description} is {has}-D, expected dim={has}")
+        raise WrongValue(f"{source.path}: {format.description} is {has}-D, expected {key('dim')}={has}")
 
 
 def _head(path: str, expected: str) -> tuple[bytes, str]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import WrongValue, key
 from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import NotALog
 from ndtree.logs.core.source import ReaderOption, WrongOption
@@ -78,8 +79,8 @@ def _point(value: str | Sequence[float]) -> NDArray[np.float64]:
     except (TypeError, ValueError):
         point = np.zeros(0)
     if point.shape != (3,) or not np.isfinite(point).all():
-        raise ValueError(
-            f"origin_of_scan = {value!r}: expected three numbers with commas between them, X,Y,Z [m]"
+        raise WrongValue(
+            f"{key('origin_of_scan')} = {value!r}: expected three numbers with commas between them, X,Y,Z [m]"
         )
     return point
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import key
 from ndtree.logs.core.failures import NotALog, one_line
 from ndtree.logs.core.plain_file import open_regular, text_lines
 from ndtree.logs.core.source import TIME_OFFSET, Format, Source, require_dim
@@ -84,7 +85,8 @@ class DepthFolderLog(FolderLog):
             self._camera = found
         else:
             self._decided.append(
-                "the camera is taken for a PrimeSense: 525,525,319.5,239.5,1000; --camera says another"
+                "the camera is taken for a PrimeSense: 525,525,319.5,239.5,1000; "
+                f"{key('camera')} says another"
             )
         self._poses = PosesOfFiles(trajectory, self._files, None, time_offset, _times_in(source, names))
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import WrongValue, key
 from ndtree.logs.core.plain_file import open_regular
 from ndtree.logs.core.source import ReaderOption
 
@@ -76,7 +77,7 @@ def camera_of(text: str, *, scale: float) -> Camera:
     except ValueError:
         numbers = []
     if len(numbers) not in (4, 5):
-        raise ValueError(f"camera = {text!r}: expected fx,fy,cx,cy or fx,fy,cx,cy,scale")
+        raise WrongValue(f"{key('camera')} = {text!r}: expected fx,fy,cx,cy or fx,fy,cx,cy,scale")
     return Camera(*numbers[:4], scale=numbers[4] if len(numbers) == 5 else scale)
 
 
@@ -119,7 +120,7 @@ def points_of(
 def check_stride(pixel_stride: int) -> None:
     """Refuses what is not a number of rows and columns."""
     if pixel_stride < 1:
-        raise ValueError(f"pixel_stride = {pixel_stride}: must be >= 1")
+        raise WrongValue.of("pixel_stride", pixel_stride, ">= 1")
 
 
 @lru_cache(maxsize=4)

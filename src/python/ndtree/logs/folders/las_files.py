@@ -10,6 +10,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import WrongValue
 from ndtree.logs.core.failures import readable
 from ndtree.logs.core.plain_file import open_regular
 from ndtree.logs.folders.coordinate_system import METRES, Units, units_of_keys, units_of_wkt
@@ -48,7 +49,7 @@ def las_points(path: str) -> NDArray[np.float64]:
                         reader.laz_backend = laspy.LazBackend.Lazrs
             units = _units(path, reader)
             if units.are_degrees:
-                raise ValueError(
+                raise WrongValue(
                     f"{path}: coordinates are degrees of longitude and latitude, expected metres, as of UTM: "
                     "pdal translate IN OUT reprojection --filters.reprojection.out_srs=EPSG:CODE"
                 )

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import WrongValue
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
 from ndtree.logs.core.padding import without_zeros
@@ -91,7 +92,7 @@ class PointCloudLog(FolderLog):
         unplaced: Unplaced = NO_WAY,
     ) -> None:
         if points_in not in FRAMES:
-            raise ValueError(f"points_in = {points_in!r}: must be one of {', '.join(FRAMES)}")
+            raise WrongValue.of("points_in", f"{points_in!r}", f"one of {', '.join(FRAMES)}")
         self._points_in, self._unplaced = points_in, unplaced
         self.has_sensor = not unplaced.points_only
         scans = _scans_of(source)

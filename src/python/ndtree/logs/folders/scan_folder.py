@@ -8,6 +8,7 @@ import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from ndtree._errors import WrongValue, key
 from ndtree.logs.core.plain_file import open_plain
 from ndtree.logs.folders.bin_files import may_be_points
 from ndtree.logs.folders.cloud_files import BIN_CLOUD, TEXT_CLOUD, CloudFile, kind_of_name
@@ -256,8 +257,8 @@ def _trajectory(folder: str, names: Sequence[str]) -> str | None:
 def several_trajectories(folder: str, names: Sequence[str]) -> ValueError:
     """The error of a folder with several, by their names in it."""
     paths = [shlex.quote(os.path.join(folder, name)) for name in names[:_SHOWN]]
-    ways = "".join(f"\n  --trajectory {path}" for path in paths)
-    return ValueError(f"{folder}: {len(names)} trajectories, expected one of them:{ways}")
+    ways = "".join(f"\n  {key('trajectory')} {path}" for path in paths)
+    return WrongValue(f"{folder}: {len(names)} trajectories, expected one of them:{ways}")
 
 
 def _is_trajectory(path: str) -> bool:

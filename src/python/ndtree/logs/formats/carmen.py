@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Iterator
 
+from ndtree._errors import WrongValue, key
 from ndtree._native import _core
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import LineLog
@@ -53,7 +54,7 @@ class CarmenLog(LineLog):
     def __init__(self, path: str, fov: float | None = None, zero_is: str | None = None) -> None:
         super().__init__(path, dim=2)
         if fov is not None and not 0.0 < fov <= 360.0:
-            raise ValueError(f"fov = {fov} degrees: must be in (0, 360]")
+            raise WrongValue.of("fov", f"{fov} degrees", "in (0, 360]")
         self._fov = fov
         check_zero_is(path, zero_is)
         self.rules = Rules(zero_is=zero_is)
@@ -88,7 +89,7 @@ class CarmenLog(LineLog):
         if found[1] == "none":
             self._seen.append(
                 f"field of view of {degrees:g} degrees is assumed: no PARAM says it, and no laser is known "
-                f"for {beams} beams; --fov says another"
+                f"for {beams} beams; {key('fov')} says another"
             )
         elif degrees != 180:
             self._seen.append(f"field of view of {degrees:g} degrees is that of lasers with {beams} beams")

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ndtree._errors import WrongValue, key
 from ndtree._native import _core
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import LineLog
@@ -121,7 +122,7 @@ def _open(source: Source, *, dim: int | None = None) -> TextLog:
     if found is None:
         raise ValueError(f"{source.path}: line {line[0]}: {EXPECTED}, found {line[1].strip()[:40]!r}")
     if dim not in (None, found):
-        raise ValueError(f"{source.path}: the first beam is {found}-D, expected dim={found}")
+        raise WrongValue(f"{source.path}: the first beam is {found}-D, expected {key('dim')}={found}")
     return TextLog(source.path, found)
 
 

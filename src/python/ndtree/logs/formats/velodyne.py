@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import key
 from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import NoPose, NotALog, one_line
 from ndtree.logs.core.log import Log
@@ -142,9 +143,9 @@ def _open(
         )
     require_dim(source, VELODYNE, 3, dim)
     if trajectory is not None and still:
-        raise WrongOption(f"{source.path}: trajectory and still: expected one of them")
+        raise WrongOption(f"{source.path}: {key('trajectory')} and {key('still')}: expected one of them")
     if not math.isfinite(time_offset):
-        raise WrongOption(f"time_offset = {time_offset:g} s: must be finite")
+        raise WrongOption(f"{key('time_offset')} = {time_offset:g} s: must be finite")
     if trajectory is None and not still:
         raise NotALog(
             source.path,

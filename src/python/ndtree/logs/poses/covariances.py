@@ -10,6 +10,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ndtree._errors import key
 from ndtree.base.scan import require_covariance
 
 Floats = NDArray[np.float64]
@@ -137,11 +138,11 @@ class PoseCovariances:
             turn = math.degrees(float(np.median(np.sqrt(np.trace(rows[:, 3:, 3:], axis1=1, axis2=2)))))
             return (
                 f"the covariances of {self.topic} widen beams: standard deviations of {place:.3g} m and "
-                f"{turn:.2g} degrees in the median{wrong}; --pose-covariance ignore leaves them"
+                f"{turn:.2g} degrees in the median{wrong}; {key('pose_covariance')} ignore leaves them"
             )
         if self.use == AUTO and self.only_grow:
             return (
                 f"the covariances of {self.topic} only grow, as those of odometry do, and are left out; "
-                f"--pose-covariance use takes them{wrong}"
+                f"{key('pose_covariance')} use takes them{wrong}"
             )
         return None

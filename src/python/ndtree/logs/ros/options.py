@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ndtree._errors import key
 from ndtree.logs.core.source import WrongOption, check_zero_is
 from ndtree.logs.folders.depth_image import check_stride
 from ndtree.logs.poses.covariances import USES
@@ -56,15 +57,15 @@ class BagOptions:
         given = [name for name in ways if getattr(self, name) is not None]
         given += ["still"] if self.still and given != ["fixed_frame"] else []
         if len(given) > 1:
-            raise WrongOption(f"{path}: {' and '.join(given)}: expected one of them")
+            raise WrongOption(f"{path}: {' and '.join(map(key, given))}: expected one of them")
         if not np.isfinite(self.time_offset):
-            raise WrongOption(f"time_offset = {self.time_offset:g} s: must be finite")
+            raise WrongOption(f"{key('time_offset')} = {self.time_offset:g} s: must be finite")
         for name, words in (("sweep", BY_WORD), ("pose_covariance", USES)):
             value = getattr(self, name)
             if value is not None and value not in words:
-                raise WrongOption(f"{path}: {name} = {value}: expected one of {', '.join(words)}")
+                raise WrongOption(f"{path}: {key(name)} = {value}: expected one of {', '.join(words)}")
         if self.sweep is not None and not self.deskew:
-            raise WrongOption(f"{path}: sweep = {self.sweep}: is for beams that are deskewed")
+            raise WrongOption(f"{path}: {key('sweep')} = {self.sweep}: is for beams that are deskewed")
         check_stride(self.pixel_stride)
         check_zero_is(path, self.zero_is)
 
@@ -77,10 +78,10 @@ class BagOptions:
         """
         names = ", ".join(one.name for one in topics)
         if self.camera is not None and not any(one.type in IMAGES for one in topics):
-            raise WrongOption(f"{path}: camera: {names} has no depth images")
+            raise WrongOption(f"{path}: {key('camera')}: {names} has no depth images")
         if len(self.wanted) > 1 and (self.mount is not None or self.sensor_frame is not None):
             what = "mount" if self.mount is not None else "sensor_frame"
-            raise WrongOption(f"{path}: {what}: is of one sensor, and there are {len(topics)}: {names}")
+            raise WrongOption(f"{path}: {key(what)}: is of one sensor, and there are {len(topics)}: {names}")
 
     def with_poses_of(self, bag: Bag) -> BagOptions:
         """With the topic that was asked for as `poses`, also of odometry; ValueError if there is none."""

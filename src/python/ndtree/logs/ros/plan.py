@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ndtree._errors import WrongValue, key, marked
 from ndtree.logs.core.rules import MEASURED, Decision
 from ndtree.logs.core.source import WrongOption
 from ndtree.logs.poses.covariances import AUTO, IGNORE, REMEMBERED, USE, PoseCovariances
@@ -85,7 +86,7 @@ def planned(bag: Bag, options: BagOptions, dim: int | None, *, so_far: bool, in_
     try:
         body = None if options.body is None else Body.of(options.body)
     except ValueError as error:
-        raise WrongOption(f"{bag.path}: {error}") from None
+        raise WrongOption(f"{bag.path}: {marked(error)}") from None
     found, wanted, notes = _placed(bag, options)
     survey = found.survey
     sensors = [
@@ -127,7 +128,7 @@ def _placed(bag: Bag, options: BagOptions) -> tuple[Placed, list[Wanted], list[s
     seen = sights(bag, topics) if not wanted and len(topics) > 1 else {}
     topics = in_order_of_sight(topics, seen) if seen else topics
     if not topics:
-        raise ValueError(without_sensors(bag.path, bag.topics, encodings_in(bag), bag.unread))
+        raise WrongValue(without_sensors(bag.path, bag.topics, encodings_in(bag), bag.unread))
     options.check_topics(bag.path, topics)
     asked = options.with_poses_of(bag)
 
@@ -142,7 +143,7 @@ def _placed(bag: Bag, options: BagOptions) -> tuple[Placed, list[Wanted], list[s
     notes += found.notes
     left = [one for one in topics if one not in found.topics]
     if left:
-        notes.append(f"--topic would take another sensor than {found.topics[0].name}: {listed(left)}")
+        notes.append(f"{key('topic')} would take another sensor than {found.topics[0].name}: {listed(left)}")
     return found, wanted or [Wanted(one.name) for one in found.topics], notes
 
 
@@ -163,7 +164,7 @@ def _covariances(
         covariances.add(row.stamp, row.covariance)
     if use == USE and not covariances.are_used and not in_memory:
         raise WrongOption(
-            f"{path}: pose_covariance = {use}: the poses of {place.origin} have no covariance, "
+            f"{path}: {key('pose_covariance')} = {use}: the poses of {place.origin} have no covariance, "
             "expected --odometry or --poses with a topic whose poses have some"
         )
     return covariances
@@ -214,5 +215,5 @@ def _clocks(sensor: Sensor, survey: Survey, spans: dict[str, tuple[float, float]
         return ""
     return (
         "their stamps are of two clocks, which the times of recording bring together by "
-        f"--time-offset {apart:.3f}"
+        f"{key('time_offset')} {apart:.3f}"
     )

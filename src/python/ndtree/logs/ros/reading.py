@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import key, located
 from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.rules import NO_ECHO, Rules
@@ -131,7 +132,7 @@ class MessageReader:
             beams = sensor.beams(message, stamp, *silent, self._noise[name])
             beams = self._plan.sweeps[name].applied(beams)
         except ValueError as error:
-            raise ValueError(f"{where}: {error}") from None
+            raise located(where, error) from None
         if own in self._plan.elsewhere[name]:
             raise OtherFrame(f"{where}: is in {own}, expected {sensor.seen.frame}", sensor)
         frame = own if place.is_own else place.frame
@@ -211,7 +212,7 @@ class MessageReader:
         if self._endless:
             lines.append(
                 f"{self._endless} beams met nothing, but range_max is infinite or not given: they say "
-                "nothing; with --max-range they are free up to there"
+                f"nothing; with {key('max_range')} they are free up to there"
             )
         if self._own:
             lines.append(f"{self._own} beams ended in the robot's own body, and are left out")

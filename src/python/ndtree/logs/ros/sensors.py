@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ndtree._errors import WrongValue, key
 from ndtree.logs.core.source import WrongOption
 from ndtree.logs.folders.depth_image import Camera, camera_of
 from ndtree.logs.poses.transforms import plain
@@ -235,9 +236,9 @@ def _cameras(
                 cameras.append(camera)
     if not by_topic:
         found = ", ".join(survey.infos) or "none"
-        raise ValueError(
+        raise WrongValue(
             f"{bag.path}: no CameraInfo of {size[0]} x {size[1]} pixels beside {topic} or in frame "
-            f"{frame}, expected one, or --camera fx,fy,cx,cy; found {found}{wrong}"
+            f"{frame}, expected one, or {key('camera')} fx,fy,cx,cy; found {found}{wrong}"
         )
     best = min(by_topic, key=lambda name: (not image.is_beside(name, topic), name))
     return best, (np.array(by_topic[best][0]), by_topic[best][1])

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import WrongValue
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import SizedLog, Skipped
 from ndtree.logs.core.source import ReaderOption
@@ -143,7 +144,7 @@ class SfmLog(SizedLog):
 
     def __init__(self, path: str, pixel_sigma: float) -> None:
         if not (pixel_sigma > 0 and np.isfinite(pixel_sigma)):
-            raise ValueError(f"pixel_sigma = {pixel_sigma:g} px: must be > 0 and finite")
+            raise WrongValue.of("pixel_sigma", f"{pixel_sigma:g} px", "> 0 and finite")
         super().__init__(path, dim=3)
         self._pixel_sigma = pixel_sigma
 

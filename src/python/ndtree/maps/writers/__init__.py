@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ndtree._errors import WrongValue, key
 from ndtree._native._core import OccupancyMap
 from ndtree.maps.writers import arrays, map_server, mesh, octomap, pcd, ply, rosbag, vtu
 from ndtree.maps.writers.cells import STATES
@@ -77,7 +78,7 @@ def format_of(path: Path, format: str | None, options: dict[str, Any]) -> MapFor
     if format is not None:
         named = {one.name: one for one in FORMATS}
         if format not in named:
-            raise ValueError(f"format = {format!r}: must be one of {', '.join(named)}")
+            raise WrongValue.of("format", f"{format!r}", f"one of {', '.join(named)}")
         chosen = named[format]
         if path.suffix not in chosen.suffixes:
             raise ValueError(f"{path}: format {format} writes {', '.join(chosen.suffixes)}")
@@ -89,8 +90,10 @@ def format_of(path: Path, format: str | None, options: dict[str, Any]) -> MapFor
         chosen = by_suffix[0]
     for option in options:
         if option not in chosen.options:
-            what = ", ".join(chosen.options) or "no options"
-            raise ValueError(f"{option}: format {chosen.name} ({path.suffix}) does not read it, but {what}")
+            what = ", ".join(map(key, chosen.options)) or "no options"
+            raise WrongValue(
+                f"{key(option)}: format {chosen.name} ({path.suffix}) does not read it, but {what}"
+            )
     return chosen
 
 

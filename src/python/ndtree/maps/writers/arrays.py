@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import replaced
 from ndtree.logs.core.archive import is_archive
@@ -70,7 +71,7 @@ def write_grid(m: OccupancyMap, path: Path, *, cell_size: float | None = None) -
     if not known.any():
         raise ValueError("the map is empty: nothing is known")
     if not (size > 0 and np.isfinite(size)):
-        raise ValueError(f"cell_size = {size} m: must be > 0 and finite")
+        raise WrongValue.of("cell_size", f"{size} m", "> 0 and finite")
     lower = np.floor(leaves.lower[known].min(axis=0) / size + 1e-9) * size
     upper = (leaves.lower + leaves.size[:, None])[known].max(axis=0)
     states = m.to_grid([lower, upper], size)

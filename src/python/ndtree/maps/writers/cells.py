@@ -10,6 +10,7 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import WrongValue, key
 from ndtree._native._core import OccupancyMap
 from ndtree.cells.lattice import Cells, frontier
 
@@ -33,7 +34,7 @@ def selected(m: OccupancyMap, states: Sequence[str], cell_size: float | None = N
         If a name is none of `STATES`, there is none, or the map has no such cells.
     """
     if isinstance(states, str) or not states or any(state not in STATES for state in states):
-        raise ValueError(f"states = {states!r}: must be some of {', '.join(STATES)}")
+        raise WrongValue.of("states", f"{states!r}", f"some of {', '.join(STATES)}")
     every = Cells.of(m)
     if cell_size is not None:
         every = _of_size(m, every, cell_size)
@@ -46,7 +47,7 @@ def selected(m: OccupancyMap, states: Sequence[str], cell_size: float | None = N
     if "frontier" in states:
         cells = _joined(cells, frontier(every))
     if not len(cells):
-        raise ValueError(f"states = {', '.join(states)}: the map has no such cells")
+        raise WrongValue(f"{key('states')} = {', '.join(states)}: the map has no such cells")
     return cells
 
 
@@ -59,7 +60,7 @@ def _of_size(m: OccupancyMap, own: Cells, cell_size: float) -> Cells:
         If nothing is known, or the size is not > 0 and finite.
     """
     if not (cell_size > 0 and math.isfinite(cell_size)):
-        raise ValueError(f"cell_size = {cell_size} m: must be > 0 and finite")
+        raise WrongValue.of("cell_size", f"{cell_size} m", "> 0 and finite")
     if abs(cell_size - m.options["min_cell_size"]) <= 1e-9 * cell_size:
         return own
     known = own.where(own.known)
@@ -110,7 +111,7 @@ def in_space(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 3): points of the plane get z = 0."""
     dim = points.shape[1]
     if dim > 3:
-        raise ValueError(f"a map with dim = {dim}: must be 2 or 3")
+        raise ValueError(f"a {dim}-D map: must be 2-D or 3-D")
     return np.hstack([points, np.zeros((len(points), 3 - dim))])
 
 

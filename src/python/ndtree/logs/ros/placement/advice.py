@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from ndtree._errors import key
 from ndtree.logs.poses.transforms import TransformTree
 from ndtree.logs.ros.files.bag import Topic
 from ndtree.logs.ros.messages.beams import SENSOR_NAMES, short
@@ -20,10 +21,10 @@ PACKETS = (
     "RslidarPacket",
 )
 #: What to type for a sensor whose place on its base is not known.
-MOUNT = "--mount X,Y,Z,ROLL,PITCH,YAW"
+MOUNT = f"{key('mount')} X,Y,Z,ROLL,PITCH,YAW"
 HOW_TO_MOUNT = f"{MOUNT} (metres, and radians or degrees as in 90deg; ndtree calibrate --find-mount finds it)"
-_TRAJECTORY = "--trajectory FILE"
-_STILL = "--still, if the sensor stands"
+_TRAJECTORY = f"{key('trajectory')} FILE"
+_STILL = f"{key('still')}, if the sensor stands"
 
 
 def unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: dict[str, str]) -> str:
@@ -40,8 +41,8 @@ def unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: 
     base = next(bases_in(frames), "FRAME")
     frames_are = f"the frames of /tf are {listed(frames)}"
     return f"{path}: {what}, expected one of:" + typed(
-        f"--base-frame {base} {MOUNT}, where the sensor sits [m, rad or 90deg]",
-        "--sensor-frame FRAME, if it sits in one of these frames",
+        f"{key('base_frame')} {base} {MOUNT}, where the sensor sits [m, rad or 90deg]",
+        f"{key('sensor_frame')} FRAME, if it sits in one of these frames",
         f"ndtree calibrate {path} --find-mount, to measure where it sits",
         said=frames_are,
     )
@@ -85,12 +86,12 @@ def standing(
     return (
         f"{path}: {sensor} is connected with none of {', '.join(usual)} and with no frame that it moves in, "
         "expected one of:"
-    ) + typed(*_sources(others), _TRAJECTORY, _STILL, f"--fixed-frame FRAME, of {listed(connected)}")
+    ) + typed(*_sources(others), _TRAJECTORY, _STILL, f"{key('fixed_frame')} FRAME, of {listed(connected)}")
 
 
 def _sources(others: dict[str, str]) -> list[str]:
     """How to ask for the poses of each topic that has some."""
-    return [f"{'--odometry' if type == 'Odometry' else '--poses'} {name}" for name, type in others.items()]
+    return [f"{key('odometry' if type == 'Odometry' else 'poses')} {name}" for name, type in others.items()]
 
 
 def typed(*lines: str, said: str = "") -> str:

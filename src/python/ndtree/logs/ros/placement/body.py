@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import WrongValue, key
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.messages.beams import Beams
 from ndtree.logs.ros.placement.placement import Placement
@@ -50,7 +51,9 @@ class Body:
         frame = self.frame or plain(base or "") or next(bases_in(connected), place.frame)
         if frame not in connected:
             some = ", ".join(connected[:12])
-            raise ValueError(f"body: no transform between {place.frame} and {frame}, expected one of {some}")
+            raise WrongValue(
+                f"{key('body')}: no transform between {place.frame} and {frame}, expected one of {some}"
+            )
         return frame
 
     def left_out(
@@ -93,10 +96,10 @@ def _part(text: str, one: str) -> Callable[[Floats], NDArray[np.bool_]]:
         numbers = []
     counts = {"box": (3, 6), "sphere": (1, 4), "capsule": (7,)}.get(kind, ())
     if len(numbers) not in counts or not all(map(math.isfinite, numbers)):
-        raise ValueError(f"body = {text!r}: {one!r}: {EXPECTED}")
+        raise WrongValue(f"{key('body')} = {text!r}: {one!r}: {EXPECTED}")
     size = 3 if kind == "box" else 1
     if min(numbers[:size]) <= 0:
-        raise ValueError(f"body = {text!r}: {one!r}: lengths must be > 0 m")
+        raise WrongValue(f"{key('body')} = {text!r}: {one!r}: lengths must be > 0 m")
     if kind == "box":
         half, center = np.array(numbers[:3]) / 2, np.array(numbers[3:] or [0.0] * 3)
         return lambda points: (np.abs(points - center) <= half).all(axis=1)
@@ -122,13 +125,15 @@ def _footprint(text: str, one: str, rest: str) -> Callable[[Floats], NDArray[np.
         numbers, limits = [], []
     is_finite = all(map(math.isfinite, (*numbers, *limits)))
     if len(numbers) < 6 or len(numbers) % 2 or len(limits) != (2 if "/" in rest else 0) or not is_finite:
-        raise ValueError(f"body = {text!r}: {one!r}: {EXPECTED}")
+        raise WrongValue(f"{key('body')} = {text!r}: {one!r}: {EXPECTED}")
     x, y = np.array(numbers).reshape(-1, 2).T
     if not abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) > 0:
-        raise ValueError(f"body = {text!r}: {one!r}: its corners lie on a line, expected an area > 0")
+        raise WrongValue(
+            f"{key('body')} = {text!r}: {one!r}: its corners lie on a line, expected an area > 0"
+        )
     low, high = limits or (-math.inf, math.inf)
     if not low < high:
-        raise ValueError(f"body = {text!r}: {one!r}: heights must be from low to high")
+        raise WrongValue(f"{key('body')} = {text!r}: {one!r}: heights must be from low to high")
     edges = [((x[i - 1], y[i - 1]), (x[i], y[i])) for i in range(len(x))]
 
     def is_in(points: Floats) -> NDArray[np.bool_]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ndtree._errors import WrongValue, key
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.ros.placement.placement import Placement
 from ndtree.logs.ros.sensors import Sensor
@@ -19,7 +20,7 @@ def dimension_of(path: str, sensors: list[Sensor], places: dict[str, Placement],
     for sensor in sensors:
         if not sensor.is_planar:
             if wanted == 2:
-                raise ValueError(f"{path}: {sensor.topic.type} is 3-D, expected dim=3")
+                raise WrongValue(f"{path}: {sensor.topic.type} is 3-D, expected {key('dim')}=3")
             return 3
     if wanted is not None:
         return wanted

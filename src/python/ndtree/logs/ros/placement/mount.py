@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from ndtree._errors import WrongValue, key
 from ndtree.logs.poses.pose import Pose
 
 EXPECTED = "expected x,y,z,roll,pitch,yaw or x,y,yaw, lengths in metres, angles in radians or as in 90deg"
@@ -29,17 +30,17 @@ def mount_of(text: str) -> Pose:
     """
     fields = text.split(",")
     if len(fields) not in (3, 6):
-        raise ValueError(f"mount = {text!r}: {len(fields)} numbers, {EXPECTED}")
+        raise WrongValue(f"{key('mount')} = {text!r}: {len(fields)} numbers, {EXPECTED}")
     lengths = fields[:2] if len(fields) == 3 else fields[:3]
     try:
         position = [float(field) for field in lengths]
         angles = [_angle(field) for field in fields[len(lengths) :]]
     except ValueError:
-        raise ValueError(f"mount = {text!r}: {EXPECTED}") from None
+        raise WrongValue(f"{key('mount')} = {text!r}: {EXPECTED}") from None
     if not all(math.isfinite(value) for value in (*position, *angles)):
-        raise ValueError(f"mount = {text!r}: {EXPECTED}, all of them finite")
+        raise WrongValue(f"{key('mount')} = {text!r}: {EXPECTED}, all of them finite")
     if any(abs(angle) > 2 * math.pi + 1e-9 for angle in angles):
-        raise ValueError(f"mount = {text!r}: an angle of more than one turn, {EXPECTED}")
+        raise WrongValue(f"{key('mount')} = {text!r}: an angle of more than one turn, {EXPECTED}")
     if len(fields) == 3:
         position, angles = [*position, 0.0], [0.0, 0.0, *angles]
     return Pose(_rotation(*angles), np.array(position))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ndtree._errors import WrongValue, key
 from ndtree.logs.core.padding import without_zeros
 from ndtree.logs.poses.trajectory import STAMP_TOLERANCE
 from ndtree.logs.poses.trajectory_files import read_trajectory
@@ -138,7 +139,7 @@ def _registered(path: str, survey: Survey, topic: str, frame: str, asked: BagOpt
 def _said(topic: str, frame: str, observer: str) -> str:
     return (
         f"the points of {topic} are in the fixed frame {frame}: their beams are taken to come from "
-        f"{observer}, as by --base-frame"
+        f"{observer}, as by {key('base_frame')}"
     )
 
 
@@ -168,7 +169,7 @@ def _by_poses(path: str, survey: Survey, topic: str, frame: str, asked: BagOptio
         assert asked.poses is not None
         fixed, origin = _add_poses(path, tree, survey.poses, body, asked.poses), asked.poses
     if sensor not in tree.connected(fixed):
-        raise ValueError(
+        raise WrongValue(
             f"{path}: no transform between {frame}, the frame of {topic}, and {body}, of which {origin} has "
             "the poses, expected one of:"
             + typed(
@@ -222,15 +223,15 @@ def _by_transforms(
         tree.add_fixed(base, sensor, mount_of(asked.mount))
     connected = tree.connected(sensor)
     if len(connected) == 1:
-        raise ValueError(unconnected(path, tree, topic, frame, others))
+        raise WrongValue(unconnected(path, tree, topic, frame, others))
     stamps = np.array(survey.seen[topic].own_stamps)
     notes: tuple[str, ...] = ()
     observer = observer_of(tree, frame, asked.base_frame) if may_be_registered else None
     if asked.base_frame is not None and asked.mount is None and plain(asked.base_frame) != observer:
         below = "" if observer is None else f", or it as one of {listed(tree.below(frame))}"
-        raise ValueError(
-            f"{path}: base_frame = {asked.base_frame}: nothing is said of it, expected a mount on it, or "
-            f"poses of it{below}"
+        raise WrongValue(
+            f"{path}: {key('base_frame')} = {asked.base_frame}: nothing is said of it, expected a mount on "
+            f"it, or poses of it{below}"
         )
     if observer is not None:
         fixed = _fixed_frame(path, tree, observer, asked.fixed_frame, stamps, others)
@@ -248,7 +249,7 @@ def _by_transforms(
         for better in USUAL[: USUAL.index(fixed)]:
             if better in connected:
                 share = _share_known(tree, better, sensor, stamps)
-                say = f"{better} is known for {100 * share:.0f} % of the scans: --fixed-frame {better}"
+                say = f"{better} is known for {100 * share:.0f} % of the scans: {key('fixed_frame')} {better}"
                 notes = (*notes, f"{say} takes those alone, and {fixed} is taken, which drifts")
     return Placement(tree, fixed, sensor, is_own, TRANSFORMS, notes)
 
@@ -258,13 +259,16 @@ def _base(path: str, tree: TransformTree, asked: BagOptions) -> str:
     frames = tree.frames()
     if asked.base_frame is not None:
         if plain(asked.base_frame) not in frames:
-            raise ValueError(
-                f"{path}: base_frame = {asked.base_frame}: not in /tf, expected one of {listed(frames)}"
+            raise WrongValue(
+                f"{path}: {key('base_frame')} = {asked.base_frame}: not in /tf, "
+                f"expected one of {listed(frames)}"
             )
         return plain(asked.base_frame)
     for base in bases_in(frames):
         return base
-    raise ValueError(f"{path}: mount: on which frame? Expected --base-frame as one of {listed(frames)}")
+    raise WrongValue(
+        f"{path}: {key('mount')}: on which frame? Expected {key('base_frame')} as one of {listed(frames)}"
+    )
 
 
 def _fixed_frame(
@@ -282,9 +286,9 @@ def _fixed_frame(
     connected = tree.connected(sensor)
     if wanted is not None:
         if plain(wanted) not in connected:
-            raise ValueError(
+            raise WrongValue(
                 f"{path}: no transform between {sensor} and {wanted}, "
-                f"expected --fixed-frame as one of {listed(connected)}"
+                f"expected {key('fixed_frame')} as one of {listed(connected)}"
             )
         return plain(wanted)
     candidates = [usual for usual in USUAL if usual in connected]
@@ -297,7 +301,7 @@ def _fixed_frame(
         if share > most:
             best, most = candidate, share
     if best is None:
-        raise ValueError(standing(path, sensor, connected, USUAL, others))
+        raise WrongValue(standing(path, sensor, connected, USUAL, others))
     return best
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
+from ndtree._errors import WrongValue, key, marked
 from ndtree.logs.ros.files.bag import Bag, Topic
 from ndtree.logs.ros.options import BagOptions
 from ndtree.logs.ros.placement.placement import Placement, placed
@@ -69,7 +70,7 @@ def find_places(
             except ValueError:
                 continue
             left = [one for one in sources if one is not source]
-            note = f"/tf does not say where the sensor is: poses are those of --odometry {source.name}"
+            note = f"/tf does not say where the sensor is: poses are those of {key('odometry')} {source.name}"
             found.notes.append(note + (f"; others are {listed(left)}" if left else ""))
             return found
     if unread := [*survey.ends, *survey.damaged]:
@@ -92,7 +93,7 @@ def _placed(
             continue
         if places[topic.name].observer is None:
             if wrong is not None and topic.name in poor:
-                raise ValueError(f"{wrong}\n  --topic {topic.name}, which sees far less")
+                raise WrongValue(f"{marked(wrong)}\n  {key('topic')} {topic.name}, which sees far less")
             return Placed([topic], places, survey)
         registered.append((topic, places))
     if registered:  # Of clouds in a fixed frame the rare ones are whole maps.

@@ -8,6 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import key
 from ndtree.logs.ros.messages.beams import Beams
 from ndtree.logs.ros.placement.placement import STILL, Placement
 
@@ -78,10 +79,10 @@ class Standing:
         if share < MOVES:
             return None
         if place.origin == STILL:
-            said, ask = "is taken for standing still", "from --trajectory FILE"
+            said, ask = "is taken for standing still", f"from {key('trajectory')} FILE"
         else:
             said = f"never moves in {place.fixed_frame} by {place.origin}"
-            ask = "in another --fixed-frame, or from --trajectory FILE"
+            ask = f"in another {key('fixed_frame')}, or from {key('trajectory')} FILE"
         return (
             f"{topic}: {said}, but its scans show that it moves: {100 * share:.0f} % of them were taken "
             f"elsewhere than the others, and smear the map; it needs its poses, as {ask}"
