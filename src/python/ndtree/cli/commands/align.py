@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree align``: poses of a log from what its scans saw."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Optional, Union
 
@@ -17,7 +18,7 @@ from ndtree.alignment import (
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.flags import opened, reading_options
+from ndtree.cli.commands.flags import opened, reading_options, takes
 from ndtree.cli.commands.logs import inspected, warn_of_skipped
 from ndtree.cli.commands.mapping import mapped, written
 from ndtree.cli.commands.options import GivenLog, Json
@@ -28,6 +29,32 @@ from ndtree.logs import Log
 from ndtree.tuning.config import Config
 
 KISS_ICP = "kiss-icp"
+
+
+@dataclass(frozen=True)
+class _Call:
+    """What is typed behind ``ndtree align``."""
+
+    log: GivenLog
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="POSES", help="The trajectory, as TUM's: t x y z qx qy qz qw."
+        ),
+    ]
+    map_file: Annotated[
+        Optional[Path], typer.Option("--map", metavar="MAP", help="Write the map of these poses, too.")
+    ] = None
+    picture: Annotated[
+        Optional[Path], typer.Option(metavar="FILE", help="Draw what was seen, before and after.")
+    ] = None
+    max_range: Annotated[
+        Optional[float], typer.Option(help="Farther end points are not matched \\[m].", show_default=False)
+    ] = None
+    loops: Annotated[
+        bool, typer.Option("--loops/--no-loops", help="Look for places that were seen before.")
+    ] = True
+    json_file: Json = None
 
 
 @command(
@@ -41,34 +68,14 @@ KISS_ICP = "kiss-icp"
 )
 @reports_errors
 @reading_options
-def align_(
-    log: GivenLog,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", metavar="POSES", help="The trajectory, as TUM's: t x y z qx qy qz qw."
-        ),
-    ],
-    map_file: Annotated[
-        Optional[Path], typer.Option("--map", metavar="MAP", help="Write the map of these poses, too.")
-    ] = None,
-    picture: Annotated[
-        Optional[Path], typer.Option(metavar="FILE", help="Draw what was seen, before and after.")
-    ] = None,
-    max_range: Annotated[
-        Optional[float], typer.Option(help="Farther end points are not matched \\[m].", show_default=False)
-    ] = None,
-    loops: Annotated[
-        bool, typer.Option("--loops/--no-loops", help="Look for places that were seen before.")
-    ] = True,
-    json_file: Json = None,
-    given: Any = None,
-) -> None:
+@takes(_Call)
+def align_(call: _Call, given: Any = None) -> None:
     """Find the poses of a 2-D laser's log, where its own drift or it has none.
 
     Each scan is matched with those before it. Places seen before are found, and all poses made to fit.
     Of a 3-D lidar: --odometry kiss-icp, which finds no places again.
     """
+    max_range = call.max_range
     by_kiss_icp = given.get("odometry") == KISS_ICP
     if by_kiss_icp:
         given = Config({name: one for name, one in given.values.items() if name != "odometry"})
@@ -76,21 +83,21 @@ def align_(
         max_range = MAX_RANGE_IN_SPACE if by_kiss_icp else MAX_RANGE
     if not max_range > 0:
         raise WrongCall(f"--max-range {max_range:g}: must be > 0 m")
-    source = opened(given, log)
-    if picture is not None:
-        check_picture(plotting(), picture)
+    source = opened(given, call.log)
+    if call.picture is not None:
+        check_picture(plotting(), call.picture)
     found: Union[Alignment, SpatialAlignment]
-    found = by_odometry(source, max_range) if by_kiss_icp else aligned(source, max_range, loops)
-    found.save(output)
-    if picture is not None:
-        found.draw(picture)
-    if map_file is not None:
-        written(mapped(*inspected(found.log, given)), map_file)
-    if not is_stdout(json_file):
+    found = by_odometry(source, max_range) if by_kiss_icp else aligned(source, max_range, call.loops)
+    found.save(call.output)
+    if call.picture is not None:
+        found.draw(call.picture)
+    if call.map_file is not None:
+        written(mapped(*inspected(found.log, given)), call.map_file)
+    if not is_stdout(call.json_file):
         print_alignment(source, found)
-        files = " and ".join(str(path) for path in (output, map_file, picture) if path)
+        files = " and ".join(str(path) for path in (call.output, call.map_file, call.picture) if path)
         print(f"in {found.seconds:.3f} s; wrote {files}")
-    write_json({"log": source.name, "format": source.format, **found.figures()}, json_file)
+    write_json({"log": source.name, "format": source.format, **found.figures()}, call.json_file)
     warn_of_skipped(source)
 
 

@@ -2,6 +2,7 @@
 """``ndtree compare``: maps of one log, or two maps."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
@@ -10,7 +11,7 @@ import typer
 from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.comparing import compared
-from ndtree.cli.commands.flags import map_options
+from ndtree.cli.commands.flags import map_options, takes
 from ndtree.cli.commands.logs import open_log, placed_map
 from ndtree.cli.commands.options import (
     HeldOut,
@@ -48,6 +49,34 @@ _Reliability = Annotated[
 ]
 
 
+@dataclass(frozen=True)
+class _Call:
+    """What is typed behind ``ndtree compare``."""
+
+    log: _Log = None
+    other: _Other = None
+    world: Annotated[
+        Optional[World], typer.Option(help="Simulate this instead of LOG.", show_default=False)
+    ] = None
+    maps: _Maps = None
+    held_out: HeldOut = 10
+    repeat: Repeat = 1
+    scans: Scans = None
+    seed: Seed = 1
+    json_file: Json = None
+    csv_file: Annotated[Optional[Path], typer.Option("--csv", metavar="FILE", help="Write a line a map.")] = (
+        None
+    )
+    picture: _Picture = None
+    calibration: Annotated[
+        bool, typer.Option("--calibration", help="Whether beams end as often as each map says.")
+    ] = False
+    reliability: _Reliability = None
+    certify: Annotated[
+        bool, typer.Option("--certify", help="Bound how much of what is called free is occupied.")
+    ] = False
+
+
 @command(
     "compare",
     epilog=examples(
@@ -59,68 +88,44 @@ _Reliability = Annotated[
 )
 @reports_errors
 @map_options
-def compare_(
-    context: typer.Context,
-    log: _Log = None,
-    other: _Other = None,
-    world: Annotated[
-        Optional[World], typer.Option(help="Simulate this instead of LOG.", show_default=False)
-    ] = None,
-    maps: _Maps = None,
-    held_out: HeldOut = 10,
-    repeat: Repeat = 1,
-    scans: Scans = None,
-    seed: Seed = 1,
-    json_file: Json = None,
-    csv_file: Annotated[
-        Optional[Path], typer.Option("--csv", metavar="FILE", help="Write a line a map.")
-    ] = None,
-    picture: _Picture = None,
-    calibration: Annotated[
-        bool, typer.Option("--calibration", help="Whether beams end as often as each map says.")
-    ] = False,
-    reliability: _Reliability = None,
-    certify: Annotated[
-        bool, typer.Option("--certify", help="Bound how much of what is called free is occupied.")
-    ] = False,
-    given: Any = None,
-) -> None:
+@takes(_Call)
+def compare_(context: typer.Context, call: _Call, given: Any = None) -> None:
     """Compare maps of the same log: cells, updates, time, memory, and truth on scans held out.
 
     Or two maps A and B of any kind: their states cell by cell, and how far their surfaces are apart.
     """
-    if log is not None and (other is not None or is_map(log)):
-        _compare_two(context, log, other, json_file, picture)
+    if call.log is not None and (call.other is not None or is_map(call.log)):
+        _compare_two(context, call.log, call.other, call.json_file, call.picture)
         return
-    if (log is None) == (world is None):
+    if (call.log is None) == (call.world is None):
         raise WrongCall("compare: expected either LOG or --world")
-    opened = open_log(log, world, given, scans, seed)
-    names = [name.strip() for name in maps.split(",")] if maps is not None else None
-    plot = plotting() if picture or reliability else None
-    for path in (picture, reliability):
+    opened = open_log(call.log, call.world, given, call.scans, call.seed)
+    names = [name.strip() for name in call.maps.split(",")] if call.maps is not None else None
+    plot = plotting() if call.picture or call.reliability else None
+    for path in (call.picture, call.reliability):
         check_picture(plot, path)
-    if held_out == 0 and (calibration or reliability or certify):
+    if call.held_out == 0 and (call.calibration or call.reliability or call.certify):
         raise WrongCall("--held-out 0: must be at least 2 for --calibration, --reliability and --certify")
-    if picture and names is not None and len(names) < 2:
+    if call.picture and names is not None and len(names) < 2:
         raise WrongCall("--picture: expected at least two maps")
     comparison = compared(
         opened,
         names,
         given,
-        held_out=held_out,
-        repeat=repeat,
-        json_file=json_file or csv_file,
-        calibration=calibration or reliability is not None,
-        certify=certify,
+        held_out=call.held_out,
+        repeat=call.repeat,
+        json_file=call.json_file or call.csv_file,
+        calibration=call.calibration or call.reliability is not None,
+        certify=call.certify,
     )
-    if plot and picture:
-        draw_side_by_side(plot, *list(comparison.map_objects.values())[:2], picture)
-    if plot and reliability:
-        plot.reliability(comparison, reliability)
-    if not (is_stdout(json_file) or is_stdout(csv_file)):
+    if plot and call.picture:
+        draw_side_by_side(plot, *list(comparison.map_objects.values())[:2], call.picture)
+    if plot and call.reliability:
+        plot.reliability(comparison, call.reliability)
+    if not (is_stdout(call.json_file) or is_stdout(call.csv_file)):
         print(comparison)
-    write(comparison.to_csv, csv_file)
-    write_json(comparison, json_file)
+    write(comparison.to_csv, call.csv_file)
+    write_json(comparison, call.json_file)
 
 
 def _compare_two(

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree convert``: a map as a file of another kind."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
@@ -8,6 +9,7 @@ import typer
 
 from ndtree.base.files import require_no_input
 from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.flags import takes
 from ndtree.cli.commands.logs import made, placed_map
 from ndtree.maps.conversion import convert
 from ndtree.maps.writers import FORMATS as MAP_FORMATS
@@ -20,6 +22,38 @@ def _endings() -> str:
     return f"Its ending says what is written: {', '.join(every)}."
 
 
+@dataclass(frozen=True)
+class _Call:
+    """What is typed behind ``ndtree convert``."""
+
+    source: Annotated[Path, typer.Argument(metavar="MAP", help=".ndt, .bt, .ot, or map_server's .yaml.")]
+    output: Annotated[Path, typer.Argument(metavar="OUT", help=_endings())]
+    format: Annotated[
+        Optional[str],
+        typer.Option(
+            help=f"Where the ending does not say: {', '.join(one.name for one in MAP_FORMATS)}.",
+            show_default=False,
+        ),
+    ] = None
+    cell_size: Annotated[
+        Optional[float],
+        typer.Option(
+            help="Of the cells in all files but .ndt \\[m]; else the map's own.", show_default=False
+        ),
+    ] = None
+    height: Annotated[
+        Optional[tuple[float, float]],
+        typer.Option(
+            metavar="LOW HIGH", help="Of an image of a 3-D map: cells within \\[m].", show_default=False
+        ),
+    ] = None
+    states: Annotated[
+        Optional[str],
+        typer.Option(help=f"Which cells, of {', '.join(CELL_STATES)}.", show_default=False),
+    ] = None
+    faces: Annotated[bool, typer.Option("--faces", help="A mesh in a .ply, instead of points.")] = False
+
+
 @command(
     "convert",
     epilog=examples(
@@ -29,43 +63,19 @@ def _endings() -> str:
     ),
 )
 @reports_errors
-def convert_(
-    source: Annotated[Path, typer.Argument(metavar="MAP", help=".ndt, .bt, .ot, or map_server's .yaml.")],
-    output: Annotated[Path, typer.Argument(metavar="OUT", help=_endings())],
-    format: Annotated[
-        Optional[str],
-        typer.Option(
-            help=f"Where the ending does not say: {', '.join(one.name for one in MAP_FORMATS)}.",
-            show_default=False,
-        ),
-    ] = None,
-    cell_size: Annotated[
-        Optional[float],
-        typer.Option(
-            help="Of the cells in all files but .ndt \\[m]; else the map's own.", show_default=False
-        ),
-    ] = None,
-    height: Annotated[
-        Optional[tuple[float, float]],
-        typer.Option(
-            metavar="LOW HIGH", help="Of an image of a 3-D map: cells within \\[m].", show_default=False
-        ),
-    ] = None,
-    states: Annotated[
-        Optional[str],
-        typer.Option(help=f"Which cells, of {', '.join(CELL_STATES)}.", show_default=False),
-    ] = None,
-    faces: Annotated[bool, typer.Option("--faces", help="A mesh in a .ply, instead of points.")] = False,
-) -> None:
+@takes(_Call)
+def convert_(call: _Call) -> None:
     """Write a map as a file of another kind."""
     given: dict[str, Any] = {
-        "cell_size": cell_size,
-        "height": height,
-        "states": states.split(",") if states is not None else None,
-        "faces": faces or None,
+        "cell_size": call.cell_size,
+        "height": call.height,
+        "states": call.states.split(",") if call.states is not None else None,
+        "faces": call.faces or None,
     }
     options = {name: value for name, value in given.items() if value is not None}
-    made(lambda: format_of(output, format, options))
-    require_no_input(output, [source])
-    convert(placed_map(source, is_moved=cell_size is None), output, format=format, **options)
-    print(f"{source}: wrote {output}")
+    made(lambda: format_of(call.output, call.format, options))
+    require_no_input(call.output, [call.source])
+    convert(
+        placed_map(call.source, is_moved=call.cell_size is None), call.output, format=call.format, **options
+    )
+    print(f"{call.source}: wrote {call.output}")

@@ -5,6 +5,7 @@ import os
 import shlex
 import shutil
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
@@ -14,7 +15,7 @@ from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.comparing import compared
-from ndtree.cli.commands.flags import map_options
+from ndtree.cli.commands.flags import map_options, takes
 from ndtree.cli.commands.logs import open_log
 from ndtree.cli.commands.options import (
     Json,
@@ -27,35 +28,39 @@ from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.pictures import draw_close_up, plotting
 
 
+@dataclass(frozen=True)
+class _Call:
+    """What is typed behind ``ndtree demo``."""
+
+    log: LogArgument = None
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the pictures.")] = Path(
+        "ndtree-demo"
+    )
+    scans: Scans = None
+    seed: Seed = 1
+    json_file: Json = None
+
+
 @command("demo", epilog=examples("ndtree demo", "ndtree demo drive.bag --output pictures"))
 @reports_errors
 @map_options
-def demo(
-    context: typer.Context,
-    log: LogArgument = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the pictures.")] = Path(
-        "ndtree-demo"
-    ),
-    scans: Scans = None,
-    seed: Seed = 1,
-    json_file: Json = None,
-    given: Any = None,
-) -> None:
+@takes(_Call)
+def demo(context: typer.Context, call: _Call, given: Any = None) -> None:
     """Map a log in several ways, draw the maps, and say what each costs and how true it is.
 
     Without LOG it simulates an office.
     """
-    opened = open_log(log, World.office if log is None else None, given, scans, seed)
+    opened = open_log(call.log, World.office if call.log is None else None, given, call.scans, call.seed)
     size = given.get("min_cell_size", _core.default_options()["min_cell_size"])
     maps = ["adaptive", "fixed", f"fixed@{2 * size:g}"]
     if _core.has_octomap:
         maps.append("octomap")
     plot = plotting()
-    say = sys.stderr if is_stdout(json_file) else sys.stdout
-    pictures = [output / f"adaptive-{name.replace('@', '-')}.png" for name in maps[1:3]]
+    say = sys.stderr if is_stdout(call.json_file) else sys.stdout
+    pictures = [call.output / f"adaptive-{name.replace('@', '-')}.png" for name in maps[1:3]]
 
     def show(made: dict[str, OccupancyMap]) -> None:
-        output.mkdir(parents=True, exist_ok=True)
+        call.output.mkdir(parents=True, exist_ok=True)
         for name, path in zip(maps[1:3], pictures):
             draw_close_up(plot, made["adaptive"], made[name], path)
         print(*_first_lines(made, pictures[0]), sep="\n", file=say, flush=True)
@@ -64,14 +69,14 @@ def demo(
         opened,
         maps,
         given,
-        json_file=json_file,
+        json_file=call.json_file,
         made_maps=show,
     )
-    if not is_stdout(json_file):
+    if not is_stdout(call.json_file):
         print(f"\n{comparison}")
-    write_json(comparison, json_file)
+    write_json(comparison, call.json_file)
     print(f"\nPictures: {', '.join(str(path) for path in pictures)}", file=say)
-    print(*_next_lines(context, log, opened.dim), sep="\n", file=say)
+    print(*_next_lines(context, call.log, opened.dim), sep="\n", file=say)
 
 
 def _first_lines(maps: dict[str, OccupancyMap], picture: Path) -> list[str]:

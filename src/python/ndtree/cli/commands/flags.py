@@ -7,18 +7,19 @@ import functools
 import inspect
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Any, Optional, get_type_hints
 
 import typer
 
+from ndtree._errors import WrongOption, marked
 from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.options import Dim, MaxRange, NoReturnKind, NoReturnOption
 from ndtree.logs import (
     FORMATS,
     READER_OPTIONS,
     Log,
-    WrongOption,
     contents,
     require_options,
 )
@@ -68,6 +69,36 @@ def _adds_flags(flags: Sequence[inspect.Parameter]) -> Callable[[Command], Comma
     return decorate
 
 
+def takes(kind: type) -> Callable[[Command], Command]:
+    """Gives a command the fields of a dataclass as arguments and flags; they arrive together in `call`."""
+    hints = get_type_hints(kind, include_extras=True)
+
+    def decorate(command: Command) -> Command:
+        signature = inspect.signature(command)
+        own = [one for one in signature.parameters.values() if one.name != "call"]
+        typed = [
+            inspect.Parameter(
+                one.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=inspect.Parameter.empty if one.default is MISSING else one.default,
+                annotation=hints[one.name],
+            )
+            for one in fields(kind)
+        ]
+
+        @functools.wraps(command)
+        def with_fields(**arguments: Any) -> None:
+            call = kind(**{one.name: arguments.pop(one.name) for one in typed})
+            command(**arguments, call=call)
+
+        parameters = [*[one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own], *typed]
+        with_fields.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+        with_fields.__annotations__ = {one.name: one.annotation for one in parameters}
+        return with_fields
+
+    return decorate
+
+
 def flag_of(name: str) -> str:
     """The flag of an option."""
     return _FLAGS.get(name, f"--{name.replace('_', '-')}")
@@ -92,7 +123,7 @@ def require_taken(given: Config, path: Path) -> None:
     try:
         Selection(3, **parts)
     except ValueError as error:
-        raise WrongOption(str(error)) from None
+        raise WrongOption(marked(error)) from None
     require_options(path, given.reading, format=given.get("format"))
 
 
@@ -110,7 +141,7 @@ def _check_values(given: Config) -> None:
         try:
             mount_of(mount)
         except ValueError as error:
-            raise WrongOption(str(error)) from None
+            raise WrongOption(marked(error)) from None
     if given.get("format", FORMATS[0]) not in FORMATS:
         raise WrongCall(f"--format {given.get('format')}: must be one of {', '.join(FORMATS)}")
 
@@ -156,4 +187,4 @@ reading_options = _adds_flags((_CONFIG, *_READING))
 dim_options = _adds_flags((_CONFIG, *_READING, _MAPPING[0]))
 mapping_options = _adds_flags((_CONFIG, *_READING, *_MAPPING))
 map_options = _adds_flags((_CONFIG, *_READING, *_MAPPING, *_OF_A_MAP))
-fleet_options = _adds_flags((*_MAPPING, *_OF_A_MAP))
+fleet_options = _adds_flags((_CONFIG, *_MAPPING, *_OF_A_MAP))

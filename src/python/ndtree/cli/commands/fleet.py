@@ -2,6 +2,7 @@
 """``ndtree fleet``: logs of several robots into one map in tiles, on an engine."""
 
 import functools
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any, Optional
@@ -12,15 +13,14 @@ from ndtree import distributed
 from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import indented
-from ndtree.cli.commands.flags import fleet_options
+from ndtree.cli.commands.flags import fleet_options, takes
 from ndtree.cli.commands.logs import inspected, made, new_map
 from ndtree.cli.commands.options import Json
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.progress import progress
-from ndtree.logs import read
 from ndtree.tiles import TileGrid
 from ndtree.tiles.order import named, opened
-from ndtree.tuning.config import Config
+from ndtree.tuning.config import MAPPING, OF_MAPS, Config
 
 
 class EngineName(str, Enum):
@@ -32,6 +32,28 @@ class EngineName(str, Enum):
     dask = "dask"
 
 
+@dataclass(frozen=True)
+class _Call:
+    """What is typed behind ``ndtree fleet``."""
+
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Files or folders, as of map.")]
+    output: Annotated[
+        str, typer.Option("--output", "-o", metavar="URL", help="Folder of the map, or a URL of fsspec.")
+    ]
+    engine: Annotated[EngineName, typer.Option(help="Processes, threads of this one, Ray or Dask.")] = (
+        EngineName.processes
+    )
+    workers: Annotated[
+        Optional[int], typer.Option(min=1, help="Tasks at a time; else all cores.", show_default=False)
+    ] = None
+    tile_size: Annotated[
+        Optional[float],
+        typer.Option(help="Least edge of tiles \\[m]; else that of 16 largest cells.", show_default=False),
+    ] = None
+    fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False
+    json_file: Json = None
+
+
 @command(
     "fleet",
     epilog=examples(
@@ -41,52 +63,36 @@ class EngineName(str, Enum):
 )
 @reports_errors
 @fleet_options
-def fleet(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Files or folders, as of map.")],
-    output: Annotated[
-        str, typer.Option("--output", "-o", metavar="URL", help="Folder of the map, or a URL of fsspec.")
-    ],
-    engine: Annotated[
-        EngineName, typer.Option(help="Processes, threads of this one, Ray or Dask.")
-    ] = EngineName.processes,
-    workers: Annotated[
-        Optional[int], typer.Option(min=1, help="Tasks at a time; else all cores.", show_default=False)
-    ] = None,
-    tile_size: Annotated[
-        Optional[float],
-        typer.Option(help="Least edge of tiles \\[m]; else that of 16 largest cells.", show_default=False),
-    ] = None,
-    fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
-    json_file: Json = None,
-    given: Any = None,
-) -> None:
+@takes(_Call)
+def fleet(call: _Call, given: Any = None) -> None:
     """Map logs of several robots into tiles: by time, then by name, as one machine would, byte for byte.
 
     Options that are not given are chosen by the first log. A run that was killed goes on where it was.
     """
-    given = given.overridden(Config.of(fixed=fixed or None).values)
-    dim = given.get("dim")
-    sources = named([str(log) for log in logs])
-    if dim is not None:  # Workers read them as well.
-        sources = {name: functools.partial(read, log, dim=dim) for name, log in sources.items()}
+    given = given.overridden(Config.of(fixed=call.fixed or None).values)
+    sources = named([str(log) for log in call.logs])
+    of_logs = given.values.keys() - {*OF_MAPS, *MAPPING, "fixed"}
+    if of_logs:  # Workers read them as well.
+        how = Config({name: given.values[name] for name in of_logs})
+        sources = {name: functools.partial(how.read, log) for name, log in sources.items()}
     first = opened(next(iter(sources.values())))
     made(lambda: new_map(first.dim, given))
     _, config = inspected(first, given)
     target = new_map(first.dim, config)
-    made(lambda: TileGrid.of(target, tile_size))
+    made(lambda: TileGrid.of(target, call.tile_size))
     with progress() as advance:
         report = distributed.map(
             sources,
-            output,
-            engine=engine.value,
+            call.output,
+            engine=call.engine.value,
             like=target,
-            tile_size=tile_size,
+            tile_size=call.tile_size,
             max_range=config.max_range,
             no_return=config.no_return,
-            workers=workers,
+            workers=call.workers,
             progress=advance,
         )
-    if not is_stdout(json_file):
+    if not is_stdout(call.json_file):
         beams = number_of(report.beams, "beam", ",")
         print(f"{number_of(len(sources), 'log')}: {number_of(report.scans, 'scan')}, {beams}")
         for line in config.notes:
@@ -95,5 +101,5 @@ def fleet(
             f"  {report.tiles} tiles in {number_of(report.blocks, 'block')}; {report.seconds:.3f} s on "
             f"{report.workers} workers, {report.idle:.0%} of their time idle"
         )
-        print(f"wrote {output}; look at it: ndtree view {output} --open")
-    write_json(report.figures(), json_file)
+        print(f"wrote {call.output}; look at it: ndtree view {call.output} --open")
+    write_json(report.figures(), call.json_file)

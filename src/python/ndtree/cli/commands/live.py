@@ -6,18 +6,20 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
 import typer
 
+from ndtree._native._core import OccupancyMap
 from ndtree.alignment.writing import is_trajectory
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.files import replaced
 from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import map_figures, print_map
-from ndtree.cli.commands.flags import map_options, require_taken
+from ndtree.cli.commands.flags import flag_of, map_options, require_taken, takes
 from ndtree.cli.commands.logs import inspected, load_map, made, new_map, open_log
 from ndtree.cli.commands.messages import in_words
 from ndtree.cli.commands.options import Json, LogArgument, Port, World
@@ -121,6 +123,35 @@ _Serve = Annotated[
 ]
 
 
+@dataclass(frozen=True)
+class _Call:
+    """What is typed behind ``ndtree live``."""
+
+    log: LogArgument = None
+    world: _World = None
+    output: _Output = None
+    rate: _Rate = 1.0
+    queue: _Queue = QUEUE
+    patience: Annotated[float, typer.Option(help="A scan waits for its pose at most \\[s].")] = PATIENCE
+    look_for: _LookFor = LOOK
+    window: _Window = None
+    fade: _Fade = None
+    follow: _Follow = None
+    follow_frame: _FollowFrame = None
+    follow_memory: _FollowMemory = MEMORY / 2**20
+    localize: _Localize = None
+    guess: _Guess = None
+    save_every: _SaveEvery = None
+    resume: Annotated[Optional[Path], typer.Option(metavar="MAP", help="Go on with a saved map.")] = None
+    fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False
+    watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False
+    port: Port = None
+    serve: _Serve = None
+    foxglove: FoxgloveOption = None
+    rerun: RerunOption = None
+    json_file: Json = None
+
+
 @command(
     "live",
     epilog=examples(
@@ -136,118 +167,137 @@ _Serve = Annotated[
 )
 @reports_errors
 @map_options
-def live(
-    log: LogArgument = None,
-    world: _World = None,
-    output: _Output = None,
-    rate: _Rate = 1.0,
-    queue: _Queue = QUEUE,
-    patience: Annotated[float, typer.Option(help="A scan waits for its pose at most \\[s].")] = PATIENCE,
-    look_for: _LookFor = LOOK,
-    window: _Window = None,
-    fade: _Fade = None,
-    follow: _Follow = None,
-    follow_frame: _FollowFrame = None,
-    follow_memory: _FollowMemory = MEMORY / 2**20,
-    localize: _Localize = None,
-    guess: _Guess = None,
-    save_every: _SaveEvery = None,
-    resume: Annotated[Optional[Path], typer.Option(metavar="MAP", help="Go on with a saved map.")] = None,
-    fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
-    watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False,
-    port: Port = None,
-    serve: _Serve = None,
-    foxglove: FoxgloveOption = None,
-    rerun: RerunOption = None,
-    json_file: Json = None,
-    given: Any = None,
-) -> None:
+@takes(_Call)
+def live(call: _Call, given: Any = None) -> None:
     """Map a recording as a robot would: message by message, at its own pace, and say what was dropped.
 
     If none was, the map is that of "ndtree map" with the same options: byte for byte of up to a minute, and
     of more if what is chosen by the first minute is what all of it says. For a robot that runs ROS 2 there
     is the node ndtree_map.
     """
-    if save_every is not None and output is None:
-        raise WrongCall("--save-every: expected -o MAP, too")
-    if port is not None and not watch:
-        raise WrongCall("--port: is for the page of --watch")
-    if follow is None and follow_frame is not None:
-        raise WrongCall("--follow-frame: expected --follow, too")
-    for flag, other in (("window", window), ("fade", fade), ("resume", resume), ("fixed", fixed or None)):
-        if follow is not None and other is not None:
-            raise WrongCall(f"--{flag}: not with --follow, whose map is of scans alone, with adaptive cells")
-    if guess is not None and localize is None:
-        raise WrongCall("--guess: expected --localize, too")
-    others = {"window": window, "fade": fade, "resume": resume, "follow": follow, "save-every": save_every}
-    for flag, other in (*others.items(), ("fixed", fixed or None), *((name, name) for name in given.typed)):
-        if localize is not None and other is not None:
-            raise WrongCall(f"--{flag.replace('_', '-')}: not with --localize, which makes no map")
-    if rate < 0:
-        raise WrongCall(f"--rate {rate:g}: must be >= 0; 0 is as fast as it goes")
-    target = None
-    if resume is not None:
-        if given.typed or fixed:
-            flag = "fixed" if fixed else given.typed[0].replace("_", "-")
-            raise WrongCall(f"--{flag}: the map of --resume has its own options")
-        target = load_map(resume)
-        given = given.overridden(Config.of(**target.options).values)
-    given = given.overridden(Config.of(fixed=fixed or None).values)
-    localizer = None
-    if localize is not None:
-        target = load_map(localize)
-        place = None if guess is None else made(lambda: place_of(guess))
-        localizer = made(lambda: Localizer(target, place))
-        given = Config.of(fixed_frame=ODOMETRY).overridden({**given.values, **Config.of(dim=2).values})
-    found: list[Localization] = []
-    made(lambda: new_map(given.get("dim", 2), given) if target is None else None)
-    sinks: list[Any] = [made(lambda: Saver(output, save_every))] if save_every is not None else []
-    kept = None if window is None else made(lambda: Window(window))
-    corrections = None if follow is None else made(lambda: Corrections(memory=int(follow_memory * 2**20)))
-    fading = None if fade is None else made(lambda: Fading(fade))
+    _refuse_mixtures(call, given)
+    run = _Run(call, _given_by_map(call, given))
     with ExitStack() as stack:
-        how = {"look": look_for, "follow": follow or "", "body": follow_frame or ""}
-        intake, items = _source(log, world, given, stack, how, localizes=localize is not None)
-        sinks += [_served(serve, stack)] if serve is not None else []
-        page = _Page(port) if watch else None
-        sinks += [page] if page is not None else []
-        way = Way()
-        server = None
-        if foxglove is not None:
-            server = foxglove_sink(foxglove, lambda: _frame(intake), way, stack)
-        sinks += [server] if server is not None else []
-        sinks += [rerun_sink(rerun, way, stack)] if rerun is not None else []
-        mapper = LiveMapper(
-            intake,
-            target=target,
-            make=lambda dim, options: new_map(dim, Config.of(**options, fixed=fixed or None)),
-            queue=queue,
-            patience=patience,
-            window=kept,
-            fading=fading,
-            sinks=sinks,
-            way=way,
-            corrections=corrections,
-            localizer=localizer,
-            localized=found.append,
-        )
+        items = run.prepared(stack)
         begin = time.perf_counter()
         try:
-            with mapper, _line(mapper):
-                play(items, mapper, rate=rate)
+            with run.mapper, _line(run.mapper):
+                play(items, run.mapper, rate=call.rate)
         except KeyboardInterrupt:
-            mapper.close()
-        seconds = time.perf_counter() - begin
-        if given.get("strict") and mapper.figures.left_out.keys() - {NOT_SELECTED}:
-            raise ValueError(f"{log}: {mapper.figures.summary()}; expected none with --strict")
-        if localizer is not None:
-            _report_places(mapper, localizer, found, output, json_file, str(log))
+            run.mapper.close()
+        run.report(time.perf_counter() - begin)
+
+
+def _refuse_mixtures(call: _Call, given: Config) -> None:
+    """Refuse flags that do not go together."""
+    for flag, value, needs, other in (
+        ("save-every", call.save_every, "-o MAP", call.output),
+        ("follow-frame", call.follow_frame, "--follow", call.follow),
+        ("guess", call.guess, "--localize", call.localize),
+    ):
+        if value is not None and other is None:
+            raise WrongCall(f"--{flag}: expected {needs}, too")
+    if call.port is not None and not call.watch:
+        raise WrongCall("--port: is for the page of --watch")
+    fixed = call.fixed or None
+    others = {"window": call.window, "fade": call.fade, "resume": call.resume, "fixed": fixed}
+    for name, other in others.items():
+        if call.follow is not None and other is not None:
+            raise WrongCall(f"--{name}: not with --follow, whose map is of scans alone, with adaptive cells")
+    others |= {"follow": call.follow, "save-every": call.save_every}
+    for name, other in (*others.items(), *((name, name) for name in given.typed)):
+        if call.localize is not None and other is not None:
+            raise WrongCall(f"{flag_of(name)}: not with --localize, which makes no map")
+    if call.rate < 0:
+        raise WrongCall(f"--rate {call.rate:g}: must be >= 0; 0 is as fast as it goes")
+    if call.resume is not None and (given.typed or fixed):
+        raise WrongCall(
+            f"{flag_of('fixed' if fixed else given.typed[0])}: the map of --resume has its own options"
+        )
+
+
+def _given_by_map(call: _Call, given: Config) -> tuple[Config, Optional[OccupancyMap]]:
+    """What was given, and a saved map says; and the map that is gone on with, or searched."""
+    if call.localize is not None:
+        poses = Config.of(fixed_frame=ODOMETRY)
+        return poses.overridden({**given.values, **Config.of(dim=2).values}), load_map(call.localize)
+    target = None if call.resume is None else load_map(call.resume)
+    if target is not None:
+        given = given.overridden(Config.of(**target.options).values)
+    given = given.overridden(Config.of(fixed=call.fixed or None).values)
+    if target is None:
+        made(lambda: new_map(given.get("dim", 2), given))
+    return given, target
+
+
+class _Run:
+    """A recording that is played, and what becomes of it."""
+
+    mapper: LiveMapper
+
+    def __init__(self, call: _Call, given: tuple[Config, Optional[OccupancyMap]]) -> None:
+        self._call = call
+        self._given, self._target = given
+        self._found: list[Localization] = []
+        place = None if call.guess is None else made(lambda: place_of(call.guess))
+        find = call.localize is not None
+        self._localizer = made(lambda: Localizer(self._target, place)) if find else None
+        self._page: Optional[_Page] = None
+        self._server: Any = None
+
+    def prepared(self, stack: ExitStack) -> Iterator[tuple[Any, float]]:
+        """What is in the recording, for a mapper that is there then."""
+        call = self._call
+        saver = [] if call.save_every is None else [made(lambda: Saver(call.output, call.save_every))]
+        window = None if call.window is None else made(lambda: Window(call.window))
+        memory = int(call.follow_memory * 2**20)
+        corrections = None if call.follow is None else made(lambda: Corrections(memory=memory))
+        fading = None if call.fade is None else made(lambda: Fading(call.fade))
+        how = {"look": call.look_for, "follow": call.follow or "", "body": call.follow_frame or ""}
+        localizes = self._localizer is not None
+        intake, items = _source(call.log, call.world, self._given, stack, how, localizes=localizes)
+        way = Way()
+        self.mapper = LiveMapper(
+            intake,
+            target=self._target,
+            make=lambda dim, options: new_map(dim, Config.of(**options, fixed=call.fixed or None)),
+            queue=call.queue,
+            patience=call.patience,
+            window=window,
+            fading=fading,
+            sinks=[*saver, *self._sinks(intake, way, stack)],
+            way=way,
+            corrections=corrections,
+            localizer=self._localizer,
+            localized=self._found.append,
+        )
+        return items
+
+    def _sinks(self, intake: Intake, way: Way, stack: ExitStack) -> list[Any]:
+        """What shows the map while it grows."""
+        call = self._call
+        served = [_served(call.serve, stack)] if call.serve is not None else []
+        self._page = _Page(call.port) if call.watch else None
+        if call.foxglove is not None:
+            self._server = foxglove_sink(call.foxglove, lambda: _frame(intake), way, stack)
+        recorded = rerun_sink(call.rerun, way, stack) if call.rerun is not None else None
+        shown = [self._page, self._server, recorded]
+        return [*served, *(sink for sink in shown if sink is not None)]
+
+    def report(self, seconds: float) -> None:
+        """Say and write what was made in so long, and show it until the user interrupts."""
+        call, mapper = self._call, self.mapper
+        if self._given.get("strict") and mapper.figures.left_out.keys() - {NOT_SELECTED}:
+            raise ValueError(f"{call.log}: {mapper.figures.summary()}; expected none with --strict")
+        name = str(call.log or f"world {call.world and call.world.value}")
+        if self._localizer is not None:
+            _report_places(mapper, self._localizer, self._found, call.output, call.json_file, name)
         else:
-            _report(mapper, seconds, output, json_file, str(log or f"world {world and world.value}"))
-        if page is not None:
-            page.stay()
-        elif server is not None:
-            wait_at(server.url)
+            _report(mapper, seconds, call.output, call.json_file, name)
+        if self._page is not None:
+            self._page.stay()
+        elif self._server is not None:
+            wait_at(self._server.url)
 
 
 def _source(

@@ -12,7 +12,7 @@ import typer
 
 from ndtree.base.exit_status import BAD_INPUT, WrongCall
 from ndtree.cli.commands.app import command, examples, print_error, reason_of, reports_errors
-from ndtree.cli.commands.flags import map_options, opened
+from ndtree.cli.commands.flags import map_options, opened, takes
 from ndtree.cli.commands.logs import inspected, made, new_map, skipped, warn_of_skipped
 from ndtree.cli.commands.map_tiles import is_tiled, map_into_tiles, print_tiled
 from ndtree.cli.commands.mapping import Mapped, mapped, written
@@ -67,6 +67,34 @@ _TileSize = Annotated[
 ]
 
 
+@dataclass(frozen=True)
+class _Call:
+    """What is typed behind ``ndtree map``."""
+
+    logs: GivenLogs
+    output: _Output = None
+    merge: _Merge = False
+    fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False
+    static: _Static = False
+    align: Annotated[
+        bool, typer.Option("--align", help="Find the poses of a 2-D log first: its own drift.")
+    ] = False
+    picture: Annotated[Optional[Path], typer.Option(metavar="FILE", help="Draw the map, too.")] = None
+    style: StyleOption = None
+    watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False
+    port: Port = None
+    foxglove: FoxgloveOption = None
+    rerun: RerunOption = None
+    record: Annotated[
+        Optional[Path], typer.Option(metavar="FILE", help="Film how it grows: .mp4 or .gif.")
+    ] = None
+    record_every: _RecordEvery = None
+    max_resident: _MaxResident = None
+    tile_size: _TileSize = None
+    write_config: WriteConfig = None
+    json_file: Json = None
+
+
 @command(
     "map",
     epilog=examples(
@@ -83,81 +111,61 @@ _TileSize = Annotated[
 )
 @reports_errors
 @map_options
-def map_(
-    logs: GivenLogs,
-    output: _Output = None,
-    merge: _Merge = False,
-    fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
-    static: _Static = False,
-    align: Annotated[
-        bool, typer.Option("--align", help="Find the poses of a 2-D log first: its own drift.")
-    ] = False,
-    picture: Annotated[Optional[Path], typer.Option(metavar="FILE", help="Draw the map, too.")] = None,
-    style: StyleOption = None,
-    watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False,
-    port: Port = None,
-    foxglove: FoxgloveOption = None,
-    rerun: RerunOption = None,
-    record: Annotated[
-        Optional[Path], typer.Option(metavar="FILE", help="Film how it grows: .mp4 or .gif.")
-    ] = None,
-    record_every: _RecordEvery = None,
-    max_resident: _MaxResident = None,
-    tile_size: _TileSize = None,
-    write_config: WriteConfig = None,
-    json_file: Json = None,
-    given: Any = None,
-) -> None:
+@takes(_Call)
+def map_(call: _Call, given: Any = None) -> None:
     """Build a map from a log, and write it to a file. Several logs give a map each, or with --merge one.
 
     A map in tiles may be larger than memory, and one that was killed goes on where it was.
     """
-    if style is not None and picture is None:
+    output = call.output
+    if call.style is not None and call.picture is None:
         raise WrongCall("--style: is for --picture")
-    wanted = _Wanted(given.overridden(Config.of(fixed=fixed or None).values), static, align, write_config)
-    if align and merge:
+    given = given.overridden(Config.of(fixed=call.fixed or None).values)
+    wanted = _Wanted(given, call.static, call.align, call.write_config)
+    if call.align and call.merge:
         raise WrongCall("--align: makes a frame for each log, expected no --merge")
-    of_one = {"--picture": picture, "--record": record, "--watch": watch or None}
-    of_one |= {"--foxglove": foxglove, "--rerun": rerun}
-    of_tiles = {"--max-resident": max_resident, "--tile-size": tile_size}
-    if len(logs) > 1 and not merge:
-        _refuse({**of_one, "--write-config": write_config}, "is for one map, expected one LOG, or --merge")
+    of_one = {"--picture": call.picture, "--record": call.record, "--watch": call.watch or None}
+    of_one |= {"--foxglove": call.foxglove, "--rerun": call.rerun}
+    of_tiles = {"--max-resident": call.max_resident, "--tile-size": call.tile_size}
+    if len(call.logs) > 1 and not call.merge:
+        of_one["--write-config"] = call.write_config
+        _refuse(of_one, "is for one map, expected one LOG, or --merge")
         if output is not None and is_tiled(output):
             raise WrongCall(f"{output}: is a map in tiles, expected one LOG, or --merge")
         _refuse(of_tiles, f"is for a map in tiles, -o {output or 'MAP'}")
-        outputs = _maps_in(output, logs)
+        outputs = _maps_in(output, call.logs)
         for path in outputs:
-            check_output("-o", path, logs, fits_map)
-        _map_each(logs, outputs, wanted, json_file)
+            check_output("-o", path, call.logs, fits_map)
+        _map_each(call.logs, outputs, wanted, call.json_file)
         return
     if output is None:
-        output = _named_as(logs[0])
-        check_output("-o", output, logs, fits_map)
+        output = _named_as(call.logs[0])
+        check_output("-o", output, call.logs, fits_map)
     begin = time.perf_counter()
-    log = wanted.open(logs)
+    log = wanted.open(call.logs)
     read_seconds = time.perf_counter() - begin
-    plot = plotting() if picture else None
+    plot = plotting() if call.picture else None
     if is_tiled(output):
-        _refuse({**of_one, "--static": static or None}, f"is not for a map in tiles, -o {output}")
-        _map_tiled(wanted, log, output, tile_size, max_resident, json_file)
+        _refuse({**of_one, "--call.static": call.static or None}, f"is not for a map in tiles, -o {output}")
+        _map_tiled(wanted, log, output, call.tile_size, call.max_resident, call.json_file)
         return
     _refuse(of_tiles, f"is for a map in tiles, -o {output}")
-    check_picture(plot, picture)
+    check_picture(plot, call.picture)
     with ExitStack() as stack:
-        shown = showing(foxglove, rerun, stack)
-        with observers_of(watch, port, record, record_every) as observers:
+        shown = showing(call.foxglove, call.rerun, stack)
+        with observers_of(call.watch, call.port, call.record, call.record_every) as observers:
             done = wanted.map(log, read_seconds, [*observers, *filter(None, [shown])])
         if shown is not None:
             shown.end(done.target)
-        written(done, output, plot, picture, style)
+        written(done, output, plot, call.picture, call.style)
         figures = done.figures()
-        if not is_stdout(json_file):
-            done.print(output, picture, record)
+        if not is_stdout(call.json_file):
+            done.print(output, call.picture, call.record)
             print(f"look at it: ndtree view {output} --open")
-        write_json(figures, json_file)
+        write_json(figures, call.json_file)
         warn_of_skipped(done.log)
-        if watch:
-            stay(observers[0], done.target, json_file)
+        if call.watch:
+            stay(observers[0], done.target, call.json_file)
         elif shown is not None and shown.url:
             wait_at(shown.url)
 

@@ -90,8 +90,7 @@ def draw(
     m: OccupancyMap,
     path: Path,
     color: Optional[CellColor] = None,
-    axis: Optional[int] = None,
-    at: Optional[float] = None,
+    cut: tuple[Optional[int], Optional[float]] = (None, None),
     *,
     track: Any = None,
     style: Optional[PictureStyle] = None,
@@ -100,6 +99,7 @@ def draw(
 
     In ROS's colors, unless its probabilities were asked for, which only the paper's grey levels show.
     """
+    axis, at = cut
     more: dict[str, Any] = {} if color is None else {"color": color.value}
     usual = PictureStyle.paper if m.dim == 2 and color is CellColor.probability else PictureStyle.ros
     more["style"] = (style or usual).value

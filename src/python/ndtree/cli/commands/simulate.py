@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree simulate``: a log of a world that is known exactly, as a file."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Optional
 
@@ -10,8 +11,34 @@ from ndtree import logs
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.flags import takes
+from ndtree.cli.commands.messages import in_words
 from ndtree.cli.commands.options import Scans, Seed, World
 from ndtree.cli.commands.progress import progress
+
+
+@dataclass(frozen=True)
+class _Call:
+    """What is typed behind ``ndtree simulate``."""
+
+    world: Annotated[World, typer.Argument(help="A laser in an office, a depth camera, or a lidar.")]
+    output: Annotated[
+        Optional[Path],
+        typer.Option("--output", "-o", metavar="LOG", help="An .npz file; else the world's name, here."),
+    ] = None
+    scans: Scans = None
+    seed: Seed = 1
+    people: Annotated[
+        Optional[int],
+        typer.Option(min=0, max=1000, help="That walk, one ahead of the sensor.", show_default=False),
+    ] = None
+    doors: Annotated[
+        Optional[int],
+        typer.Option(min=0, max=1000, help="Of the office that open and close.", show_default=False),
+    ] = None
+    cars: Annotated[
+        Optional[int], typer.Option(min=0, max=1000, help="In the street that drive.", show_default=False)
+    ] = None
 
 
 @command(
@@ -23,38 +50,20 @@ from ndtree.cli.commands.progress import progress
     ),
 )
 @reports_errors
-def simulate(
-    world: Annotated[World, typer.Argument(help="A laser in an office, a depth camera, or a lidar.")],
-    output: Annotated[
-        Optional[Path],
-        typer.Option("--output", "-o", metavar="LOG", help="An .npz file; else the world's name, here."),
-    ] = None,
-    scans: Scans = None,
-    seed: Seed = 1,
-    people: Annotated[
-        Optional[int],
-        typer.Option(min=0, max=1000, help="That walk, one ahead of the sensor.", show_default=False),
-    ] = None,
-    doors: Annotated[
-        Optional[int],
-        typer.Option(min=0, max=1000, help="Of the office that open and close.", show_default=False),
-    ] = None,
-    cars: Annotated[
-        Optional[int], typer.Option(min=0, max=1000, help="In the street that drive.", show_default=False)
-    ] = None,
-) -> None:
+@takes(_Call)
+def simulate(call: _Call) -> None:
     """Simulate a drive through a world, and write its log to a file that can be mapped."""
-    target = Path(f"{world.value}.npz") if output is None else output
-    if output is None and target.exists():
+    target = Path(f"{call.world.value}.npz") if call.output is None else call.output
+    if call.output is None and target.exists():
         raise WrongCall(f"{target}: is there already, expected -o LOG; to replace it:\n  -o {target}")
     if target.suffix != ".npz":
         raise WrongCall(f"-o {target}: the name must end in .npz")
-    moving = {"people": people, "doors": doors, "cars": cars}
+    moving = {"people": call.people, "doors": call.doors, "cars": call.cars}
     given = {kind: count for kind, count in moving.items() if count is not None}
     try:
-        log = logs.simulate(world.value, seed=seed, scans=scans, **given)
+        log = logs.simulate(call.world.value, seed=call.seed, scans=call.scans, **given)
     except ValueError as error:
-        raise WrongCall(f"--{error}") from None
+        raise WrongCall(in_words(error)) from None
     with progress() as advance:
         count = log.save(target, progress=advance)
     print(f"wrote {target}: {number_of(count, 'scan')}, {log.dim}-D")

@@ -5,6 +5,7 @@ import sys
 import time
 import webbrowser
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
@@ -12,7 +13,7 @@ import typer
 
 from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.flags import opened, reading_options, require_none
+from ndtree.cli.commands.flags import opened, reading_options, require_none, takes
 from ndtree.cli.commands.logs import length_of, load_map
 from ndtree.cli.commands.options import CellColor, Port, StyleOption
 from ndtree.cli.commands.output import check_picture
@@ -22,6 +23,38 @@ from ndtree.maps.running import RunningMap, is_address
 
 #: How often a live mapper is asked for its map [s], and its rest, in times of what that took.
 ASKS, RESTS = 0.5, 4.0
+
+
+@dataclass(frozen=True)
+class _Call:
+    """What is typed behind ``ndtree view``."""
+
+    map_name: Annotated[
+        str,
+        typer.Argument(metavar="MAP", help="A map: .ndt, .bt, .ot, .yaml of map_server; http://ROBOT:PORT."),
+    ]
+    color: Annotated[
+        Optional[CellColor],
+        typer.Option(help="What colors say; else height, in 2-D probability.", show_default=False),
+    ] = None
+    slice_: Annotated[
+        Optional[str], typer.Option("--slice", metavar="AXIS=M", help="Cut a 3-D map, as at z=1.2.")
+    ] = None
+    png: Annotated[
+        Optional[Path], typer.Option(metavar="FILE", help="Draw it into this file instead of a page.")
+    ] = None
+    style: StyleOption = None
+    free: Annotated[
+        Optional[bool], typer.Option("--free/--no-free", help="Show free cells.", show_default=False)
+    ] = None
+    unknown: Annotated[
+        Optional[bool], typer.Option("--unknown", help="Show unknown cells by free ones.", show_default=False)
+    ] = None
+    log: Annotated[Optional[Path], typer.Option(metavar="LOG", help="Show where its scans were taken.")] = (
+        None
+    )
+    port: Port = None
+    open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False
 
 
 @command(
@@ -35,63 +68,38 @@ ASKS, RESTS = 0.5, 4.0
 )
 @reports_errors
 @reading_options
-def view(
-    map_name: Annotated[
-        str,
-        typer.Argument(metavar="MAP", help="A map: .ndt, .bt, .ot, .yaml of map_server; http://ROBOT:PORT."),
-    ],
-    color: Annotated[
-        Optional[CellColor],
-        typer.Option(help="What colors say; else height, in 2-D probability.", show_default=False),
-    ] = None,
-    slice_: Annotated[
-        Optional[str], typer.Option("--slice", metavar="AXIS=M", help="Cut a 3-D map, as at z=1.2.")
-    ] = None,
-    png: Annotated[
-        Optional[Path], typer.Option(metavar="FILE", help="Draw it into this file instead of a page.")
-    ] = None,
-    style: StyleOption = None,
-    free: Annotated[
-        Optional[bool], typer.Option("--free/--no-free", help="Show free cells.", show_default=False)
-    ] = None,
-    unknown: Annotated[
-        Optional[bool], typer.Option("--unknown", help="Show unknown cells by free ones.", show_default=False)
-    ] = None,
-    log: Annotated[
-        Optional[Path], typer.Option(metavar="LOG", help="Show where its scans were taken.")
-    ] = None,
-    port: Port = None,
-    open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
-    given: Any = None,
-) -> None:
+@takes(_Call)
+def view(call: _Call, given: Any = None) -> None:
     """Show a map on a page of this computer until Ctrl-C, or draw it into a file.
 
     Rooms are cut below their ceiling, unless --slice says where; the page's switch "Slice" brings it back.
     """
-    axis, at = parsed_slice(slice_)
-    if log is None:
+    axis, at = parsed_slice(call.slice_)
+    if call.log is None:
         require_none(given, "a map alone")
-    if png is not None:
-        for flag, value in (("--free", free), ("--unknown", unknown), ("--log", log), ("--port", port)):
-            if value is not None:
-                raise WrongCall(f"{flag}: is for the page, not for --png")
-        if open_:
+    if call.png is not None:
+        for flag in ("free", "unknown", "log", "port"):
+            if getattr(call, flag) is not None:
+                raise WrongCall(f"--{flag}: is for the page, not for --png")
+        if call.open_:
             raise WrongCall("--open: is for the page, not for --png")
         plot = plotting()
-        check_picture(plot, png, "--png")
-        m = suited(_loaded(map_name), color, axis)
-        draw(plot, m, png, color, axis, at, style=style)
-        print(f"wrote {png}")
+        check_picture(plot, call.png, "--png")
+        m = suited(_loaded(call.map_name), call.color, axis)
+        draw(plot, m, call.png, call.color, (axis, at), style=call.style)
+        print(f"wrote {call.png}")
         return
-    if style is not None:
+    if call.style is not None:
         raise WrongCall("--style: is for --png")
     from ndtree.viewer import PORT, Look, Viewer
 
-    m = suited(_loaded(map_name), color, axis)
-    shown = {"color": color and color.value, "free": free, "unknown": unknown}
+    m = suited(_loaded(call.map_name), call.color, axis)
+    shown = {"color": call.color and call.color.value, "free": call.free, "unknown": call.unknown}
     look = Look.below_ceiling(m, **shown, axis=axis, slice_at=at)
-    read = opened(given, log) if log is not None else None
-    with Viewer(m, port=PORT if port is None else port, look=look, name=_title(map_name)) as page:
+    read = opened(given, call.log) if call.log is not None else None
+    with Viewer(
+        m, port=PORT if call.port is None else call.port, look=look, name=_title(call.map_name)
+    ) as page:
         if read is not None:
             with progress() as advance:
                 for done, scan in enumerate(read, start=1):
@@ -99,11 +107,11 @@ def view(
                     advance("reading", done, length_of(read))
             page.refresh()
         with suppress(KeyboardInterrupt):
-            print(f"{map_name}: {page.url} until Ctrl-C", flush=True)
-            if open_:
+            print(f"{call.map_name}: {page.url} until Ctrl-C", flush=True)
+            if call.open_:
                 webbrowser.open(page.url)
-            if is_address(map_name):
-                _follow(map_name, page)
+            if is_address(call.map_name):
+                _follow(call.map_name, page)
             else:
                 page.wait()
 
