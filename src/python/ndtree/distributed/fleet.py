@@ -7,13 +7,15 @@ import json
 import math
 import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ndtree._errors import WrongValue
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap, pose_matrix
 from ndtree.base.progress import Progress
@@ -179,69 +181,93 @@ def map(
     ImportError
         If the engine is not installed; it names the extra.
     """
-    begin, cpu_begin = time.perf_counter(), time.thread_time()
-    sources = named(logs)
-    if no_return not in ("free", "ignore"):
-        raise ValueError(f"no_return = {no_return!r}: must be 'free' or 'ignore'")
-    if not max_range > 0:
-        raise ValueError(f"max_range = {max_range:g} m: must be > 0")
-    for name, value in (
-        ("block_beams", block_beams),
-        ("batch_beams", batch_beams),
-        ("checkpoint_beams", checkpoint_beams),
-    ):
-        if value < 1:
-            raise ValueError(f"{name} = {value}: must be >= 1")
-    if like is None:
-        like = _core.AdaptiveMap(dim=_dim_of(next(iter(sources.values()))))
+    times, sources = _Times(), named(logs)
+    sizes = {"block_beams": block_beams, "batch_beams": batch_beams, "checkpoint_beams": checkpoint_beams}
+    _check(max_range, no_return, sizes)
+    target = _core.AdaptiveMap(dim=_dim_of(next(iter(sources.values())))) if like is None else like
     storage = storage_of(url)
     before = _manifest(storage)
-    revision = before.revision + 1 if before is not None else 1
-    job = Job(
-        _everywhere(url),
-        f"run-{revision:06d}",
-        revision,
-        MapKind.of(like),
-        TileGrid.of(like, tile_size),
-        max_range,
-        no_return,
-        batch_beams,
-        checkpoint_beams,
-    )
+    job = replace(_job_of(url, before, target, tile_size), max_range=max_range, no_return=no_return)
+    job = replace(job, batch_beams=batch_beams, checkpoint_beams=checkpoint_beams)
     _begin(storage, job, {"logs": _sizes(sources), "block_beams": block_beams})
-    start = time.perf_counter()
+    made_from = {**_made_from(job, sources), "block_beams": block_beams}
+    with _engine(engine, workers, times) as chosen:
+        run = _Run(chosen, job, storage, before, progress)
+        prepared, at_engine = run.prepare(sources)
+        return times.of_all(run.mapped(run.indexes(sources), None, made_from), prepared, at_engine)
+
+
+def _check(max_range: float, no_return: str, sizes: Mapping[str, int]) -> None:
+    if no_return not in ("free", "ignore"):
+        raise WrongValue.of("no_return", f"{no_return!r}", "'free' or 'ignore'")
+    if not max_range > 0:
+        raise WrongValue.of("max_range", f"{max_range:g} m", "> 0")
+    for name, value in sizes.items():
+        if value < 1:
+            raise WrongValue.of(name, value, ">= 1")
+
+
+def _job_of(
+    url: str | os.PathLike[str], before: Manifest | None, like: OccupancyMap, tile_size: float | None
+) -> Job:
+    revision = before.revision + 1 if before is not None else 1
+    kind, grid = MapKind.of(like), TileGrid.of(like, tile_size)
+    name = f"run-{revision:06d}"
+    return Job(_everywhere(url), name, revision, kind, grid, math.inf, "free", BATCH_BEAMS, CHECKPOINT_BEAMS)
+
+
+def _made_from(job: Job, logs: Iterable[str]) -> dict[str, Any]:
+    """What a manifest says of how its map was made."""
+    return {
+        "run": job.run,
+        "max_range": job.max_range if math.isfinite(job.max_range) else None,
+        "no_return": job.no_return,
+        "checkpoint_beams": job.checkpoint_beams,
+        "moves": {},
+        "indexes": {log: index_name(job.run, log) for log in logs},
+    }
+
+
+class _Times:
+    """How long a call takes."""
+
+    def __init__(self) -> None:
+        self._begin, self._cpu_begin = time.perf_counter(), time.thread_time()
+        self.start = 0.0  # Until the engine was there.
+
+    def of(self, report: FleetReport) -> FleetReport:
+        """A report of the blocks, with what the call took."""
+        return replace(
+            report,
+            seconds=time.perf_counter() - self._begin,
+            start_seconds=self.start,
+            cpu_seconds=report.cpu_seconds + time.thread_time() - self._cpu_begin,
+        )
+
+    def of_all(self, report: FleetReport, prepared: list[Any], at_engine: float) -> FleetReport:
+        """The same, with what reading the logs took."""
+        seconds = sum(one.seconds for one in prepared)
+        return replace(
+            self.of(report),
+            prepare_seconds=seconds,
+            engine_seconds=report.engine_seconds + max(0.0, at_engine - seconds),
+            cpu_seconds=self.of(report).cpu_seconds + sum(one.cpu_seconds for one in prepared),
+            peak_memory=max(report.peak_memory, *(one.peak_memory for one in prepared)),
+            written_bytes=report.written_bytes + report.scan_bytes,
+        )
+
+
+@contextmanager
+def _engine(engine: str | Engine, workers: int | None, times: _Times) -> Iterator[Engine]:
+    """An engine, which ends with the call that has begun it."""
+    begin = time.perf_counter()
     chosen = engine_of(engine, workers)
-    start = time.perf_counter() - start
+    times.start = time.perf_counter() - begin
     try:
-        prepared, at_engine = run_all(
-            chosen, "reading", [(prepare, job, log, source) for log, source in sources.items()], progress
-        )
-        indexes = [ScanIndex.from_bytes(storage.read(index_name(job.run, log))) for log in sources]
-        if not any(index.scans for index in indexes):
-            raise ValueError(f"{', '.join(sources)}: no scans, expected at least one")
-        made_from = {"run": job.run, "max_range": max_range if math.isfinite(max_range) else None}
-        made_from.update(
-            no_return=no_return, block_beams=block_beams, checkpoint_beams=checkpoint_beams, moves={}
-        )
-        made_from["indexes"] = {log: index_name(job.run, log) for log in sources}
-        report = _mapped(chosen, job, storage, indexes, block_beams, None, before, made_from, progress)
+        yield chosen
     finally:
         if not isinstance(engine, Engine):
             chosen.close()
-    seconds = sum(one.seconds for one in prepared)
-    return replace(
-        report,
-        seconds=time.perf_counter() - begin,
-        start_seconds=start,
-        prepare_seconds=seconds,
-        engine_seconds=report.engine_seconds + max(0.0, at_engine - seconds),
-        cpu_seconds=report.cpu_seconds
-        + sum(one.cpu_seconds for one in prepared)
-        + time.thread_time()
-        - cpu_begin,
-        peak_memory=max(report.peak_memory, *(one.peak_memory for one in prepared)),
-        written_bytes=report.written_bytes + report.scan_bytes,
-    )
 
 
 def remap(
@@ -277,7 +303,7 @@ def remap(
     ValueError
         If the map holds no scans, or a log or a number is not known, or a motion is not rigid.
     """
-    begin, cpu_begin = time.perf_counter(), time.thread_time()
+    times = _Times()
     storage = storage_of(url)
     manifest = open_manifest(storage)
     held = manifest.made_from
@@ -297,115 +323,138 @@ def remap(
         1,
         int(held["checkpoint_beams"]),
     )
-    names, moves = dict(held["indexes"]), dict(held["moves"])
-    indexes = {log: ScanIndex.from_bytes(storage.read(name)) for log, name in names.items()}
-    original = StoredScans(storage, job.run, {})
-    blocks = [Block.from_json(one["block"]) for one in held["blocks"]]
-    touched: set[Block] = set()
+    move = _Moves(storage, job, held)
     for log, of_log in poses.items():
-        if log not in indexes:
-            raise ValueError(f"log {log!r}: must be one of {', '.join(indexes)}")
-        index = indexes[log]
-        motions = _motions(storage, moves.get(log), len(index.scans), job.kind.dim)
-        for number, pose in sorted(of_log.items()):
+        move.log(log, of_log)
+    job = replace(job, moves=tuple(move.moves.items()))
+    storage.remove_folder(f"{job.run}/work")  # Of a call that was killed, perhaps with other poses.
+    touched = sorted(move.touched, key=lambda block: block.lower)
+    with _engine(engine, workers, times) as chosen:
+        run = _Run(chosen, job, storage, manifest, progress)
+        made_from = {**held, "moves": move.moves, "indexes": move.names}
+        return times.of(run.mapped(list(move.indexes.values()), touched, made_from))
+
+
+class _Moves:
+    """Scans that move: their new places are written, and the blocks that they touch are collected."""
+
+    def __init__(self, storage: Storage, job: Job, held: Mapping[str, Any]) -> None:
+        self._storage, self._job = storage, job
+        self.names, self.moves = dict(held["indexes"]), dict(held["moves"])
+        self.indexes = {log: ScanIndex.from_bytes(storage.read(name)) for log, name in self.names.items()}
+        self.touched: set[Block] = set()
+        self._blocks = [Block.from_json(one["block"]) for one in held["blocks"]]
+        self._original = StoredScans(storage, job.run, {})
+
+    def log(self, log: str, poses: Mapping[int, ArrayLike]) -> None:
+        """Move scans of a log."""
+        if log not in self.indexes:
+            raise ValueError(f"log {log!r}: must be one of {', '.join(self.indexes)}")
+        job, index = self._job, self.indexes[log]
+        motions = _motions(self._storage, self.moves.get(log), len(index.scans), job.kind.dim)
+        for number, pose in sorted(poses.items()):
             if not 0 <= number < len(index.scans):
                 raise ValueError(f"log {log!r}: scan {number}: there are {len(index.scans)}")
             matrix = pose_matrix(pose, dim=job.kind.dim, name=f"log {log!r}: scan {number}: pose")
-            if np.array_equal(matrix, motions[number]):
-                continue
-            motions[number] = matrix
-            before = index.scans[number]
-            at = (before.batch, before.position, before.row)
-            scan = original.get(log, number, *at, before.beams)
-            there = indexed(job, moved(scan, matrix), before.time, at)
-            index.scans[number] = there
-            tiles = {*before.tiles, *there.tiles}
-            touched.update(block for block in blocks if any(tile in block for tile in tiles))
-        moves[log] = moves_name(job.run, log, job.revision)
-        storage.write_array(moves[log], motions)
-        names[log] = index_name(job.run, log, job.revision)
-        storage.write(names[log], index.as_bytes())
-    job = replace(job, moves=tuple(moves.items()))
-    storage.remove_folder(f"{job.run}/work")  # Of a call that was killed, perhaps with other poses.
-    start = time.perf_counter()
-    chosen = engine_of(engine, workers)
-    start = time.perf_counter() - start
-    try:
-        report = _mapped(
-            chosen,
-            job,
-            storage,
-            list(indexes.values()),
-            int(held["block_beams"]),
-            sorted(touched, key=lambda block: block.lower),
-            manifest,
-            {**held, "moves": moves, "indexes": names},
-            progress,
+            if not np.array_equal(matrix, motions[number]):
+                motions[number] = matrix
+                self._scan(log, index, number, matrix)
+        self.moves[log] = moves_name(job.run, log, job.revision)
+        self._storage.write_array(self.moves[log], motions)
+        self.names[log] = index_name(job.run, log, job.revision)
+        self._storage.write(self.names[log], index.as_bytes())
+
+    def _scan(self, log: str, index: ScanIndex, number: int, matrix: Any) -> None:
+        before = index.scans[number]
+        at = (before.batch, before.position, before.row)
+        scan = self._original.get(log, number, *at, before.beams)
+        there = indexed(self._job, moved(scan, matrix), before.time, at)
+        index.scans[number] = there
+        tiles = {*before.tiles, *there.tiles}
+        self.touched.update(block for block in self._blocks if any(tile in block for tile in tiles))
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A job, what works on it, and where it lies; `before` is the map that was there."""
+
+    engine: Engine
+    job: Job
+    storage: Storage
+    before: Manifest | None
+    progress: Progress | None
+
+    def prepare(self, sources: Mapping[str, Any]) -> tuple[list[Any], float]:
+        """Have logs read; what each took, and the engine."""
+        tasks = [(prepare, self.job, log, source) for log, source in sources.items()]
+        return run_all(self.engine, "reading", tasks, self.progress)
+
+    def indexes(self, logs: Iterable[str]) -> list[ScanIndex]:
+        """Of the logs that were read."""
+        found = [ScanIndex.from_bytes(self.storage.read(index_name(self.job.run, log))) for log in logs]
+        if not any(index.scans for index in found):
+            raise ValueError(f"{', '.join(logs)}: no scans, expected at least one")
+        return found
+
+    def mapped(
+        self, indexes: list[ScanIndex], touched: list[Block] | None, made_from: dict[str, Any]
+    ) -> FleetReport:
+        """Map blocks, all of space or some, and write the manifest of these and of what else there was."""
+        job, storage, before = self.job, self.storage, self.before
+        scans = list(plan.in_order(indexes))
+        tasks = plan.stored_tasks(storage, job)
+        if tasks is None:
+            within = [Block.everywhere(job.kind.dim)] if touched is None else touched
+            blocks_of = int(made_from["block_beams"])
+            plan.store_plan(storage, job, plan.planned(scans, within, self.engine.workers, blocks_of))
+            tasks = plan.stored_tasks(storage, job) or []
+        records: list[BlockRecord]
+        records, at_engine = run_all(
+            self.engine, "mapping", [(integrate, job, task) for task in tasks], self.progress
         )
-    finally:
-        if not isinstance(engine, Engine):
-            chosen.close()
-    return replace(
-        report,
-        seconds=time.perf_counter() - begin,
-        start_seconds=start,
-        cpu_seconds=report.cpu_seconds + time.thread_time() - cpu_begin,
-    )
+        tiles, blocks = _kept(before, touched)
+        for record in records:
+            tiles.update(entries_of(record))
+            blocks.append({"block": record.block.as_json(), "counters": record.counters})
+        frame = store_bytes(storage, self._frame(scans, blocks), f"{TILES}/frame")
+        made_from = {**made_from, "blocks": sorted(blocks, key=lambda one: one["block"])}
+        manifest = Manifest(job.kind, job.grid, job.revision, frame, tiles, made_from)
+        commit(storage, manifest)
+        tidy(storage, manifest)
+        storage.remove_folder(f"{job.run}/work")
+        if before is not None and before.made_from.get("run", job.run) != job.run:
+            storage.remove_folder(before.made_from["run"])
+        return _report(records, scans, indexes, at_engine, self.engine.workers)
+
+    def _frame(self, scans: list[Any], blocks: list[dict[str, Any]]) -> bytes:
+        """The file of an empty map that has grown as one of all scans, with its counters."""
+        job = self.job
+        growth = Growth(job.kind.new())
+        stored = StoredScans(self.storage, job.run, dict(job.moves))
+        for ref, scan in scans:
+            box = None if scan.box is None else (np.array(scan.box[0]), np.array(scan.box[1]))
+            if not growth.contains(box):
+                place = (ref.batch, ref.position, ref.row, ref.beams)
+                growth.include(stored.get(ref.log, ref.number, *place), job.max_range)
+        updates, splits, merges = (sum(one["counters"][i] for one in blocks) for i in range(3))
+        return with_counters(growth.map.to_bytes(), updates, splits, merges, len(scans))
 
 
-def _mapped(
-    engine: Engine,
-    job: Job,
-    storage: Storage,
-    indexes: list[ScanIndex],
-    block_beams: int,
-    touched: list[Block] | None,
-    before: Manifest | None,
-    made_from: dict[str, Any],
-    progress: Progress | None,
+def _kept(
+    before: Manifest | None, touched: list[Block] | None
+) -> tuple[dict[Tile, TileEntry], list[dict[str, Any]]]:
+    """Tiles and blocks of a map that are not mapped anew."""
+    if touched is None or before is None:
+        return {}, []
+    tiles = {
+        tile: entry for tile, entry in before.tiles.items() if not any(tile in block for block in touched)
+    }
+    return tiles, [one for one in before.made_from["blocks"] if Block.from_json(one["block"]) not in touched]
+
+
+def _report(
+    records: list[BlockRecord], scans: list[Any], indexes: list[ScanIndex], at_engine: float, workers: int
 ) -> FleetReport:
-    """Map blocks, all of space or some, and write the manifest of these and of what else there was."""
-    scans = list(plan.in_order(indexes))
-    tasks = plan.stored_tasks(storage, job)
-    if tasks is None:
-        within = [Block.everywhere(job.kind.dim)] if touched is None else touched
-        plan.store_plan(storage, job, plan.planned(scans, within, engine.workers, block_beams))
-        tasks = plan.stored_tasks(storage, job) or []
-    done, at_engine = run_all(engine, "mapping", [(integrate, job, task) for task in tasks], progress)
-    records: list[BlockRecord] = done
-    tiles: dict[Tile, TileEntry] = {}
-    blocks: list[dict[str, Any]] = []
-    if touched is not None and before is not None:
-        tiles = {
-            tile: entry for tile, entry in before.tiles.items() if not any(tile in block for block in touched)
-        }
-        blocks = [one for one in before.made_from["blocks"] if Block.from_json(one["block"]) not in touched]
-    for record in records:
-        tiles.update(entries_of(record))
-        blocks.append({"block": record.block.as_json(), "counters": record.counters})
-    growth = Growth(job.kind.new())
-    stored = StoredScans(storage, job.run, dict(job.moves))
-    for ref, scan in scans:
-        box = None if scan.box is None else (np.array(scan.box[0]), np.array(scan.box[1]))
-        if not growth.contains(box):
-            place = (ref.batch, ref.position, ref.row, ref.beams)
-            growth.include(stored.get(ref.log, ref.number, *place), job.max_range)
-    updates, splits, merges = (sum(one["counters"][i] for one in blocks) for i in range(3))
-    frame = with_counters(growth.map.to_bytes(), updates, splits, merges, len(scans))
-    manifest = Manifest(
-        job.kind,
-        job.grid,
-        job.revision,
-        store_bytes(storage, frame, f"{TILES}/frame"),
-        tiles,
-        {**made_from, "blocks": sorted(blocks, key=lambda one: one["block"])},
-    )
-    commit(storage, manifest)
-    tidy(storage, manifest)
-    storage.remove_folder(f"{job.run}/work")
-    if before is not None and before.made_from.get("run", job.run) != job.run:
-        storage.remove_folder(before.made_from["run"])
-
     def total(name: str) -> Any:
         return sum(getattr(record, name) for record in records)
 
@@ -431,7 +480,7 @@ def _mapped(
         cpu_seconds=total("cpu_seconds"),
         peak_memory=max((record.peak_memory for record in records), default=0),
         longest_block_seconds=max((record.seconds for record in records), default=0.0),
-        workers=engine.workers,
+        workers=workers,
         records=records,
     )
 

@@ -68,7 +68,7 @@ def occupied(
     require_dim(m, 3)
     chosen, bounds = chosen_cubes(Cells.of(m), region, cut_above)
     colors = coloring(chosen, color, colormap, heights)
-    return draw_cubes(chosen, bounds, axes_or_new(ax), azimuth, elevation, colors, finest)
+    return draw_cubes(chosen, bounds, axes_or_new(ax), (azimuth, elevation), colors, finest)
 
 
 def projected(points: ArrayLike, *, azimuth: float = -60.0, elevation: float = 50.0) -> Floats:
@@ -123,14 +123,13 @@ def draw_cubes(
     cubes: Cells,
     bounds: Region,
     ax: Axes,
-    azimuth: float,
-    elevation: float,
+    view: tuple[float, float],
     colors: Coloring,
     finest: float,
 ) -> Axes:
     """Cells that are smaller than `finest` [m] are drawn as large, in their mean color."""
-    frame = bounds_on_screen(cubes, bounds, azimuth, elevation)
-    to_viewer, screen = _screen(azimuth, elevation)
+    frame = bounds_on_screen(cubes, bounds, *view)
+    to_viewer, screen = _screen(*view)
     fills = colors(cubes)
     if finest >= cubes.unit:
         steps = int(math.log(finest / cubes.unit * 1.000001, cubes.branching))

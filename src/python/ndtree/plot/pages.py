@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
@@ -182,7 +184,8 @@ def side_by_side_3d(
     """
     maps = {"adaptive": adaptive, "fixed": fixed}
     view = (azimuth, elevation)
-    return _draw_3d(maps, view, cut_above, region, color, (slice_axis, slice_at), path, width, dpi)
+    shown = _Shown(view, cut_above, region, color, (slice_axis, slice_at))
+    return _draw_3d(maps, shown, path, width, dpi)
 
 
 def overview_3d(
@@ -217,27 +220,30 @@ def overview_3d(
         With two axes, and a bar that says what the colors mean.
     """
     view = (azimuth, elevation)
-    plane = (slice_axis, slice_at)
+    shown = _Shown(view, cut_above, region, color, (slice_axis, slice_at), style)
     maps = {kind_of(m.refinement): m}
-    return _draw_3d(maps, view, cut_above, region, color, plane, path, width, dpi, style)
+    return _draw_3d(maps, shown, path, width, dpi)
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """What of a 3-D map is drawn, and from where."""
+
+    view: tuple[float, float]
+    cut_above: CutAbove
+    region: Region | None
+    color: str
+    plane: tuple[str | int, float | None]
+    style: str = "paper"
 
 
 def _draw_3d(
-    maps: dict[str, OccupancyMap],
-    view: tuple[float, float],
-    cut_above: CutAbove,
-    region: Region | None,
-    color: str,
-    plane: tuple[str | int, float | None],
-    path: Path | None,
-    width: float,
-    dpi: float,
-    style: str = "paper",
+    maps: dict[str, OccupancyMap], shown: _Shown, path: Path | None, width: float, dpi: float
 ) -> Figure:
     """A column for each map: its cubes, and below them its slice; the first map chooses what is shown."""
     for m in maps.values():
         require_dim(m, 3)
-    held = axis_number(plane[0])
+    held, cut_above, region = axis_number(shown.plane[0]), shown.cut_above, shown.region
     every = [Cells.of(m) for m in maps.values()]
     others = [a for a in range(3) if a != held]
     if region is None:
@@ -248,12 +254,12 @@ def _draw_3d(
     if cut_above == "auto":
         cut_above = ceiling(every[0].where(every[0].occupied).inside(region))
     chosen = [chosen_cubes(one, region, cut_above) for one in every]
-    colors = coloring(chosen[0][0], color)
-    at = plane[1]
+    colors = coloring(chosen[0][0], shown.color)
+    at = shown.plane[1]
     if at is None:
         middle = (chosen[0][0].lower[:, held] + 0.5 * chosen[0][0].size) * every[0].unit
         at = float(np.mean(np.percentile(middle, (1, 99))))
-    corners = bounds_on_screen(*chosen[0], *view)
+    corners = bounds_on_screen(*chosen[0], *shown.view)
     shapes = (shape_of(corners), shape_of(flat_region))
     column_width = WITHOUT_BAR * width / len(maps)
     pixel = (corners[1] - corners[0]) / (column_width * dpi)
@@ -261,11 +267,11 @@ def _draw_3d(
     axes = figure.subplots(2, len(maps), squeeze=False, height_ratios=shapes)
     for column, (kind, m, one, whole) in enumerate(zip(maps, maps.values(), chosen, every)):
         above, below = axes[:, column]
-        framed(draw_cubes(*one, above, *view, colors, pixel), corners)
+        framed(draw_cubes(*one, above, shown.view, colors, pixel), corners)
         above.set_title(title_of(whole, kind))
         scale_bar(above)
-        slice(m, held, at, below, region=flat_region, borders=kind != "fixed", style=style)
+        slice(m, held, at, below, region=flat_region, borders=kind != "fixed", style=shown.style)
         below.set_title(f"slice at {'xyz'[held]} = {at:.2f} m", loc="left")
-        explain_states(below, style)
+        explain_states(below, shown.style)
     add_bar(colors.legend(), list(axes[0]), colors.label, colors.ticks, shrink=0.7)
     return written(figure, path, dpi)

@@ -5,9 +5,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from ndtree._errors import WrongValue
 from ndtree._native import _core
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
@@ -16,8 +19,8 @@ from ndtree.evaluation.no_returns import AUTO, believed
 from ndtree.logs.core.log import Log, require_log
 from ndtree.tuning.calibration.beams import Beams, Points, Scans, Source
 from ndtree.tuning.calibration.figures import LEAST_SIGMA, Calibration, Estimate
-from ndtree.tuning.calibration.noise import noise_of
-from ndtree.tuning.calibration.rates import error_rates
+from ndtree.tuning.calibration.noise import Noise, noise_of
+from ndtree.tuning.calibration.rates import Trial, error_rates
 
 SEED = 0
 LEAST_BEAMS = 100  # Returned ones, below which nothing is estimated.
@@ -83,62 +86,87 @@ def calibrate(
         If an option is out of its limits, the log is damaged, or fewer than 100 beams returned.
     """
     require_log(log)
-    if no_return not in NO_RETURN:
-        raise ValueError(f"no_return = {no_return!r}: must be one of {', '.join(NO_RETURN)}")
-    if not max_range > 0:
-        raise ValueError(f"max_range = {max_range:g} m: must be > 0")
-    if limit is not None and limit < 1:
-        raise ValueError(f"limit = {limit}: must be >= 1")
-    cell = _core.default_options()["min_cell_size"] if min_cell_size is None else float(min_cell_size)
-    if not (cell > 0 and math.isfinite(cell)):
-        raise ValueError(f"min_cell_size = {cell:g} m: must be > 0 and finite")
+    cell = _checked(max_range, no_return, min_cell_size, limit)
     if no_return == AUTO:
         no_return = believed(log, log) if isinstance(log, Log) and log.path is not None else "free"
-    if not isinstance(log, Log):
-        log = Scans(log)
-    source = Source(log, limit, progress or no_progress)
+    source = Source(log if isinstance(log, Log) else Scans(log), limit, progress or no_progress)
     generator = np.random.default_rng(SEED)
+    seen = _Seen.of(source, max_range, generator)
+    figures = seen.figures()
+    noise = noise_of(seen.points, max_range, generator, source.progress)
+    del seen.points  # They take much memory.
+    trial = Trial(figures["dim"], cell, _model(noise), max_range, no_return == "ignore")
+    miss, hit = error_rates(source, seen.lengths, trial, generator)
+    if noise is not None:
+        figures.update(range_sigma=noise.sigma, range_sigma_quadratic=noise.quadratic)
+        figures.update(surfaces=noise.pieces, sigma_by_range=noise.bins)
+    rates = {"miss_given_occupied": miss, "hit_given_free": hit}
+    return Calibration(log=source.log.name, **figures, **rates, min_cell_size=cell)
 
-    points = Points(generator)
-    lengths: list[float] = []
-    beams = returned = 0
-    for i, one in source.beams("reading", math.inf):
-        beams += len(one.length)
-        returned += int(np.count_nonzero(one.hit))
-        points.add(one, i)
-        lengths.append(float(np.minimum(one.length, max_range).sum()))
-    if returned < LEAST_BEAMS:
-        raise ValueError(f"{log.name}: {returned} beams returned, expected at least {LEAST_BEAMS}")
-    longest = points.longest
-    points.finish()
-    median = float(np.median(points.length))
-    noise = noise_of(points, max_range, generator, source.progress)
+
+def _model(noise: Noise | None) -> tuple[float, float]:
+    """A range's standard deviation [m] and its growth [1/m]; the usual ones where nothing was measured."""
     if noise is None:
-        sigma, quadratic, default = None, None, _core.default_options()
-        model = (default["range_sigma"], default["range_sigma_quadratic"])
-    else:
-        sigma, quadratic = noise.sigma, noise.quadratic
-        model = (max(sigma.value, LEAST_SIGMA), quadratic.value)
-    dim = points.end.shape[1]
-    del points
-    miss, hit = error_rates(source, lengths, dim, cell, model, max_range, no_return == "ignore", generator)
-    return Calibration(
-        log=log.name,
-        dim=dim,
-        scans=len(lengths),
-        beams=beams,
-        returned=returned,
-        no_return_share=1 - returned / beams,
-        median_range=median,
-        longest_range=longest,
-        range_sigma=sigma,
-        range_sigma_quadratic=quadratic,
-        miss_given_occupied=miss,
-        hit_given_free=hit,
-        surfaces=0 if noise is None else noise.pieces,
-        sigma_by_range=() if noise is None else noise.bins,
-        min_cell_size=cell,
-    )
+        default = _core.default_options()
+        return default["range_sigma"], default["range_sigma_quadratic"]
+    return max(noise.sigma.value, LEAST_SIGMA), noise.quadratic.value
+
+
+def _checked(max_range: float, no_return: str, min_cell_size: float | None, limit: int | None) -> float:
+    """The cell size; ValueError for what is out of its limits."""
+    if no_return not in NO_RETURN:
+        raise WrongValue.of("no_return", f"{no_return!r}", f"one of {', '.join(NO_RETURN)}")
+    if not max_range > 0:
+        raise WrongValue.of("max_range", f"{max_range:g} m", "> 0")
+    if limit is not None and limit < 1:
+        raise WrongValue.of("limit", limit, ">= 1")
+    cell = _core.default_options()["min_cell_size"] if min_cell_size is None else float(min_cell_size)
+    if not (cell > 0 and math.isfinite(cell)):
+        raise WrongValue.of("min_cell_size", f"{cell:g} m", "> 0 and finite")
+    return cell
+
+
+@dataclass
+class _Seen:
+    """What all scans have, and some of their end points."""
+
+    points: Points
+    lengths: list[float]
+    beams: int
+    returned: int
+    longest: float
+
+    @classmethod
+    def of(cls, source: Source, max_range: float, generator: np.random.Generator) -> _Seen:
+        points = Points(generator)
+        lengths: list[float] = []
+        beams = returned = 0
+        for i, one in source.beams("reading", math.inf):
+            beams += len(one.length)
+            returned += int(np.count_nonzero(one.hit))
+            points.add(one, i)
+            lengths.append(float(np.minimum(one.length, max_range).sum()))
+        if returned < LEAST_BEAMS:
+            raise ValueError(f"{source.log.name}: {returned} beams returned, expected at least {LEAST_BEAMS}")
+        longest = points.longest
+        points.finish()
+        return cls(points, lengths, beams, returned, longest)
+
+    def figures(self) -> dict[str, Any]:
+        """As of `Calibration`."""
+        return {
+            "dim": self.points.end.shape[1],
+            "scans": len(self.lengths),
+            "beams": self.beams,
+            "returned": self.returned,
+            "no_return_share": 1 - self.returned / self.beams,
+            "median_range": float(np.median(self.points.length)),
+            "longest_range": self.longest,
+            "range_sigma": None,
+            "range_sigma_quadratic": None,
+            "surfaces": 0,
+            "sigma_by_range": (),
+        }
 
 
 def range_noise(scans: Iterable[Scan], *, max_range: float = math.inf) -> tuple[Estimate, Estimate] | None:

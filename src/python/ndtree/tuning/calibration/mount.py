@@ -138,10 +138,21 @@ def find_mount(log: RosbagLog, *, progress: Callable[[str, int, int], None] | No
             value = cells(trial, COARSE, turned) + needed
             if value < least:
                 best, least, level, rotation = trial, value, turned, rotations_given[number]
+    best = _refined(best, lambda mount, cell: cells(mount, cell, level))
+    yaw, pitch, roll = _angles(rotation)
+    turned = (yaw + best[2] + math.pi) % (2 * math.pi) - math.pi
+    others = (float(given.position[2]), roll, pitch)
+    offset = log.plan.options.time_offset + float(best[3])
+    gain = 1 - math.exp(cells(best, COARSE, level) - as_given)
+    return Mounting(float(best[0]), float(best[1]), turned, others, offset, gain)
+
+
+def _refined(best: Floats, cells: Callable[[Floats, float], float]) -> Floats:
+    """The mount of fewest cells near one, each of its numbers in turn in ever smaller steps."""
     steps = np.array(STEPS)
     for _ in range(HALVINGS):
         fine = max(COARSE * steps[0] / STEPS[0], FINE)
-        least = cells(best, fine, level)
+        least = cells(best, fine)
         improved = True
         while improved:
             improved = False
@@ -149,16 +160,11 @@ def find_mount(log: RosbagLog, *, progress: Callable[[str, int, int], None] | No
                 for sign in (1, -1):
                     trial = best.copy()
                     trial[axis] += sign * steps[axis]
-                    value = cells(trial, fine, level)
+                    value = cells(trial, fine)
                     if value < least - 1e-6:
                         best, least, improved = trial, value, True
         steps = steps / 2
-    yaw, pitch, roll = _angles(rotation)
-    turned = (yaw + best[2] + math.pi) % (2 * math.pi) - math.pi
-    others = (float(given.position[2]), roll, pitch)
-    offset = log.plan.options.time_offset + float(best[3])
-    gain = 1 - math.exp(cells(best, COARSE, level) - as_given)
-    return Mounting(float(best[0]), float(best[1]), turned, others, offset, gain)
+    return best
 
 
 def _sample(log: RosbagLog) -> tuple[Floats, Floats, NDArray[np.int64]]:

@@ -26,7 +26,7 @@ LARGEST_MISFIT = 2.0  # Ratio of bins and fit, in the median: beyond it, pieces 
 
 
 @dataclass(frozen=True)
-class _Noise:
+class Noise:
     sigma: Estimate
     quadratic: Estimate
     pieces: int
@@ -45,7 +45,7 @@ class _Residuals:
 
 def noise_of(
     points: Points, max_range: float, generator: np.random.Generator, progress: Progress
-) -> _Noise | None:
+) -> Noise | None:
     pieces = _Pieces(points, max_range, generator, progress)
     noise = _fitted_noise(pieces.residuals(None), generator)
     if noise is None or noise.quadratic.value == 0:
@@ -54,7 +54,7 @@ def noise_of(
     return _fitted_noise(pieces.residuals((noise.sigma.value, noise.quadratic.value)), generator) or noise
 
 
-def _fitted_noise(residuals: _Residuals, generator: np.random.Generator) -> _Noise | None:
+def _fitted_noise(residuals: _Residuals, generator: np.random.Generator) -> Noise | None:
     if len(residuals.middle) < LEAST_PIECES or not len(residuals.length):
         return None
     low, high = np.quantile(residuals.length, (0.005, 0.995))
@@ -103,7 +103,7 @@ def _fitted_noise(residuals: _Residuals, generator: np.random.Generator) -> _Noi
     bins = tuple(
         (float(r), float(s), int(part.stop - part.start)) for r, s, part in zip(where, measured, parts)
     )
-    return _Noise(sigma, quadratic, len(residuals.middle), bins)
+    return Noise(sigma, quadratic, len(residuals.middle), bins)
 
 
 def _weighted_median(rising: Floats, weight: Floats) -> float:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,27 +24,45 @@ RATE_LIMITS = (0.001, 0.4)
 CLEAR = 0.9  # Share of the largest and smallest log-odds from which a cell is clearly occupied or free.
 
 
+@dataclass(frozen=True)
+class Trial:
+    """What the error rates are judged by: a map, and which beams count.
+
+    Attributes
+    ----------
+    dim : int
+    cell : float
+        Of the map [m].
+    model : tuple of float
+        Standard deviation of a range [m] and its growth with the squared range [1/m].
+    max_range : float
+        [m].
+    ignores : bool
+        Beams that did not return say nothing.
+    """
+
+    dim: int
+    cell: float
+    model: tuple[float, float]
+    max_range: float
+    ignores: bool
+
+
 def error_rates(
-    source: Source,
-    lengths: list[float],
-    dim: int,
-    cell: float,
-    model: tuple[float, float],
-    max_range: float,
-    ignore: bool,
-    generator: np.random.Generator,
+    source: Source, lengths: list[float], trial: Trial, generator: np.random.Generator
 ) -> tuple[Estimate | None, Estimate | None]:
+    dim, cell, model = trial.dim, trial.cell, trial.model
     blocks, share = _blocks(np.array(lengths), dim, cell)
     counts: list[tuple[int, int, int, int]] = []
     at, target, unseen = 0, None, []
-    for i, beams in source.beams("error rates", max_range):
+    for i, beams in source.beams("error rates", trial.max_range):
         if i < blocks[at].start:
             continue
         if target is None:
             target = _core.FixedMap(
-                dim=dim, cell_size=cell, range_sigma=model[0], range_sigma_quadratic=model[1]
+                dim=dim, min_cell_size=cell, range_sigma=model[0], range_sigma_quadratic=model[1]
             )
-        use = beams.hit | (not ignore)
+        use = beams.hit | (not trial.ignores)
         if share < 1:
             use &= generator.random(len(use)) < share
         beams = beams.only(use)
