@@ -188,7 +188,7 @@ def test_octomap_takes_part_where_it_is(log: ndtree.Log) -> None:
 @pytest.mark.parametrize(
     "call, error, message",
     [
-        (lambda log: ndtree.compare(log, ("fancy",)), ValueError, "map 'fancy': must be one of adaptive"),
+        (lambda log: ndtree.compare(log, ("fancy",)), ValueError, "maps = 'fancy': must be one of adaptive"),
         (lambda log: ndtree.compare(log, ("fixed@wide",)), ValueError, "expected a cell size in metres"),
         (lambda log: ndtree.compare(log, ("fixed", "fixed")), ValueError, "must be different names"),
         (lambda log: ndtree.compare(log, ()), ValueError, "maps: must name at least one"),

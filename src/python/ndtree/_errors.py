@@ -47,7 +47,8 @@ def spelled(text: Any, spell: Callable[[str], str] | None = None) -> str:
     if isinstance(text, WrongValue) and text.option:
         value = text.value.removesuffix(".0").replace(".0 ", " ").strip("[]").replace("'", "")
         head = f"{text.where}: " if text.where else ""
-        return head + f"{spell(text.option)} {value}: must be {spelled(text.expected, spell)}"
+        said = f"{key(text.option)} = {value}: must be {text.expected}"
+        return head + spelled(said, spell)
     return _KEY.sub(
         lambda found: spell(found[1]) + " " * bool(found["set"]) + (found["value"] or ""), marked(text)
     )
@@ -102,12 +103,13 @@ class WrongValue(_Spelled, ValueError):
     def of(cls, option: str, value: Any, expected: str) -> WrongValue:
         """Of one option; `expected` stands behind "must be"."""
         made = cls(f"{key(option)} = {value}: must be {expected}")
-        made.option, made.value, made.expected = option, str(value), expected
+        made.option, made.value, made.expected = option, str(value), str(expected)
         return made
 
     @classmethod
     def of_library(cls, option: str, value: str, expected: str, other: str, of_other: str) -> WrongValue:
-        """Of the library's `OptionError`."""
+        """Of the library's `OptionError`; other options may stand behind the value, as in "7, dim = 2"."""
+        value = re.sub(r"(?<=, )(\w+)(?= = )", lambda found: key(found[1]), value)
         expected += (key(other) if other else "") + of_other
         return cls.of(option, value, expected) if value else cls(f"{key(option)}: {expected}")
 

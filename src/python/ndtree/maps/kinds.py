@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ndtree._errors import WrongValue
+from ndtree._errors import WrongValue, key
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 
@@ -68,6 +68,7 @@ def _of_table() -> tuple[MapOption, ...]:
 
 
 MAP_OPTIONS = _of_table()
+REFINEMENTS = {name for option in MAP_OPTIONS for name in option.read_by}
 OPTION_NAMES = tuple(option.name for option in MAP_OPTIONS)
 
 _INSERTIONS = {
@@ -104,12 +105,15 @@ def make_map(name: str, *, dim: int, **options: Any) -> OccupancyMap:
     """
     kind, _, own_size = name.partition("@")
     if kind not in KINDS:
-        raise WrongValue.of("maps", name, f"one of {', '.join(KINDS)}, with @ and a cell size if wanted")
+        raise WrongValue.of(
+            "maps", f"{name!r}", f"one of {', '.join(KINDS)}, with @ and a cell size if wanted"
+        )
     if own_size:
         try:
             options["min_cell_size"] = float(own_size)
         except ValueError:
-            raise WrongValue.of("maps", name, "a kind, with a cell size in metres behind the @") from None
+            said = f"{key('maps')} = {name!r}: expected a cell size in metres behind the @"
+            raise WrongValue(said) from None
     if "cell_size" in options:  # Of maps with one size, another name.
         options.setdefault("min_cell_size", options.pop("cell_size"))
     for option in options:
@@ -131,6 +135,8 @@ def map_of(
         for option in MAP_OPTIONS
         if option.name in options and refinement in option.read_by
     }
+    if refinement not in REFINEMENTS:  # It says so.
+        return _core.AdaptiveMap(dim=dim, refinement=refinement)  # type: ignore[arg-type]
     if refinement == "octomap":
         return _core.OctoMap(dim=dim, insertion=insertion, **read)  # type: ignore[arg-type]
     return (_core.FixedMap if refinement == "fixed" else _core.AdaptiveMap)(dim=dim, **read)
