@@ -23,6 +23,7 @@ from ndtree.cli.commands.options import (
 )
 from ndtree.cli.commands.output import check_picture, is_stdout, write, write_json
 from ndtree.cli.commands.pictures import draw_side_by_side, plotting
+from ndtree.evaluation.comparison import Turns
 from ndtree.evaluation.map_comparison import compare_maps
 from ndtree.maps.kinds import KINDS
 from ndtree.maps.open import is_map
@@ -112,8 +113,7 @@ def compare_(context: typer.Context, call: _Call, given: Any = None) -> None:
         opened,
         names,
         given,
-        held_out=call.held_out,
-        repeat=call.repeat,
+        turns=Turns(held_out=call.held_out, repeat=call.repeat),
         json_file=call.json_file or call.csv_file,
         calibration=call.calibration or call.reliability is not None,
         certify=call.certify,

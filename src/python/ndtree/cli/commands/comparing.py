@@ -3,8 +3,9 @@
 
 import functools
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Callable, Optional
+from typing import Callable, Optional
 
 from ndtree._errors import located
 from ndtree._native import _core
@@ -14,7 +15,7 @@ from ndtree.cli.commands.logs import inspected, made, print_lines, warn_of_skipp
 from ndtree.cli.commands.messages import in_words
 from ndtree.cli.commands.output import is_stdout
 from ndtree.cli.commands.progress import progress
-from ndtree.evaluation.comparison import DEFAULT_MAPS, Comparison, map_in_turns
+from ndtree.evaluation.comparison import DEFAULT_MAPS, Comparison, Turns, map_in_turns
 from ndtree.logs import Log
 from ndtree.maps.kinds import make_map
 from ndtree.tuning.config import Config
@@ -27,13 +28,13 @@ def compared(
     given: Config,
     *,
     json_file: Optional[Path],
-    calibration: bool = False,
-    certify: bool = False,
+    turns: Optional[Turns] = None,
     made_maps: Callable[[dict[str, OccupancyMap]], None] = lambda maps: None,
-    **more: Any,
+    **judging: bool,
 ) -> Comparison:
     """Maps of the log, compared; `made_maps` gets them before they are judged, which takes longer."""
-    if more.get("held_out") == 1:
+    turns = turns or Turns()
+    if turns.held_out == 1:
         raise WrongCall("--held-out 1: must be 0, or at least 2, or nothing is left to map")
     maps = maps or DEFAULT_MAPS
     if len(set(maps)) != len(maps):
@@ -46,9 +47,8 @@ def compared(
     limit, no_return = config.max_range, config.no_return
     with progress() as advance:
         try:
-            trial = map_in_turns(
-                log, maps, max_range=limit, no_return=no_return, progress=advance, **more, **options
-            )
+            turns = replace(turns, max_range=limit, no_return=no_return)
+            trial = map_in_turns(log, maps, turns, progress=advance, **options)
         except ValueError as error:
             if str(error).startswith(log.name):
                 raise
@@ -63,6 +63,6 @@ def compared(
             print(f"{log.name}: {in_words(absurd)}")
     made_maps(trial.map_objects)
     with progress() as advance:
-        comparison = trial.judged(advance, calibration=calibration, certify=certify)
+        comparison = trial.judged(advance, **judging)
     warn_of_skipped(log)
     return comparison

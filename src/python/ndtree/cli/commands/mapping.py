@@ -204,4 +204,4 @@ def written(
     """Write the map, and then its picture: where that fails, the map is there."""
     done.target.save(output)
     if plot and picture:
-        draw(plot, done.target, picture, track=done.track, style=style)
+        draw(done.target, picture, track=done.track, style=style)

@@ -86,7 +86,6 @@ def plotting() -> Any:
 
 
 def draw(
-    plot: Any,
     m: OccupancyMap,
     path: Path,
     color: Optional[CellColor] = None,
@@ -100,6 +99,7 @@ def draw(
     In ROS's colors, unless its probabilities were asked for, which only the paper's grey levels show.
     """
     axis, at = cut
+    plot = plotting()
     more: dict[str, Any] = {} if color is None else {"color": color.value}
     usual = PictureStyle.paper if m.dim == 2 and color is CellColor.probability else PictureStyle.ros
     more["style"] = (style or usual).value

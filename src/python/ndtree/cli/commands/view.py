@@ -86,7 +86,7 @@ def view(call: _Call, given: Any = None) -> None:
         plot = plotting()
         check_picture(plot, call.png, "--png")
         m = suited(_loaded(call.map_name), call.color, axis)
-        draw(plot, m, call.png, call.color, (axis, at), style=call.style)
+        draw(m, call.png, call.color, (axis, at), style=call.style)
         print(f"wrote {call.png}")
         return
     if call.style is not None:

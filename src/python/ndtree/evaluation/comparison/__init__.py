@@ -2,6 +2,6 @@
 """Maps of the same log side by side: cells, updates, time, memory and truth, all counted alike."""
 
 from ndtree.evaluation.comparison.result import Comparison
-from ndtree.evaluation.comparison.run import DEFAULT_MAPS, NO_RETURN, Trial, compare, map_in_turns
+from ndtree.evaluation.comparison.run import DEFAULT_MAPS, NO_RETURN, Trial, Turns, compare, map_in_turns
 
-__all__ = ["DEFAULT_MAPS", "NO_RETURN", "Comparison", "Trial", "compare", "map_in_turns"]
+__all__ = ["DEFAULT_MAPS", "NO_RETURN", "Comparison", "Trial", "Turns", "compare", "map_in_turns"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from functools import partial
 from typing import Any
 
@@ -106,31 +106,31 @@ def compare(
     ValueError
         If an option is out of its limits, or the log is damaged or empty.
     """
-    trial = map_in_turns(
-        log,
-        maps,
-        held_out=held_out,
-        max_range=max_range,
-        no_return=no_return,
-        repeat=repeat,
-        progress=progress,
-        **options,
-    )
+    turns = Turns(held_out, max_range, no_return, repeat)
+    trial = map_in_turns(log, maps, turns, progress=progress, **options)
     return trial.judged(progress, calibration=calibration, certify=certify)
+
+
+@dataclass(frozen=True)
+class Turns:
+    """How maps are made in turns: as of `compare`."""
+
+    held_out: int = 10
+    max_range: float = math.inf
+    no_return: str = AUTO
+    repeat: int = 1
 
 
 def map_in_turns(
     log: Log | Iterable[Scan],
-    maps: Maps | None = None,
+    maps: Maps | None,
+    turns: Turns,
     *,
-    held_out: int = 10,
-    max_range: float = math.inf,
-    no_return: str = AUTO,
-    repeat: int = 1,
     progress: Progress | None = None,
     **options: Any,
 ) -> Trial:
-    """The first half of `compare`, with the same arguments: makes the maps, quicker than judging them."""
+    """The first half of `compare`: makes the maps, quicker than judging them."""
+    held_out, max_range, no_return, repeat = astuple(turns)
     for name, value, least in (("held_out", held_out, 0), ("repeat", repeat, 1)):
         if value < least:
             raise WrongValue.of(name, value, f">= {least}")
