@@ -169,3 +169,16 @@ def test_a_node_takes_a_file_and_its_own_parameters(tmp_path: Path) -> None:
     config = config_of(values.__getitem__, {"min_cell_size": 0.1})
     assert (config.get("fixed_frame"), config.max_range) == ("odom", 8.0)
     assert config.options == {"range_sigma": 0.02, "min_cell_size": 0.1}
+
+
+def test_a_fleet_takes_a_file(log: Path, tmp_path: Path) -> None:
+    (tmp_path / "robot.toml").write_text(
+        '[log]\nevery = 2\n[sensor]\nrange_sigma = 0.03\nno_return = "ignore"\n[map]\nmin_cell_size = 0.2\n'
+    )
+    words = ("--config", tmp_path / "robot.toml", "--quiet")
+    run("fleet", log, "-o", tmp_path / "a.tiles", "--engine", "local", "--workers", 1, *words)
+    run("map", log, "-o", tmp_path / "a.ndt", *words)
+    fleet, one = ndtree.open_tiles(tmp_path / "a.tiles"), ndtree.load(tmp_path / "a.ndt")
+    assert fleet.min_cell_size == one.min_cell_size == 0.2
+    at = np.concatenate([scan.endpoints for scan in ndtree.read(log)])
+    assert np.array_equal(fleet.state(at), one.state(at)) and len(at) > 100
