@@ -576,7 +576,7 @@ def test_what_a_format_cannot_hold_is_refused(tmp_path: Path, plane: ndtree.Adap
         (room(4, 2, 1), "a.ply", "dim = 4"),
         (room(4, 2, 1), "a.vtu", "dim = 4"),
         (room(4, 2, 1), "a.glb", "dim = 4"),
-        (room(4, 2, 1), "a.mcap", "dim = 4"),
+        (room(4, 2, 1), "a.mcap", "a 4-D map"),
     ]
     for m, name, message in refused:
         with pytest.raises(ValueError, match=message):

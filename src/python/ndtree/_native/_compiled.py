@@ -42,6 +42,7 @@ INTERNAL = frozenset(
         "judge_no_returns",
         "may_be_sampled",
         "normal_quantile",
+        "option_table",
         "pose_matrix",
         "pose_range_sigma",
         "sample_run",

@@ -111,7 +111,7 @@ def in_space(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 3): points of the plane get z = 0."""
     dim = points.shape[1]
     if dim > 3:
-        raise ValueError(f"a {dim}-D map: must be 2-D or 3-D")
+        raise ValueError(f"a map with dim = {dim}: must be 2 or 3")
     return np.hstack([points, np.zeros((len(points), 3 - dim))])
 
 

@@ -44,7 +44,7 @@ def quads(cells: Cells) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
                 u, v = ((axis + 1) % 3, (axis + 2) % 3) if side else ((axis + 2) % 3, (axis + 1) % 3)
                 parts.append(_face(seen, u, v, side * np.eye(3, dtype=np.int64)[axis]))
     else:
-        raise ValueError(f"a {dim}-D map: must be 2-D or 3-D")
+        raise ValueError(f"a map with dim = {dim}: must be 2 or 3")
     points = np.concatenate(parts).reshape(-1, dim)
     corners, number = np.unique(points, axis=0, return_inverse=True)
     return corners, number.reshape(-1, 4)
