@@ -38,6 +38,7 @@ OCTOMAP_INCLUDERS = {
     "tools/compare/octomap_baseline.hpp",
     "tools/compare/octomap_baseline.cpp",
     "tools/bench/collisions/main.cpp",
+    "tools/bench/files/main.cpp",
     "tools/bench/peers/octomap.cpp",
     "tools/octomap_readers/main.cpp",
 }

@@ -220,6 +220,30 @@ TEST(Coarser, FarFromZeroBordersAreStillWhole) {
   EXPECT_EQ(cells.last(8624702), 8);
 }
 
+TEST(Coarser, CellsBeginAtTheirBordersAtEverySize) {
+  Random random(17);
+  SCOPED_TRACE(random.trace());
+  int checked = 0;
+  for (const double unit : {0.05, 0.1, 0.03, 1.0 / 3.0})
+    for (const double units : {1.0, 2.0, 3.0, 7.0, 64.0, 2.5, 1.0 + 1e-10, 1.0001, 0.5, 1.0 / 3.0})
+      for (const double begin : {0.0, 5.0, -12.0, 0.25}) {
+        const CellsAlong cells(unit, begin * unit, units * unit);
+        for (int i = 0; i < 200; ++i) {
+          const std::int64_t k =
+              i % 2 == 0 ? random.integer(-50, 50) : random.integer(-1000000000, 1000000000);
+          const auto at = static_cast<double>(k);
+          const std::int64_t first = cells.first(k);
+          ASSERT_LE(cells.border(first), at) << unit << " " << units << " " << begin;
+          ASSERT_GT(cells.border(first + 1), at) << unit << " " << units << " " << begin;
+          const std::int64_t last = cells.last(k);
+          ASSERT_LT(cells.border(last - 1), at) << unit << " " << units << " " << begin;
+          ASSERT_GE(cells.border(last), at) << unit << " " << units << " " << begin;
+          ++checked;
+        }
+      }
+  EXPECT_EQ(checked, 4 * 10 * 4 * 200);
+}
+
 TEST(Coarser, SmallerCellsAreRefused) {
   const auto map = blocks<AdaptiveMap<2, 2>>(0.1, 3);
   for (const double size : {0.05, 0.0, -1.0, std::nan(""), HUGE_VAL})

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <stdexcept>
 
 #include "ndtree/cell/occupancy_cell.hpp"
@@ -31,6 +32,13 @@ class CellsAlong {
       : unit_(unit), lower_(lower), cell_size_(cell_size) {
     if (!(cell_size > 0.0) || !std::isfinite(cell_size))
       throw OptionError("cell_size", describe_number(cell_size) + " m", "> 0 and finite");
+    const double units = std::round(cell_size / unit);
+    const double begin = std::round(lower / unit);
+    if (units >= 1.0 && units < 0x1p30 && std::abs(begin) < 1e5 && is_nearly(cell_size / unit, units) &&
+        is_nearly(lower / unit, begin)) {
+      units_ = static_cast<std::int64_t>(units);
+      begin_ = static_cast<std::int64_t>(begin);
+    }
   }
 
   /// Whether cells are larger than the map's smallest.
@@ -41,6 +49,8 @@ class CellsAlong {
   }
   /// First cell that overlaps [k, ...).
   [[nodiscard]] std::int64_t first(std::int64_t k) const {
+    if (units_ == 1 && std::abs(k) < kMostExact) return k - begin_;
+    if (units_ > 1 && std::abs(k) < kMostExact) return floor_of(k - begin_, units_);
     const auto at = static_cast<double>(k);
     const double guess = std::floor((at * unit_ - lower_) / cell_size_);
     auto i = static_cast<std::int64_t>(std::clamp(guess, -0x1p60, 0x1p60));
@@ -51,6 +61,7 @@ class CellsAlong {
   }
   /// One behind the last cell that overlaps [..., k).
   [[nodiscard]] std::int64_t last(std::int64_t k) const {
+    if (units_ >= 1 && std::abs(k) < kMostExact) return first(k - 1) + 1;
     const std::int64_t i = first(k);
     return border(i) < static_cast<double>(k) ? i + 1 : i;
   }
@@ -62,9 +73,23 @@ class CellsAlong {
   }
 
  private:
+  // A whole number of units but for some rounding errors, which whole() takes away from every border up to
+  // here.
+  static constexpr std::int64_t kMostExact = std::int64_t{1} << 39;
+  [[nodiscard]] static bool is_nearly(double ratio, double whole) {
+    return std::abs(ratio - whole) <=
+           4.0 * std::numeric_limits<double>::epsilon() * std::max(1.0, std::abs(whole));
+  }
+  [[nodiscard]] static std::int64_t floor_of(std::int64_t k, std::int64_t divisor) {
+    return k / divisor - static_cast<std::int64_t>(k % divisor < 0);
+  }
+
   double unit_;
   double lower_;
   double cell_size_;
+  std::int64_t units_ =
+      0;  // Along a cell, if that is a whole number of them, and cell 0 begins at one; else 0.
+  std::int64_t begin_ = 0;  // Of cell 0, then.
 };
 
 /// A map with larger smallest cells, by the rule above. Equal siblings are joined; counts of beams stay

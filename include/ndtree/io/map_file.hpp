@@ -156,35 +156,35 @@ namespace detail {
 template <class Cells>
 [[nodiscard]] std::string to_bytes(const Cells& map, const char* refinement,
                                    const std::vector<StoredLayer>& layers) {
-  ByteWriter payload;
-  payload.put(static_cast<std::uint32_t>(Cells::kBranching));
-  payload.put(static_cast<std::uint32_t>(Cells::kDim));
-  payload.put_text(refinement);
-  std::uint32_t num_options = 0;
-  for_each_option(map.options(), [&](const char*, double) { ++num_options; });
-  payload.put(num_options);
-  for_each_option(map.options(), [&](const char* name, double value) {
-    payload.put_text(name);
-    payload.put(value);
-  });
-  payload.put(map.counters().updates);
-  payload.put(map.counters().splits);
-  payload.put(map.counters().merges);
-  payload.put(map.counters().scans);
-  write_tree(map.tree(), map.coarsest_level(), payload);
-  if (!layers.empty()) payload.put(static_cast<std::uint32_t>(layers.size()));
-  for (const StoredLayer& layer : layers) {
-    payload.put_text(layer.name);
-    payload.put_text(layer.rule);
-    payload.put(static_cast<std::uint64_t>(layer.bytes.size()));
-    payload.bytes().append(layer.bytes);
-  }
-
   ByteWriter file;
   file.bytes().append(kMapFileMagic);
   file.put(layers.empty() ? kMapFileVersionOfMap : kMapFileVersion);
-  file.put(static_cast<std::uint64_t>(payload.bytes().size()));
-  file.bytes().append(payload.bytes());
+  file.put(std::uint64_t{0});  // The length of what follows, when it is known.
+  file.put(static_cast<std::uint32_t>(Cells::kBranching));
+  file.put(static_cast<std::uint32_t>(Cells::kDim));
+  file.put_text(refinement);
+  std::uint32_t num_options = 0;
+  for_each_option(map.options(), [&](const char*, double) { ++num_options; });
+  file.put(num_options);
+  for_each_option(map.options(), [&](const char* name, double value) {
+    file.put_text(name);
+    file.put(value);
+  });
+  file.put(map.counters().updates);
+  file.put(map.counters().splits);
+  file.put(map.counters().merges);
+  file.put(map.counters().scans);
+  write_tree(map.tree(), map.coarsest_level(), file);
+  if (!layers.empty()) file.put(static_cast<std::uint32_t>(layers.size()));
+  for (const StoredLayer& layer : layers) {
+    file.put_text(layer.name);
+    file.put_text(layer.rule);
+    file.put(static_cast<std::uint64_t>(layer.bytes.size()));
+    file.bytes().append(layer.bytes);
+  }
+
+  file.put_at(kMapFilePreamble - sizeof(std::uint64_t),
+              std::uint64_t{file.bytes().size() - kMapFilePreamble});
   file.put(crc32(file.bytes()));
   return std::move(file.bytes());
 }

@@ -123,15 +123,16 @@ template <class Map>
   image.cell_size = pixel;
   image.origin = Vector<2>(static_cast<double>(left) * pixel, static_cast<double>(low) * pixel);
   image.pixels.assign(image.width * image.height, MapServerImage::kUnknown);
-  for (const CellState drawn : {CellState::free, CellState::occupied})
-    for_each_known([&](std::int64_t x0, std::int64_t x1, std::int64_t y0, std::int64_t y1, CellState state) {
-      if (state != drawn) return;
-      for (std::int64_t y = y0; y < y1; ++y) {
-        auto* const row = image.pixels.data() + static_cast<std::size_t>(high - 1 - y) * image.width;
-        std::fill(row + (x0 - left), row + (x1 - left),
-                  drawn == CellState::occupied ? MapServerImage::kOccupied : MapServerImage::kFree);
-      }
-    });
+  for_each_known([&](std::int64_t x0, std::int64_t x1, std::int64_t y0, std::int64_t y1, CellState state) {
+    for (std::int64_t y = y0; y < y1; ++y) {
+      auto* const row = image.pixels.data() + static_cast<std::size_t>(high - 1 - y) * image.width;
+      for (std::int64_t x = x0 - left; x < x1 - left; ++x)  // Occupied cells stay, whichever comes first.
+        if (state == CellState::occupied)
+          row[x] = MapServerImage::kOccupied;
+        else if (row[x] != MapServerImage::kOccupied)
+          row[x] = MapServerImage::kFree;
+    }
+  });
   return image;
 }
 

@@ -52,7 +52,9 @@ class PlyCells {
       text += std::string("property ") + property + "\n";
     for (const PlyProperty& property : more_)
       text += "property " + name_of(property.type) + " " + property.name + "\n";
-    return text + "end_header\n" + cells_.bytes();
+    text += "end_header\n";
+    text.reserve(text.size() + cells_.bytes().size());
+    return text.append(cells_.bytes());
   }
 
  private:

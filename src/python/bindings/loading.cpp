@@ -14,6 +14,7 @@
 
 #include "arguments.hpp"
 #include "docstrings.hpp"
+#include "map_layers.hpp"
 #include "ndtree/core/memory.hpp"
 #include "ndtree/io/byte_stream.hpp"
 #include "ndtree/io/dense_grid.hpp"
@@ -24,20 +25,31 @@
 
 namespace ndtree::python {
 
+// In the file of each shape.
+template <class Map>
+std::unique_ptr<MapInterface> adapted(const Map& map, const MapLayers<Map::kBranching, Map::kDim>& layers);
+extern template std::unique_ptr<MapInterface> adapted(const AdaptiveMap<2, 2>&, const MapLayers<2, 2>&);
+extern template std::unique_ptr<MapInterface> adapted(const AdaptiveMap<2, 3>&, const MapLayers<2, 3>&);
+
 using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "name"_a
 
 namespace {
 
-/// Makes a map of any of the refinements with two children along each axis: `make(type)` gives that map's
+/// A map and its layers as Python's: one of the default without layers as it is, all others by way of their
 /// bytes.
+template <class Map>
+std::unique_ptr<MapInterface> wrapped(const Map& map, const std::vector<StoredLayer>& layers) {
+  if constexpr (std::is_same_v<Map, AdaptiveMap<2, Map::kDim>>)
+    if (layers.empty()) return adapted(map, MapLayers<2, Map::kDim>{});
+  return map_from_bytes(to_bytes(map, layers));
+}
+
+/// Makes a map of any of the refinements with two children along each axis: `make(type)` gives it, wrapped.
 template <int D, class Make>
 std::unique_ptr<MapInterface> made(const std::string& refinement, const Make& make) {
-  if (refinement == FixedRefinement::kName)
-    return map_from_bytes(make(static_cast<FixedMap<2, D>*>(nullptr)));
-  if (refinement == PaperRefinement::kName)
-    return map_from_bytes(make(static_cast<PaperMap<2, D>*>(nullptr)));
-  if (refinement == EvidenceRefinement::kName)
-    return map_from_bytes(make(static_cast<AdaptiveMap<2, D>*>(nullptr)));
+  if (refinement == FixedRefinement::kName) return make(static_cast<FixedMap<2, D>*>(nullptr));
+  if (refinement == PaperRefinement::kName) return make(static_cast<PaperMap<2, D>*>(nullptr));
+  if (refinement == EvidenceRefinement::kName) return make(static_cast<AdaptiveMap<2, D>*>(nullptr));
   throw OptionError("refinement", "'" + refinement + "'", "'evidence', 'paper' or 'fixed'");
 }
 
@@ -69,7 +81,7 @@ std::unique_ptr<MapInterface> map_of_octomap(std::string_view bytes, const std::
     const Map map = octomap_from_bytes<Map>(bytes, options, &colors);
     std::vector<StoredLayer> layers;
     if (colors) layers.push_back(stored(*colors, "color"));
-    return to_bytes(map, layers);
+    return wrapped(map, layers);
   });
 }
 
@@ -99,7 +111,7 @@ py::object map_of_grid(const py::array_t<std::int8_t, py::array::c_style>& state
   {
     const Released released;
     map = made<D>(refinement, [&](auto* type) {
-      return to_bytes(from_grid<std::remove_pointer_t<decltype(type)>>(data, grid));
+      return wrapped(from_grid<std::remove_pointer_t<decltype(type)>>(data, grid), {});
     });
   }
   return to_python(std::move(map));
