@@ -63,13 +63,25 @@ def observed_region(every: Cells, track: ArrayLike | None = None) -> tuple[float
     return tuple(np.stack([low, high], axis=1).ravel().tolist())
 
 
-def found_region(every: Cells) -> tuple[float, ...]:
-    """Bounds [m] of what was found: nearly all occupied cells, and some more; few strays are left out."""
-    low, high = _bounds_of_hits(every)
+def found_region(some: Cells, observed: tuple[Floats, Floats] | None = None) -> tuple[float, ...]:
+    """Bounds [m] of what was found: nearly all occupied cells, and some more; few strays are left out.
+
+    Parameters
+    ----------
+    some : Cells
+        All of a map, or the occupied ones.
+    observed : (lower, upper), optional
+        Corners of what was observed [m], which bound what is shown: of `some`, if left out.
+    """
+    if observed is None:
+        seen = some.where(some.observed)
+        observed = seen.lower.min(axis=0) * some.unit, seen.upper.max(axis=0) * some.unit
+    if not len(some):
+        return tuple(np.stack(observed, axis=1).ravel().tolist())
+    low, high = _bounds_of_hits(some)
     margin = max(MARGIN * float(np.max(high - low)), 2.0)
-    seen = every.where(every.observed)
-    low = np.maximum(low - margin, seen.lower.min(axis=0)) * every.unit
-    high = np.minimum(high + margin, seen.upper.max(axis=0)) * every.unit
+    low = np.maximum((low - margin) * some.unit, observed[0])
+    high = np.minimum((high + margin) * some.unit, observed[1])
     return tuple(np.stack([low, high], axis=1).ravel().tolist())
 
 

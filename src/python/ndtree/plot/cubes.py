@@ -4,19 +4,29 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ndtree._native._core import OccupancyMap
-from ndtree.cells.lattice import Cells, Floats, Integers, coarsened, covered_faces
+from ndtree.cells.lattice import (
+    Cells,
+    Floats,
+    Integers,
+    coarsened,
+    covered_faces,
+    observed_bounds,
+    occupied_cells,
+)
 from ndtree.cells.regions import ceiling, found_region
 from ndtree.plot.colors import Coloring, coloring
+from ndtree.plot.faces import OUTLINE, FacesImage
 from ndtree.plot.figures import CutAbove, Region, axes_or_new, framed, require_dim
 
-MAX_VECTOR_FACES = 20_000  # More are an image in PDF and SVG files, too.
+MAX_VECTOR_FACES = 20_000  # More are an image.
 
 
 def occupied(
@@ -66,9 +76,12 @@ def occupied(
         Without frame; its coordinates are metres in the plane of the picture.
     """
     require_dim(m, 3)
-    chosen, bounds = chosen_cubes(Cells.of(m), region, cut_above)
+    cubes = occupied_cells(m)
+    chosen, bounds = chosen_cubes(cubes, region or found_region(cubes, observed_bounds(m)), cut_above)
     colors = coloring(chosen, color, colormap, heights)
-    return draw_cubes(chosen, bounds, axes_or_new(ax), (azimuth, elevation), colors, finest)
+    view = (azimuth, elevation)
+    drawn = draw_cubes(chosen, bounds, axes_or_new(ax), view, colors, finest)
+    return framed(drawn, bounds_on_screen(chosen, bounds, *view))
 
 
 def projected(points: ArrayLike, *, azimuth: float = -60.0, elevation: float = 50.0) -> Floats:
@@ -76,12 +89,11 @@ def projected(points: ArrayLike, *, azimuth: float = -60.0, elevation: float = 5
     return np.asarray(points, dtype=np.float64).reshape(-1, 3) @ _screen(azimuth, elevation)[1]
 
 
-def chosen_cubes(every: Cells, region: Region | None, cut_above: CutAbove) -> tuple[Cells, Region]:
-    """Occupied leaves to be shown, and the bounds [m] to which they are cut."""
-    cubes = every.where(every.occupied)
+def chosen_cubes(cubes: Cells, region: Region, cut_above: CutAbove) -> tuple[Cells, Region]:
+    """Of the occupied leaves those to be shown, and the bounds [m] to which they are cut."""
     if not len(cubes.size):
         raise ValueError("the map has no occupied cells that could be drawn")
-    bounds = list(region if region is not None else found_region(every))
+    bounds = list(region)
     cubes = cubes.inside(bounds)
     if cut_above == "auto":
         cut_above = ceiling(cubes)
@@ -113,8 +125,14 @@ def bounds_on_screen(cubes: Cells, bounds: Region, azimuth: float, elevation: fl
     """What the cubes take up in the picture [m], and a little more."""
     _, screen = _screen(azimuth, elevation)
     lower, upper = _clipped(cubes, bounds)
-    middle, half = 0.5 * (lower + upper) @ screen, 0.5 * (upper - lower) @ np.abs(screen)
-    low, high = (middle - half).min(axis=0), (middle + half).max(axis=0)
+    low, high = np.empty(2), np.empty(2)
+    for k in range(2):  # Of each cube the corner that is farthest along an axis of the picture.
+        first, last = np.zeros(len(cubes)), np.zeros(len(cubes))
+        for a, weight in enumerate(screen[:, k]):
+            ends = (lower[:, a], upper[:, a]) if weight > 0 else (upper[:, a], lower[:, a])
+            first += weight * ends[0]
+            last += weight * ends[1]
+        low[k], high[k] = first.min(), last.max()
     margin = 0.01 * float(np.max(high - low))
     return (low[0] - margin, high[0] + margin, low[1] - margin, high[1] + margin)
 
@@ -127,8 +145,7 @@ def draw_cubes(
     colors: Coloring,
     finest: float,
 ) -> Axes:
-    """Cells that are smaller than `finest` [m] are drawn as large, in their mean color."""
-    frame = bounds_on_screen(cubes, bounds, *view)
+    """Cells that are smaller than `finest` [m] are drawn as large, in their mean color. Has no frame yet."""
     to_viewer, screen = _screen(*view)
     fills = colors(cubes)
     if finest >= cubes.unit:
@@ -138,36 +155,48 @@ def draw_cubes(
         fills = np.stack([np.bincount(number, fills[:, k]) for k in range(3)], axis=1) / count
         cubes = joined
     order = _far_to_near(cubes, to_viewer)
-    cubes, fills = cubes.where(order), fills[order]
-    side = np.where(to_viewer >= 0, 1, -1)
-    shades = 0.62 + 0.38 * np.array([0.15, 0.5, 1.0])
-    covered = covered_faces(cubes)
-    lower, upper = _clipped(cubes, bounds)
-    faces, face_colors, order = [], [], []
-    for axis in range(3):
-        if abs(to_viewer[axis]) < 1e-9:
-            continue
-        open_ = np.flatnonzero(~covered[:, axis, int(side[axis] > 0)])
-        low, high = lower[open_], upper[open_]
-        quad = np.repeat(low[:, None, :], 4, axis=1)
-        if side[axis] > 0:
-            quad[:, :, axis] = high[:, None, axis]
-        one, two = (b for b in range(3) if b != axis)
-        quad[:, 1:3, one] = high[:, None, one]
-        quad[:, 2:4, two] = high[:, None, two]
-        faces.append(quad @ screen)
-        face_colors.append(fills[open_] * shades[axis])
-        order.append(open_)
-    # A cube's own faces do not hide each other, so that only the order of the cubes counts.
-    sequence = np.argsort(np.concatenate(order), kind="stable")
-    quads = np.concatenate(faces)[sequence]
-    fill = np.concatenate(face_colors)[sequence]
-    polygons = PolyCollection(quads, facecolors=fill, edgecolors=0.8 * fill, linewidths=0.25)
-    polygons.set_rasterized(len(quads) > MAX_VECTOR_FACES)
-    ax.add_collection(polygons, autolim=False)
-    framed(ax, frame)
+    quads, fill = _open_faces(cubes.where(order), bounds, fills[order], to_viewer, screen)
+    if len(quads) > MAX_VECTOR_FACES:
+        ax.add_image(FacesImage(ax, quads, fill))
+    else:
+        lines = OUTLINE * fill
+        ax.add_collection(
+            PolyCollection(quads, facecolors=fill, edgecolors=lines, linewidths=0.25), autolim=False
+        )
     ax.set_axis_off()
     return ax
+
+
+def _open_faces(
+    cubes: Cells, bounds: Region, fills: Floats, to_viewer: Floats, screen: Floats
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Faces of cubes that look to the viewer and lie on no other cube, in the cubes' order.
+
+    Returns the corners (n, 4, 2) on the screen [m], and the colors (n, 3), darker to the sides.
+    """
+    is_upper = to_viewer >= 0
+    shades = 0.62 + 0.38 * np.array([0.15, 0.5, 1.0])
+    covered = covered_faces(cubes)
+    open_ = ~covered[:, np.arange(3), is_upper.astype(int)] & (np.abs(to_viewer) >= 1e-9)
+    number, axis = np.nonzero(
+        open_
+    )  # A cube's own faces do not hide each other: only the cubes' order counts.
+    kind = np.float32 if len(number) > MAX_VECTOR_FACES else np.float64
+    lower, upper = _clipped(cubes, bounds)
+    corner = np.empty((len(cubes), 2), dtype=kind)
+    for k in range(2):
+        corner[:, k] = sum(lower[:, a] * screen[a, k] for a in range(3))
+    extent = (upper - lower).astype(kind)
+    quads = np.repeat(corner[number, None], 4, axis=1)
+    for a in range(3):
+        of_axis = np.flatnonzero(axis == a)
+        one, two = (extent[number[of_axis], b, None] * screen[b].astype(kind) for b in range(3) if b != a)
+        if is_upper[a]:
+            quads[of_axis] += (extent[number[of_axis], a, None] * screen[a].astype(kind))[:, None]
+        quads[of_axis, 1] += one
+        quads[of_axis, 2] += one + two
+        quads[of_axis, 3] += two
+    return quads, (fills.astype(kind)[number] * shades[axis, None].astype(kind))
 
 
 def _far_to_near(cubes: Cells, to_viewer: Floats) -> Integers:

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import replaced
-from ndtree.cells.lattice import Cells, Floats
+from ndtree.cells.lattice import Cells, Floats, observed_sizes
 
 Region = Sequence[float]
 Path = Union[str, "os.PathLike[str]"]
@@ -89,11 +89,30 @@ def written(figure: Figure, path: Path | None, dpi: float) -> Figure:
     figure.set_dpi(dpi)
     if path is not None:
         drawn = io.BytesIO()
-        figure.draw_without_rendering()  # Labels have their place only after the axes have theirs.
-        figure.savefig(drawn, dpi=dpi, format=os.path.splitext(path)[1][1:].lower() or "png")
+        layout = figure.get_layout_engine()
+        for _ in range(2):  # Labels have their place only after the axes have theirs.
+            _place(figure)
+        try:
+            figure.set_layout_engine(None)  # With one, saving would draw all once more.
+            figure.savefig(drawn, dpi=dpi, format=os.path.splitext(path)[1][1:].lower() or "png")
+        finally:
+            figure.set_layout_engine(layout)
         with replaced(path) as part:
             part.write_bytes(drawn.getbuffer())
     return figure
+
+
+def _place(figure: Figure) -> None:
+    """Lays out what is drawn, without its large parts: these take the room that their axes have."""
+    large = [part for ax in figure.axes for part in (*ax.get_images(), *ax.collections)]
+    images = [part for part in large if part.get_visible()]
+    for image in images:
+        image.set_visible(False)
+    try:
+        figure.draw_without_rendering()
+    finally:
+        for image in images:
+            image.set_visible(True)
 
 
 def shape_of(region: Region) -> float:
@@ -153,8 +172,17 @@ def panels(count: int, in_row: bool, shape: float, width: float) -> tuple[Figure
 def title_of(one: Cells, kind: str) -> str:
     """For example "adaptive, 16,390 cells of 0.05 m to 1.6 m"."""
     low, high = (float(edge(one.size[one.observed])) * one.unit for edge in (np.min, np.max))
+    return _title(kind, np.count_nonzero(one.observed), low, high)
+
+
+def title_of_map(m: OccupancyMap, kind: str) -> str:
+    """`title_of` for a map whose cells are not all in memory."""
+    return _title(kind, m.stats().observed_leaves, *observed_sizes(m))
+
+
+def _title(kind: str, count: int, low: float, high: float) -> str:
     sizes = f"{low:g} m" if low == high else f"{low:g} m to {high:g} m"
-    return f"{kind}, {np.count_nonzero(one.observed):,} cells of {sizes}"
+    return f"{kind}, {count:,} cells of {sizes}"
 
 
 def framed(ax: Axes, region: Region) -> Axes:

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
 from ndtree._native._core import OccupancyMap
-from ndtree.cells.lattice import Cells
+from ndtree.cells.lattice import Cells, cells_through
 from ndtree.cells.regions import picture_region
 from ndtree.plot.figures import (
     BORDER_COLOR,
@@ -177,7 +177,7 @@ def slice(
     require_dim(m, 3)
     held, value = _held(axis, value, {"x": x, "y": y, "z": z})
     others = [a for a in range(3) if a != held]
-    flat = Cells.of(m).through(held, value).along(others)
+    flat = cells_through(m, held, value).along(others)
     if not flat.observed.any():
         raise ValueError(f"{'xyz'[held]} = {value:g} m: the map was not observed there")
     ax = draw_occupancy(flat, axes_or_new(ax), region, style)

@@ -98,6 +98,8 @@ class PooledImage(AxesImage):
         self.set_clip_path(ax.patch)
 
     def draw(self, renderer: Any) -> None:
+        if not self.get_visible():
+            return
         whole = self.get_array()
         left, right, bottom, top = self.get_extent()
         ends = self.axes.transData.transform([(left, bottom), (right, top)])

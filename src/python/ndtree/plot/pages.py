@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from ndtree._native._core import OccupancyMap
-from ndtree.cells.lattice import Cells
+from ndtree.cells.lattice import Cells, cells_through, observed_bounds, occupied_cells
 from ndtree.cells.regions import ceiling, found_region, picture_region
 from ndtree.plot.colors import coloring
 from ndtree.plot.cubes import bounds_on_screen, chosen_cubes, draw_cubes
@@ -29,6 +29,7 @@ from ndtree.plot.figures import (
     require_style,
     shape_of,
     title_of,
+    title_of_map,
     written,
 )
 from ndtree.plot.flat import cell_sizes, occupancy, slice
@@ -185,7 +186,7 @@ def side_by_side_3d(
     maps = {"adaptive": adaptive, "fixed": fixed}
     view = (azimuth, elevation)
     shown = _Shown(view, cut_above, region, color, (slice_axis, slice_at))
-    return _draw_3d(maps, shown, path, width, dpi)
+    return written(_draw_3d(maps, shown, width, dpi), path, dpi)
 
 
 def overview_3d(
@@ -222,7 +223,7 @@ def overview_3d(
     view = (azimuth, elevation)
     shown = _Shown(view, cut_above, region, color, (slice_axis, slice_at), style)
     maps = {kind_of(m.refinement): m}
-    return _draw_3d(maps, shown, path, width, dpi)
+    return written(_draw_3d(maps, shown, width, dpi), path, dpi)
 
 
 @dataclass(frozen=True)
@@ -237,41 +238,41 @@ class _Shown:
     style: str = "paper"
 
 
-def _draw_3d(
-    maps: dict[str, OccupancyMap], shown: _Shown, path: Path | None, width: float, dpi: float
-) -> Figure:
+def _draw_3d(maps: dict[str, OccupancyMap], shown: _Shown, width: float, dpi: float) -> Figure:
     """A column for each map: its cubes, and below them its slice; the first map chooses what is shown."""
     for m in maps.values():
         require_dim(m, 3)
     held, cut_above, region = axis_number(shown.plane[0]), shown.cut_above, shown.region
-    every = [Cells.of(m) for m in maps.values()]
+    titles = [title_of_map(m, kind) for kind, m in maps.items()]
+    every = [occupied_cells(m) for m in maps.values()]
     others = [a for a in range(3) if a != held]
     if region is None:
-        region = found_region(every[0])
-        flat_region = picture_region(every[0].along(others))
-    else:
-        flat_region = tuple(edge for a in others for edge in region[2 * a : 2 * a + 2])
+        region = found_region(every[0], observed_bounds(next(iter(maps.values()))))
     if cut_above == "auto":
-        cut_above = ceiling(every[0].where(every[0].occupied).inside(region))
+        cut_above = ceiling(every[0].inside(region)) if len(every[0]) else None
     chosen = [chosen_cubes(one, region, cut_above) for one in every]
     colors = coloring(chosen[0][0], shown.color)
     at = shown.plane[1]
     if at is None:
         middle = (chosen[0][0].lower[:, held] + 0.5 * chosen[0][0].size) * every[0].unit
         at = float(np.mean(np.percentile(middle, (1, 99))))
+    if shown.region is None:
+        flat_region = picture_region(cells_through(next(iter(maps.values())), held, at).along(others))
+    else:
+        flat_region = tuple(edge for a in others for edge in region[2 * a : 2 * a + 2])
     corners = bounds_on_screen(*chosen[0], *shown.view)
     shapes = (shape_of(corners), shape_of(flat_region))
     column_width = WITHOUT_BAR * width / len(maps)
     pixel = (corners[1] - corners[0]) / (column_width * dpi)
     figure = Picture(figsize=(width, column_width * sum(shapes) + 1.0), layout="constrained")
     axes = figure.subplots(2, len(maps), squeeze=False, height_ratios=shapes)
-    for column, (kind, m, one, whole) in enumerate(zip(maps, maps.values(), chosen, every)):
+    for column, (kind, m, one, title) in enumerate(zip(maps, maps.values(), chosen, titles)):
         above, below = axes[:, column]
         framed(draw_cubes(*one, above, shown.view, colors, pixel), corners)
-        above.set_title(title_of(whole, kind))
+        above.set_title(title)
         scale_bar(above)
         slice(m, held, at, below, region=flat_region, borders=kind != "fixed", style=shown.style)
         below.set_title(f"slice at {'xyz'[held]} = {at:.2f} m", loc="left")
         explain_states(below, shown.style)
     add_bar(colors.legend(), list(axes[0]), colors.label, colors.ticks, shrink=0.7)
-    return written(figure, path, dpi)
+    return figure

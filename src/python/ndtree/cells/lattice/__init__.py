@@ -2,7 +2,16 @@
 """Leaves on the lattice of the smallest: neighbours, covered faces, unknown by free space, coarser views."""
 
 from ndtree.cells.lattice.blocks import Block, around, block_edge, block_runs, joined, parted, with_rim
-from ndtree.cells.lattice.cells import Booleans, Cells, Floats, Integers
+from ndtree.cells.lattice.cells import (
+    Booleans,
+    Cells,
+    Floats,
+    Integers,
+    cells_through,
+    observed_bounds,
+    observed_sizes,
+    occupied_cells,
+)
 from ndtree.cells.lattice.neighbours import CellIndex, covered_faces, frontier, hidden, neighbours
 from ndtree.cells.lattice.pyramid import Pyramid, coarsened
 
@@ -17,12 +26,16 @@ __all__ = [
     "around",
     "block_edge",
     "block_runs",
+    "cells_through",
     "coarsened",
     "covered_faces",
     "frontier",
     "hidden",
     "joined",
     "neighbours",
+    "observed_bounds",
+    "observed_sizes",
+    "occupied_cells",
     "parted",
     "with_rim",
 ]

@@ -30,8 +30,13 @@ def block_runs(blocks: Integers) -> list[tuple[Block, Integers]]:
 
 
 def parted(cells: Cells, edge: int) -> dict[Block, Cells]:
-    """Cells by the cube of `edge` units that their lower corner is in."""
-    return {block: cells.where(run) for block, run in block_runs(cells.lower // edge)}
+    """Cells by the cube of `edge` units that their lower corner is in: parts of the same arrays."""
+    runs = block_runs(cells.lower // edge)
+    ends = np.cumsum([len(run) for _, run in runs])
+    in_order = cells.where(np.concatenate([run for _, run in runs])) if runs else cells
+    return {
+        block: in_order.where(slice(end - len(run), end)) for (block, run), end in zip(runs, ends.tolist())
+    }
 
 
 def joined(parts: Iterable[Cells], none: Cells) -> Cells:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,6 +106,65 @@ class Cells:
         """Cells that the plane where one coordinate has a value [m] goes through."""
         at = math.floor(value / self.unit)
         return self.where((self.lower[:, axis] <= at) & (at < self.upper[:, axis]))
+
+
+def occupied_cells(m: OccupancyMap) -> Cells:
+    """The occupied leaves of a map alone, which takes less memory than `Cells.of`.
+
+    Raises
+    ------
+    ValueError
+        If nothing was inserted.
+    """
+    some = _chosen(m, states=("occupied",))
+    if some is not None:
+        return some
+    every = Cells.of(m)
+    return every.where(every.occupied)
+
+
+def observed_sizes(m: OccupancyMap) -> tuple[float, float]:
+    """Edges of the smallest and the largest observed cell [m], looked for in slab after slab."""
+    lower, upper = observed_bounds(m)
+    edges = np.linspace(lower[0], upper[0], 9)
+    low, high = math.inf, 0.0
+    for begin, end in zip(edges, edges[1:]):
+        slab = np.array([[begin, *lower[1:]], [end, *upper[1:]]])
+        leaves = m.leaves() if m.refinement == "octomap" else m.leaves(slab, states=("free", "occupied"))
+        sizes = leaves.size[leaves.observed]
+        low, high = min(low, sizes.min(initial=low)), max(high, sizes.max(initial=high))
+        if m.refinement == "octomap":  # Gives all or none.
+            break
+    return low, high
+
+
+def cells_through(m: OccupancyMap, axis: int, value: float) -> Cells:
+    """The leaves of a map that the plane where one coordinate has a value [m] goes through."""
+    box = np.array(observed_bounds(m))
+    box[:, axis] = value
+    some = _chosen(m, box)
+    return (Cells.of(m) if some is None else some).through(axis, value)
+
+
+def observed_bounds(m: OccupancyMap) -> tuple[Floats, Floats]:
+    """Lower and upper corner [m] of what was observed. @raises ValueError if nothing was inserted."""
+    if m.refinement != "octomap":
+        bounds = m.bounds()
+        if bounds is not None:
+            return bounds
+    every = Cells.of(m)  # Which says what is wrong, if nothing was.
+    seen = every.where(every.observed)
+    return seen.lower.min(axis=0) * every.unit, seen.upper.max(axis=0) * every.unit
+
+
+def _chosen(
+    m: OccupancyMap, box: Floats | None = None, states: tuple[str, ...] | None = None
+) -> Cells | None:
+    """Some leaves of a map of ours, in units of its smallest cells; None for OctoMap's."""
+    if m.refinement == "octomap" or m.bounds() is None:
+        return None
+    chosen: Any = {} if states is None else {"states": states}
+    return Cells.of_leaves(m.leaves(box, **chosen), m.min_cell_size, m.branching)
 
 
 SCALARS = ("unit", "branching")

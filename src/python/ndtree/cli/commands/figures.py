@@ -13,6 +13,7 @@ import numpy as np
 
 from ndtree._native._core import OccupancyMap, default_options
 from ndtree.base.words import number_of
+from ndtree.cells.lattice import observed_bounds
 from ndtree.cli.commands.logs import length_of
 from ndtree.cli.commands.messages import in_words, line_width
 from ndtree.cli.commands.progress import progress
@@ -29,8 +30,8 @@ def map_figures(m: OccupancyMap) -> dict[str, Any]:
     }
     bounds = None
     if seen.any():
-        upper = leaves.lower + leaves.size[:, None]
-        bounds = {"lower": leaves.lower[seen].min(axis=0).tolist(), "upper": upper[seen].max(axis=0).tolist()}
+        lower, upper = observed_bounds(m)
+        bounds = {"lower": lower.tolist(), "upper": upper.tolist()}
     sizes, count = np.unique(leaves.size[seen], return_counts=True)
     return {
         "dim": m.dim,
@@ -176,7 +177,7 @@ def print_log(figures: dict[str, Any]) -> None:
         median, longest = figures["range"]["median"], figures["range"]["max"]
         print(f"  ranges: median {_metres(median)} m, longest {_metres(longest)} m")
         if longest > LONGEST_BEAM * (cell := default_options()["min_cell_size"]):
-            print(f"  beams of more than {LONGEST_BEAM * cell:,.0f} m fit no map, expected --max-range M")
+            print(f"  beams longer than {LONGEST_BEAM * cell:,.0f} m fit into no map, expected --max-range M")
     if figures["bounds"]:
         print(
             f"  end points from {point(figures['bounds']['lower'])} to {point(figures['bounds']['upper'])} m"
