@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import runpy
 import sys
 from pathlib import Path
@@ -34,6 +35,27 @@ def test_examples_are_short_and_shown() -> None:
         assert len((ROOT / "examples" / f"{name}.py").read_text().splitlines()) < 80, name
         assert f"gallery/{name}.png" in page and f"examples/{name}.py" in page
         assert (ROOT / "docs" / "gallery" / f"{name}.png").stat().st_size < 200_000
+
+
+def test_the_notebook_runs_from_a_log_to_a_corrected_map(tmp_path, monkeypatch, capsys) -> None:
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed: the notebook draws")
+    monkeypatch.chdir(tmp_path)
+    notebook = json.loads((ROOT / "examples" / "first_map.ipynb").read_text())
+    left: dict[str, Any] = {}
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == [] and cell["execution_count"] is None
+            exec("".join(cell["source"]), left)
+    assert ndtree.load(tmp_path / "first.ndt").to_bytes() == left["m"].to_bytes()
+    assert (tmp_path / "first.png").read_bytes().startswith(b"\x89PNG")
+    assert "robot began: free" in capsys.readouterr().out
+    corrected, drifted = left["after"], left["before"]
+    assert corrected.stats().observed_leaves < 0.9 * drifted.stats().observed_leaves
+    anew = ndtree.ScanHistory(dim=2, min_cell_size=0.05)
+    for key, scan in enumerate(left["scans"]):
+        local = scan.endpoints - scan.origin.reshape(-1, 2)[0]
+        anew.insert(key, local, left["poses"][key], returned=scan.returned, max_range=15.0)
+    assert anew.map.to_bytes() == corrected.to_bytes()
 
 
 def test_the_cpp_examples_are_short_and_shown() -> None:
