@@ -294,11 +294,11 @@ def test_what_is_damaged_is_passed_over_and_counted(log: Path, tmp_path: Path) -
     assert ndtree.load(tmp_path / "a.ndt").state([[6.0, 6.0]]) == 1
     said = " ".join(done.stderr.split())
     assert said.count("ndtree: ") == 2
-    assert said.startswith(f"ndtree: passed over 2 damaged lines, the first: {damaged}: line ")
+    assert said.startswith(f"ndtree: skipped 2 damaged lines, the first: {damaged}: line ")
     for command in ("info", "compare", "calibrate"):
         more = ("--held-out", 0) if command == "compare" else ()
         done = run(command, damaged, "--keep-going", "--box=-99,-99,99,99", *more)
-        assert "passed over 2 damaged lines" in done.stderr, command
+        assert "skipped 2 damaged lines" in done.stderr, command
     hopeless = tmp_path / "hopeless.log"
     hopeless.write_text("FLASER 3 1.0\n")
     refused(run("map", hopeless, "-o", tmp_path / "b.ndt", "--keep-going"), 1, "no FLASER or ROBOTLASER1")

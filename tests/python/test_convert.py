@@ -258,7 +258,7 @@ def test_origins_between_pixels_are_kept_until_they_are_sampled(tmp_path: Path) 
     ndtree.convert(path, tmp_path / "map.ndt")
     moved = points.reshape(-1, 2) + np.array([0.01, 0.04])  # To -3.2 and 4.6 m.
     np.testing.assert_array_equal(ndtree.load(tmp_path / "map.ndt").state(moved), expected.ravel())
-    assert "(-3.21, 4.56) m is no whole number of pixels of 0.2 m" in opened.moved_note
+    assert "(-3.21, 4.56) m is not a whole number of pixels of 0.2 m" in opened.moved_note
     assert "moved by (0.01, 0.04) m" in opened.moved_note
     sampled = opened.resampled(0.05)
     centres = np.random.default_rng(2).integers(-100, 200, (3000, 2)) * 0.05 + 0.025

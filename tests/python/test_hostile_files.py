@@ -109,7 +109,7 @@ def test_the_lines_of_a_plain_file_are_those_of_python(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["a.txt", "a.ndt", "a.yaml", "a.bag", "a.pcd"])
 def test_a_fifo_is_refused_and_does_not_wait(name: str, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / name)
-    assert "is no regular file, expected one" in refused(tmp_path / name, tmp_path)
+    assert "is not a regular file, expected one" in refused(tmp_path / name, tmp_path)
 
 
 def test_devices_are_refused() -> None:

@@ -89,7 +89,7 @@ def test_of_long_logs_the_beginning_is_read(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(info, "FIRST_BEAMS", 1000)
     begun = RUN.invoke(app, ["info", str(log)]).stdout
     assert "2-D, the first 3 scans" in begun
-    figures, _, hint = whole.rpartition("what mapping will choose, and how long it takes:\n")
+    figures, _, hint = whole.rpartition("to see what mapping will choose, and how long it takes:\n")
     assert hint == f"  ndtree info {log} --look\n"
     looked = RUN.invoke(app, ["info", str(log), "--look"]).stdout
     assert looked.startswith(figures) and "mapping will take about" in looked and "no_return = " in looked

@@ -232,7 +232,7 @@ def test_clean_writes_the_log_without_what_moved(log, tmp_path):
         tmp_path / "p.png",
     )
     assert result.exit_code == 0, result.output
-    assert "judged by the log's array 'moving': SA" in result.output
+    assert "compared with the log's array 'moving': SA" in result.output
     figures = json.loads((tmp_path / "f.json").read_text())
     before, after = np.load(tmp_path / "in.npz"), np.load(out)
     assert sorted(after.files) == sorted(before.files)

@@ -166,7 +166,7 @@ void warn_of_scale(const BeamArrays& beams, int dim, double cell_size, double ma
         "beam " + std::to_string(i) + " is " + number_text(longest) + " m long, " +
         number_text(std::floor(longest / cell_size)) +
         " of the smallest cells: expected metres, and an origin in the frame of the points; "
-        "if it is meant, max_range says so";
+        "if it is right, set max_range";
     constexpr int kCaller = 2;  // Of the method that checks signatures.
     if (PyErr_WarnEx(PyExc_UserWarning, text.c_str(), kCaller) != 0) throw py::error_already_set();
     return;

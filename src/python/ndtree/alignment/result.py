@@ -15,7 +15,7 @@ from ndtree.alignment.loops import Loop
 from ndtree.alignment.planar import Floats, between, composed, placed
 from ndtree.alignment.sensor_scans import SensorScan
 from ndtree.alignment.tracking import Step
-from ndtree.alignment.writing import draw_before_and_after, verdict, write_trajectory
+from ndtree.alignment.writing import compared, draw_before_and_after, verdict, write_trajectory
 from ndtree.base.words import number_of
 from ndtree.logs.core.log import Log
 
@@ -96,12 +96,12 @@ class Alignment:
 
     @property
     def doubts(self) -> list[str]:
-        """Why not to trust the poses; empty if nothing speaks against them."""
+        """Why not to trust the poses; empty if no reason to doubt them."""
         doubts = []
         if self.lost > max(_MOST_LOST[0], _MOST_LOST[1] * len(self.poses)):
             doubts.append(f"{number_of(self.lost, 'scan')} matched nothing")
         if not self.has_odometry:
-            doubts.append("no odometry says how long corridors are, which may come out too short")
+            doubts.append("without odometry, corridors may come out too short")
         unsure = self.unconfirmed
         if unsure:
             steps = number_of(len(unsure), "step")
@@ -114,7 +114,7 @@ class Alignment:
             )
         before, after = self.cells
         if after > 1.02 * before:
-            doubts.append(f"walls take more cells than before, {after} instead of {before}")
+            doubts.append(f"walls take more cells than before ({after} instead of {before})")
         return doubts
 
     def __str__(self) -> str:
@@ -122,8 +122,8 @@ class Alignment:
         moved = self.moved
         return (
             f"poses moved by {np.median(moved):.2f} m, at most {moved.max():.2f} m; "
-            f"{number_of(len(self.loops), 'loop')} closed of {self.tested} looked at; "
-            f"end points take {100 * (after / max(before, 1) - 1):+.0f} % cells: {verdict(self.doubts)}"
+            f"{len(self.loops)} of {number_of(self.tested, 'possible loop')} closed; "
+            f"end points fill {compared(after, before)} cells: {verdict(self.doubts)}"
         )
 
     __repr__ = __str__

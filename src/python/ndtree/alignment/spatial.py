@@ -22,7 +22,7 @@ from ndtree._errors import WrongValue, key
 from ndtree.alignment.aligned_log import AlignedLog
 from ndtree.alignment.planar import Floats
 from ndtree.alignment.sensor_scans import spread_evenly
-from ndtree.alignment.writing import draw_before_and_after, verdict, write_trajectory
+from ndtree.alignment.writing import compared, draw_before_and_after, verdict, write_trajectory
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
@@ -99,7 +99,7 @@ class SpatialAlignment:
 
     @property
     def doubts(self) -> list[str]:
-        """Why not to trust the poses; empty if nothing speaks against them."""
+        """Why not to trust the poses; empty if no reason to doubt them."""
         doubts = []
         if self.lost > max(_MOST_LOST[0], _MOST_LOST[1] * len(self.poses)):
             doubts.append(f"{number_of(self.lost, 'scan')} matched nothing")
@@ -107,7 +107,7 @@ class SpatialAlignment:
             doubts.append(f"the sensor jumps {self.jumps} times")
         before, after = self.cells
         if self._has_poses and after > 1.02 * before:
-            doubts.append(f"surfaces take more cells than before, {after} instead of {before}")
+            doubts.append(f"surfaces take more cells than before ({after} instead of {before})")
         return doubts
 
     @property
@@ -118,10 +118,10 @@ class SpatialAlignment:
     def __str__(self) -> str:
         before, after = self.cells
         way = float(np.linalg.norm(np.diff(self.poses[:, :3, 3], axis=0), axis=1).sum())
-        more = 100 * (after / max(before, 1) - 1)
         return (
-            f"poses moved by {np.median(self.moved):.2f} m, at most {self.moved.max():.2f} m; a way of "
-            f"{way:.1f} m, no loops are closed; end points take {more:+.0f} % cells: {verdict(self.doubts)}"
+            f"poses moved by {np.median(self.moved):.2f} m, at most {self.moved.max():.2f} m; a path of "
+            f"{way:.1f} m, no loops closed; end points fill {compared(after, before)} cells: "
+            f"{verdict(self.doubts)}"
         )
 
     __repr__ = __str__

@@ -440,7 +440,7 @@ class LiveMapper:
             if self._may_begin_again:
                 self._begin_again()
             else:
-                self._intake.notes.append(f"{self.figures.mapped} scans before stay as they were mapped")
+                self._intake.notes.append(f"{self.figures.mapped} earlier scans stay as they were mapped")
         if not self._intake.may_revise:
             self._kept, self._first = [], None
 

@@ -70,7 +70,7 @@ class PlacedMap:
             ", ".join(f"{value:g}" for value in one) for one in (self.offset, self._whole - self.offset)
         )
         return (
-            f"origin ({at}) m is no whole number of pixels of {self.cell_size:g} m from 0: "
+            f"origin ({at}) m is not a whole number of pixels of {self.cell_size:g} m from 0: "
             f"the map is moved by ({by}) m to the nearest"
         )
 
@@ -197,7 +197,7 @@ def no_map(name: str, expected: str, in_python: str = "") -> ValueError:
     """
     known = kind_of(name)
     if known is None:
-        return ValueError(f"{name}: is no map and no log that is known, expected {expected}")
+        return ValueError(f"{name}: is neither a map nor a log of a known kind, expected {expected}")
     kind, ways = known
     if in_python and ways == (f"ndtree map {shlex.quote(name)}",):
         ways = (*ways, f"in Python: {in_python}")

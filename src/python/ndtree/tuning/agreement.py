@@ -62,9 +62,9 @@ class Disagreement:
         """What was found and what helps, in one line."""
         when = f"from {self.since:.1f} s on" if math.isfinite(self.since) else "from some scan on"
         return Text(
-            f"{when}, scans that follow each other disagree by {self.error:.2f} m while the poses move "
-            f"{self.moved:.2f} m: wheels slip or poses drift; {key('align')}, or poses of a SLAM or a "
-            f"localization help, or {key('stop')} before that"
+            f"{when}, consecutive scans disagree by {self.error:.2f} m while the poses move "
+            f"{self.moved:.2f} m: wheels slip or poses drift; use {key('align')} or the poses of a SLAM "
+            f"system, or stop before it with {key('stop')}"
         )
 
 

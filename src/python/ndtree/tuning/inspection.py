@@ -61,11 +61,11 @@ def inspect(
     if not log.has_sensor and "range_sigma" in options and "min_cell_size" not in options:
         size = 2 * options["range_sigma"]
         values["min_cell_size"] = Decision(size, MEASURED, "twice the noise")
-        notes.append(f"cells of {size:g} m, twice the noise; {key('min_cell_size')} says another")
+        notes.append(f"cells of {size:g} m, twice the noise; {key('min_cell_size')} sets another")
     choose_sigma = with_sigma and log.is_raw and not {"range_sigma", "range_sigma_quadratic"} & options.keys()
     choose_no_return = given.no_return == AUTO and log.knows_no_returns
     if given.no_return == AUTO:
-        values["no_return"] = Decision("free", USUAL, "the log has no such beams, or says what they mean")
+        values["no_return"] = Decision("free", USUAL, "the log has no such beams, or tells what they mean")
     if not (choose_sigma or choose_no_return):
         return Config(values, None, tuple(map(Text, notes)))
     decides = choose_no_return and log.may_be_zero and log.rules.zero_is is None
@@ -74,7 +74,8 @@ def inspect(
     zeros = min(1.0, look.zeros / look.beams) if look.beams else 0.0
     if decides:
         says_nothing = look.no_returns.choice == "ignore" or not zeros
-        why = f"range 0, of {100 * zeros:.0f} % of the beams, as {'nothing' if says_nothing else 'no echo'}"
+        word = "nothing" if says_nothing else "no echo"
+        why = f"range 0, in {100 * zeros:.0f} % of the beams, taken to mean {word}"
         values["zero_is"] = Decision(INVALID if says_nothing else NO_ECHO, MEASURED, why)
     if look.limit is not None or may_be_cut_off:
         limit = [] if look.limit is None else [look.limit.at, look.limit.tolerance]
@@ -104,7 +105,7 @@ def _said(
     if zeros >= _FEW_ZEROS:
         word, other = ("no echo", INVALID) if means == NO_ECHO else ("nothing", NO_ECHO)
         lines.append(
-            f"range 0, of {100 * zeros:.0f} % of the beams, says {word}; else {key('zero_is')} {other}"
+            f"{100 * zeros:.0f} % of the ranges are 0, taken to mean {word}; if not: {key('zero_is')} {other}"
         )
     if look.cut_off is not None:
         lines.append(f"readings of {look.cut_off:.4g} m, the log's largest range, are beams without return")

@@ -19,6 +19,7 @@ from ndtree._native._core import Matcher
 from ndtree.alignment.planar import Floats, pose_of, seen_from, wrapped
 from ndtree.alignment.sensor_scans import ends_to_match, pose_in_log, spread_evenly
 from ndtree.base.scan import Scan
+from ndtree.base.words import number_of
 
 #: A drift [m] from which surfaces are double, and of how many places that were found again.
 DRIFT, LEAST_PLACES = 0.12, 3
@@ -54,8 +55,8 @@ class Drift:
     def __str__(self) -> str:
         """What was found and what helps, in one line."""
         return Text(
-            f"surfaces double where the robot comes back: poses drift by about {self.error:.1g} m "
-            f"({self.places} places seen again); {key('align')} finds poses, or take those of a SLAM"
+            f"surfaces appear twice where the robot returns: its poses drift by about {self.error:.1g} m "
+            f"(at {number_of(self.places, 'place')}); use {key('align')} or the poses of a SLAM system"
         )
 
 

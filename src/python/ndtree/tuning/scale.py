@@ -57,13 +57,13 @@ class Scale:
             number, length = self._far
             return Text(
                 f"scan {number} has a beam of {length:,.0f} m, {length / self._cell:,.0f} cells: expected "
-                "metres, and origins in the frame of the end points; if it is meant, "
-                f"{key('max_range')} says so"
+                "metres, and origins in the frame of the end points; if it is right, set "
+                f"{key('max_range')}"
             )
         if self._jump is not None:
             number, length = self._jump
             return Text(
                 f"scan {number} lies {length:,.0f} m from the one before: expected all scans in one frame, "
-                f"as UTM or local, and {key('origin')} for far-away coordinates"
+                f"such as UTM or a local one, and {key('origin')} for coordinates far away"
             )
         return None

@@ -75,7 +75,7 @@ def _find_mount(path: Path, given: Config, json_file: Optional[Path]) -> None:
     except WrongOption as error:
         if "mount" in given.values or "takes no such option" not in str(error):
             raise
-        raise WrongCall(f"--find-mount: {path} is no ROS bag") from None
+        raise WrongCall(f"--find-mount: {path} is not a ROS bag") from None
     assert isinstance(log, RosbagLog)
     with progress() as advance:
         found = find_mount(log, progress=advance)

@@ -91,14 +91,14 @@ def clean(
         cleaned.draw(picture)
     if not is_stdout(json_file):
         share = cleaned.moved / max(cleaned.points, 1)
-        print(f"{source.name}: {number_of(cleaned.scans, 'scan')}, {cleaned.points} points that returned")
+        print(f"{source.name}: {number_of(cleaned.scans, 'scan')}, {cleaned.points} points")
         for line in config.notes:
             print(f"  {marked(line)}")
         moved = f"{number_of(cleaned.moved, 'point')} moved ({100 * share:.1f} %)"
-        print(f"  {moved}; unknown for {cleaned.unknown} others")
+        print(f"  {moved}; {cleaned.unknown} others were seen too rarely to tell")
         if cleaned.truth:
             scores = moved_scores(np.concatenate(cleaned.removed), truth)
-            print(f"  judged by the log's array 'moving': {scores}")
+            print(f"  compared with the log's array 'moving': {scores}")
         print(f"in {figures['seconds']:.3f} s; wrote {output}{f' and {picture}' if picture else ''}")
     write_json(figures, json_file)
     warn_of_skipped(source)

@@ -87,7 +87,7 @@ def _first_lines(maps: dict[str, OccupancyMap], picture: Path) -> list[str]:
         f"{name:<{widths[0]}}  {s.observed_leaves:>{widths[1]},} cells  {s.memory_bytes / 2**20:6.2f} MiB"
         for name, s in stats.items()
     ]
-    return ["", *lines, "", f"See {picture}. How true each of them is takes somewhat longer ..."]
+    return ["", *lines, "", f"See {picture}. Measuring how true each of them is takes a little longer ..."]
 
 
 def _next_lines(context: typer.Context, log: Optional[Path], dim: int) -> list[str]:

@@ -28,7 +28,7 @@ from ndtree.logs import Log, NotALog
 from ndtree.maps.open import is_map
 from ndtree.tuning.config import Config
 
-_LOOK_CLOSER = "what mapping will choose, and how long it takes:\n  ndtree info {} --look"
+_LOOK_CLOSER = "to see what mapping will choose, and how long it takes:\n  ndtree info {} --look"
 
 
 @command(

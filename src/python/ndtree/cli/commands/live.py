@@ -418,8 +418,8 @@ def _report_places(
             print(f"  {line}")
         lost = f"lost {number_of(localizer.times_lost, 'time')}" if localizer.times_lost else "never lost"
         print(
-            f"{len(known)} of {len(found)} scans found, {lost}; from arrival to "
-            f"pose {1e3 * figures.delay(0.5):.1f} ms, and 99 % within {1e3 * figures.delay(0.99):.1f} ms"
+            f"{len(known)} of {len(found)} scans localized, {lost}; from arrival to "
+            f"pose: {1e3 * figures.delay(0.5):.1f} ms, 99 % within {1e3 * figures.delay(0.99):.1f} ms"
             + (f"; wrote {output}" if output else "")
         )
     write_json(
@@ -451,8 +451,8 @@ def _report(
         print_map(of_map)
         median, late = (1e3 * figures.delay(q) for q in (0.5, 0.99))
         print(
-            f"{seconds:.3f} s, {figures.insert_seconds:.3f} s of them in the map; from arrival to map "
-            f"{median:.1f} ms, and 99 % within {late:.1f} ms" + (f"; wrote {output}" if output else "")
+            f"{seconds:.3f} s, of which {figures.insert_seconds:.3f} s inserting; from arrival to map: "
+            f"{median:.1f} ms, 99 % within {late:.1f} ms" + (f"; wrote {output}" if output else "")
         )
     for sink, error in mapper.failures.items():
         print(f"ndtree: {sink}: {error}", file=sys.stderr)

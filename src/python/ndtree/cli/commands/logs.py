@@ -74,7 +74,7 @@ def warn_of_skipped(log: Log) -> None:
             print(laid_out(one.summary), file=sys.stderr)
             continue
         first = " ".join(one.first.split())
-        print(laid_out(f"passed over {one.count} {kind}, the first: {first}"), file=sys.stderr)
+        print(laid_out(f"skipped {one.count} {kind}, the first: {first}"), file=sys.stderr)
 
 
 def length_of(log: Log) -> int:

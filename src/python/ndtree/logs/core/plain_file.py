@@ -65,7 +65,7 @@ def _opened(path: str, flags: int) -> int:
     os.close(handle)
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(21, os.strerror(21), path)
-    raise OSError(22, "is no regular file, expected one", path)
+    raise OSError(22, "is not a regular file, expected one", path)
 
 
 class PlainFile:

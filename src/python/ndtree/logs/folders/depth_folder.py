@@ -86,7 +86,7 @@ class DepthFolderLog(FolderLog):
         else:
             self._decided.append(
                 "the camera is taken for a PrimeSense: 525,525,319.5,239.5,1000; "
-                f"{key('camera')} says another"
+                f"{key('camera')} sets another"
             )
         self._poses = PosesOfFiles(trajectory, self._files, None, time_offset, _times_in(source, names))
 

@@ -204,7 +204,7 @@ class PosesOfFiles:
             return float(trajectory.stamps[i])
         if not self._numbered:
             raise ValueError(
-                f"{self._path}: {len(known)} poses for {len(self._files)} files whose names are no numbers, "
+                f"{self._path}: {len(known)} poses for {len(self._files)} files whose names are not numbers, "
                 "expected as many"
             )
         first, last = int(min(known)), int(max(known))
@@ -215,7 +215,7 @@ class PosesOfFiles:
     def _line(self, i: int, lines: int, path: str | None, what: str) -> int:
         if not self._numbered and lines != len(self._files):
             raise ValueError(
-                f"{path}: {lines} {what} for {len(self._files)} files whose names are no numbers, "
+                f"{path}: {lines} {what} for {len(self._files)} files whose names are not numbers, "
                 "expected as many"
             )
         line = self._lines[i]

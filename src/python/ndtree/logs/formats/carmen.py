@@ -89,7 +89,7 @@ class CarmenLog(LineLog):
         if found[1] == "none":
             self._seen.append(
                 f"field of view of {degrees:g} degrees is assumed: no PARAM says it, and no laser is known "
-                f"for {beams} beams; {key('fov')} says another"
+                f"for {beams} beams; {key('fov')} sets another"
             )
         elif degrees != 180:
             self._seen.append(f"field of view of {degrees:g} degrees is that of lasers with {beams} beams")

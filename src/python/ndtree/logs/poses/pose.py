@@ -132,8 +132,8 @@ def nearest_rotations(matrices: Floats) -> Floats:
     if bad.any():
         i = int(bad.argmax())
         raise ValueError(
-            f"{_pose(i, bad)}{np.round(matrices[i], 4).tolist()} is no rotation, expected rows of length 1 "
-            "at right angles"
+            f"{_pose(i, bad)}{np.round(matrices[i], 4).tolist()} is not a rotation, expected rows of "
+            "length 1 at right angles"
         )
     left, _, right = np.linalg.svd(matrices)
     return left @ right

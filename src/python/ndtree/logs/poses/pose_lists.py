@@ -158,7 +158,7 @@ def _of_matrices(path: str, *, timed: bool) -> PoseList:
         table = table.reshape(-1, 16)
         wrong = np.flatnonzero(np.abs(table[:, 12:] - _LAST_ROW).max(axis=1) > 1e-9)
         if wrong.size:
-            raise ValueError(f"{path}: pose {wrong[0]}: the last row is no 0 0 0 1")
+            raise ValueError(f"{path}: pose {wrong[0]}: the last row is not 0 0 0 1")
         table = table[:, :12]
     matrices = table.reshape(-1, 3, 4)
     if len(stamps) == len(matrices):

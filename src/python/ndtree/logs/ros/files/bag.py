@@ -287,7 +287,7 @@ def _natural(name: str) -> list[Any]:
 def _opened(name: str, stack: ExitStack) -> Storage:
     """One file, by its first bytes; what is packed as a whole is unpacked into a temporary one."""
     if not os.path.isfile(name):  # A pipe would wait for somebody to write.
-        raise ValueError(f"{name}: is no regular file, expected one of a ROS bag")
+        raise ValueError(f"{name}: is not a regular file, expected one of a ROS bag")
     path, head = name, _head(name)
     if head.startswith(ZSTD_MAGIC):
         path = _unpacked_file(name, stack)
