@@ -139,7 +139,8 @@ TEST(NoReturns, AreFreeWhereItIsSureThatFewerThanAFifthCross) {
 TEST(NoReturns, OfNothingAreLeftOut) {
   EXPECT_FALSE(judged<2>({}).are_free());
   EXPECT_FALSE(judged<2>({scan_of<2>(kNothing)}).are_free());
-  EXPECT_EQ(judged<2>({scan_of<2>(kWall)}).to_text(), "every beam returned");
+  EXPECT_EQ(judged<2>({scan_of<2>(kWall)}).to_text(),
+            "no beam without return in the scans that were looked at");
   EXPECT_EQ(judged<2>({scan_of<2>(kNothing)}).to_text(),
             "beams without return (100.0 %) are left out: only 0 of them could be checked");
 }

@@ -44,15 +44,16 @@ struct NoReturns {
 
   /// What was chosen and why, in one line.
   [[nodiscard]] std::string to_text() const {
-    if (share == 0.0) return "every beam returned";
+    if (share == 0.0) return "no beam without return in the scans that were looked at";
     char begin[80], found[160];
     std::snprintf(begin, sizeof begin, "beams without return (%.1f %%)", 100.0 * share);
     if (!are_judged())
       return std::string(begin) + " are left out: only " + std::to_string(beams) +
              " of them could be checked";
-    std::snprintf(found, sizeof found,
-                  "%.0f %% of %zu go through walls that other scans saw, %.0f %% would by pose errors",
-                  100.0 * crossing, beams, 100.0 * expected);
+    std::snprintf(
+        found, sizeof found,
+        "%.0f %% of %zu go through walls that other scans saw; errors of the poses would explain %.0f %%",
+        100.0 * crossing, beams, 100.0 * expected);
     return std::string(begin) + (are_free() ? " mean free space: " : " are left out: ") + found;
   }
 

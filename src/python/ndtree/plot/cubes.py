@@ -77,7 +77,9 @@ def occupied(
     """
     require_dim(m, 3)
     cubes = occupied_cells(m)
-    chosen, bounds = chosen_cubes(cubes, region or found_region(cubes, observed_bounds(m)), cut_above)
+    if region is None:
+        region = found_region(cubes, observed_bounds(m))
+    chosen, bounds = chosen_cubes(cubes, region, cut_above)
     colors = coloring(chosen, color, colormap, heights)
     view = (azimuth, elevation)
     drawn = draw_cubes(chosen, bounds, axes_or_new(ax), view, colors, finest)

@@ -144,7 +144,7 @@ class Prospect:
         lines += self.config.notes
         if self.cost is not None:
             seconds, memory = self.cost
-            lines.append(f"mapping will take about {_rounded(seconds)} s, and {_rounded(memory / 2**20)} MiB")
+            lines.append(f"mapping will take about {_rounded(seconds)} s and {_rounded(memory / 2**20)} MiB")
         return lines
 
 
