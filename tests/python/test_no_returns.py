@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import ndtree
 from ndtree.base.scan import Scan
 from ndtree.evaluation.no_returns import judge
 from ndtree.evaluation.sampling import RUN, RUNS, spread
-from ndtree.tuning.first_look import first_look
+from ndtree.tuning.first_look import NEGLIGIBLE, first_look
 
 
 def room(silent: float, seed: int = 1, scans: int = 60, gate: bool = False) -> list[Scan]:
@@ -226,6 +227,20 @@ def test_what_mapping_costs_is_told_of_logs_with_an_absurd_beam(tmp_path: Path) 
     scans[0].endpoints[0] = 4e8
     cost = first_look(ndtree.read(written(scans, tmp_path / "far.npz"))).cost()
     assert cost[0] > 0 and cost[1] > 0
+
+
+@pytest.mark.parametrize("share, is_kept", [(0.5 * NEGLIGIBLE, False), (2.0 * NEGLIGIBLE, True)])
+def test_noise_that_grows_counts_by_what_it_adds_at_the_longest_range(
+    share: float, is_kept: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = ndtree.read(written(room(0.0), tmp_path / "a.npz"))
+    longest = max(float(scan.returned_beams()[2].max(initial=0.0)) for scan in log)
+    assert longest > 3.0, "range and squared range are not the same"
+    quadratic = share * 0.02 / longest**2
+    noise = (SimpleNamespace(value=0.02), SimpleNamespace(value=quadratic))
+    monkeypatch.setattr("ndtree.tuning.first_look.range_noise", lambda scans: noise)
+    found = first_look(log).range_sigma_quadratic
+    assert found == (pytest.approx(quadratic, rel=0.05) if is_kept else 0.0)
 
 
 def test_the_first_look_measures_the_sensor(tmp_path: Path) -> None:

@@ -94,6 +94,19 @@ def test_people_who_pass_a_standing_sensor_are_no_motion(people: int, dim: int) 
         assert share(scans(lambda i: (0.5, -1.0, 0.3), dim=dim, people=people, seed=seed), dim) == 0
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_beams_without_return_say_nothing_of_where_a_sensor_stands(dim: int) -> None:
+    """A driver may write any length for them: here far behind the walls, elsewhere in each scan."""
+    generator = np.random.default_rng(3)
+    made = []
+    for one in scans(lambda i: (0.5, -1.0, 0.3), dim=dim):
+        is_lost = generator.random(len(one.points)) < 0.3
+        points = np.where(is_lost[:, None], one.points * generator.uniform(2, 4), one.points)
+        made.append(Beams(points, returned=~is_lost))
+    assert share(made, dim) == 0
+    assert share([Beams(one.points) for one in made], dim) > MOVES, "if all had returned, it would move"
+
+
 def test_of_long_logs_some_scans_are_kept_and_of_short_ones_nothing_is_said() -> None:
     made = scans(WAYS["turns"], dim=2)
     assert share(made * 20, 2) == pytest.approx(share(made, 2), abs=0.15)

@@ -75,7 +75,7 @@ def understood(
             shown.append(sweep)
             if sweep is not base:
                 lines.append(
-                    f"{name}: {sweep.name}: so scans agree better than as their messages say "
+                    f"{name}: {sweep.name}; this way scans agree better than by their messages "
                     f"({100 * (1 - gain):.0f} % fewer cells)"
                 )
     return sweeps, lines, shown[0] if len(set(shown)) == 1 and len(shown) == len(sensors) else None
