@@ -67,6 +67,17 @@ TEST(HitRate, BeamsNarrowTheBounds) {
   EXPECT_NEAR(width(1600.0) / width(6400.0), 2.0, 0.02);
 }
 
+TEST(HitRate, OfCellsWithoutCountsItRisesFromLowerThanTheirOdds) {
+  // Where evidence is even, few beams end: most cells that a beam reaches are free.
+  EXPECT_NEAR(HitRateModel::mean_of(0.0), 0.04, 0.02);
+  EXPECT_LT(HitRateModel::mean_of(-4.6), 1e-3);
+  EXPECT_GT(HitRateModel::mean_of(5.9), 0.95);
+  int checked = 0;
+  for (double log_odds = -5.0; log_odds < 5.0; log_odds += 0.25, ++checked)
+    EXPECT_LT(HitRateModel::mean_of(log_odds), HitRateModel::mean_of(log_odds + 0.25));
+  EXPECT_EQ(checked, 40);
+}
+
 TEST(HitRate, CellsAreReadInBeams) {
   SensorOptions sensor;
   sensor.probability_min = 0.3;
