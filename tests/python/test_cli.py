@@ -13,6 +13,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -516,6 +517,26 @@ def test_a_reader_that_leaves_does_not_stop_the_work(unbuffered: bool, log: Path
     assert {path.name for path in (tmp_path / "d").iterdir()} == {
         "adaptive-fixed.png", "adaptive-fixed-0.1.png"
     }  # fmt: skip
+
+
+def test_without_a_terminal_a_line_says_now_and_then_how_far_it_is(monkeypatch, capsys) -> None:
+    from ndtree.cli.commands import progress
+
+    monkeypatch.setattr(progress.sys.stderr, "isatty", lambda: False)
+    m = ndtree.AdaptiveMap(dim=2)
+    log = SimpleNamespace(share_read=0.25)
+    for every, lines in ((1e6, 0), (0.0, 2)):
+        monkeypatch.setattr(progress, "LINE_EVERY", every)
+        with progress.progress() as report:
+            report("looking at the log", 3, 20)
+            report("looking at the log", 4, 0)
+        said = capsys.readouterr()
+        assert said.out == "" and len(said.err.splitlines()) == lines
+        assert not lines or said.err == "looking at the log: 3 of 20\nlooking at the log: 4\n"
+        with progress.mapping_progress(log, m) as report:
+            report(7, 700)
+        said = capsys.readouterr().err
+        assert said.startswith("25%: 7 scans, ") if lines else said == ""
 
 
 def test_the_process_has_the_exit_status(log: Path, tmp_path: Path) -> None:

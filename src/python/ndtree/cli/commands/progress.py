@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bars that show on a terminal how far a command is."""
+"""How far a command is: a bar on a terminal, else a line now and then."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from contextlib import contextmanager
 from typing import Any
 
 from ndtree._native._core import OccupancyMap
-from ndtree.base.progress import Progress, no_progress
+from ndtree.base.progress import Progress
 from ndtree.base.words import number_of
 from ndtree.logs import Log
 
 #: A mapping's figures are drawn anew after so long [s].
 REFRESH = 0.2
+#: Where standard error is no terminal, a line says so often how far a command is, if it takes that long [s].
+LINE_EVERY = 10.0
 
 
 def _terminal() -> Any:
@@ -28,12 +30,29 @@ def _terminal() -> Any:
     return console if console.is_terminal else None
 
 
+class _Lines:
+    """Lines on standard error, one every `LINE_EVERY` seconds."""
+
+    def __init__(self) -> None:
+        self._last = time.monotonic()
+
+    def say(self, text: Callable[[], str]) -> None:
+        """Prints what `text` makes, where it is time to."""
+        now = time.monotonic()
+        if now - self._last >= LINE_EVERY:
+            self._last = now
+            print(text(), file=sys.stderr, flush=True)
+
+
 @contextmanager
 def progress() -> Iterator[Progress]:
-    """A function that shows what is going on, on a terminal only."""
+    """A function that shows what is going on."""
     console = _terminal()
     if console is None:
-        yield no_progress
+        lines = _Lines()
+        yield lambda what, done, total: lines.say(
+            lambda: f"{what}: {done:,} of {total:,}" if total else f"{what}: {done:,}"
+        )
         return
     from rich import progress as bars
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
@@ -55,13 +74,20 @@ def progress() -> Iterator[Progress]:
 
 @contextmanager
 def mapping_progress(log: Log, target: OccupancyMap) -> Iterator[Callable[[int, int], None]]:
-    """A function of the scans and beams so far that shows how far a map is, on a terminal only.
+    """A function of the scans and beams so far that shows how far a map is.
 
     The time left is shown for logs that can tell how much of them is read.
     """
     console = _terminal()
+    begin = last = time.monotonic()
     if console is None:
-        yield lambda scans, beams: None
+        lines = _Lines()
+
+        def say(scans: int, beams: int) -> None:
+            share = "" if log.share_read is None else f"{log.share_read:.0%}: "
+            lines.say(lambda: share + mapping_line(scans, beams, time.monotonic() - begin, target))
+
+        yield say
         return
     from rich import progress as bars
     from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
@@ -69,7 +95,6 @@ def mapping_progress(log: Log, target: OccupancyMap) -> Iterator[Callable[[int, 
     columns = (BarColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
     with bars.Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=None)
-        begin = last = time.monotonic()
 
         def advance(scans: int, beams: int) -> None:
             nonlocal last
