@@ -30,13 +30,15 @@ def block_runs(blocks: Integers) -> list[tuple[Block, Integers]]:
 
 
 def parted(cells: Cells, edge: int) -> dict[Block, Cells]:
-    """Cells by the cube of `edge` units that their lower corner is in: parts of the same arrays."""
-    runs = block_runs(cells.lower // edge)
-    ends = np.cumsum([len(run) for _, run in runs])
-    in_order = cells.where(np.concatenate([run for _, run in runs])) if runs else cells
-    return {
-        block: in_order.where(slice(end - len(run), end)) for (block, run), end in zip(runs, ends.tolist())
-    }
+    """Cells by the cube of `edge` units that their lower corner is in.
+
+    Of leaves in the order of their tree, those of a cube follow each other, and stay parts of one array.
+    """
+    parts = {}
+    for block, run in block_runs(cells.lower // edge):
+        first, last = int(run[0]), int(run[-1])
+        parts[block] = cells.where(slice(first, last + 1) if last - first + 1 == len(run) else run)
+    return parts
 
 
 def joined(parts: Iterable[Cells], none: Cells) -> Cells:
