@@ -278,11 +278,11 @@ def test_strict_refuses_scans_that_are_left_out(tmp_path: Path) -> None:
 def test_a_node_is_told_of_parameters() -> None:
     said = (
         f"bag: no transform to laser, expected one of:\n    {key('trajectory')} FILE\n"
-        f"    {key('still')}, if the sensor stands\n    {key('sensor_frame')} FRAME, of a, b\n"
+        f"    {key('still')}, if the sensor stands still\n    {key('sensor_frame')} FRAME, of a, b\n"
         f"  {key('topic')} /scan, which sees less; ndtree calibrate --find-mount"
     )
     assert in_parameters(said) == (
-        "bag: no transform to laser, expected one of:\n    still, if the sensor stands\n"
+        "bag: no transform to laser, expected one of:\n    still, if the sensor stands still\n"
         "    sensor_frame FRAME, of a, b\n  topics /scan, which sees less; ndtree calibrate --find-mount"
     )
     assert (

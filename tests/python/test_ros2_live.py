@@ -430,4 +430,8 @@ def test_what_is_missing_is_said_with_parameters(tmp_path: Path) -> None:
         wait_until(lambda: "no transform to laser" in log(), node, log)
         node.send_signal(signal.SIGINT)
         node.wait(PATIENCE)
-    assert "still, if the sensor stands" in log() and "--still" not in log() and "--trajectory" not in log()
+    assert (
+        "still, if the sensor stands still" in log()
+        and "--still" not in log()
+        and "--trajectory" not in log()
+    )

@@ -124,7 +124,7 @@ def test_a_sensor_above_what_moves_is_still_a_sensor(turned: bool, tmp_path: Pat
     """A root that is the robot's base, and a tree in which the fixed frame hangs below the sensor."""
     parts = [moved("lidar", "odom")] if turned else [moved("base_link", "arm")]
     if not turned:
-        with pytest.raises(ValueError, match="base_link is connected with none of map, odom, world"):
+        with pytest.raises(ValueError, match="base_link is connected to none of map, odom, world"):
             log_of(tmp_path, *parts, clouds("base_link"))
         return
     for scan, t in zip(log_of(tmp_path, *parts, clouds("lidar")), STAMPS):

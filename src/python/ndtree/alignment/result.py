@@ -120,9 +120,10 @@ class Alignment:
     def __str__(self) -> str:
         before, after = self.cells
         moved = self.moved
+        loops = f"{len(self.loops)} of {number_of(self.tested, 'possible loop')} closed"
         return (
             f"poses moved by {np.median(moved):.2f} m, at most {moved.max():.2f} m; "
-            f"{len(self.loops)} of {number_of(self.tested, 'possible loop')} closed; "
+            f"{loops if self.tested else 'no loops found'}; "
             f"end points fill {compared(after, before)} cells: {verdict(self.doubts)}"
         )
 

@@ -95,7 +95,8 @@ def clean(
         for line in config.notes:
             print(f"  {marked(line)}")
         moved = f"{number_of(cleaned.moved, 'point')} moved ({100 * share:.1f} %)"
-        print(f"  {moved}; {cleaned.unknown} others were seen too rarely to tell")
+        unsure = f"; {cleaned.unknown} others were seen too rarely to tell" if cleaned.unknown else ""
+        print(f"  {moved}{unsure}")
         if cleaned.truth:
             scores = moved_scores(np.concatenate(cleaned.removed), truth)
             print(f"  compared with the log's array 'moving': {scores}")

@@ -110,7 +110,11 @@ class Calibration:
         """A table with a line for each parameter."""
         lines = [
             f"{self.log}, {self.dim}-D: {self.scans:,} scans, {self.beams:,} beams, "
-            f"{100 * self.no_return_share:.2f} % of them not returned",
+            + (
+                f"{100 * self.no_return_share:.2f} % of them not returned"
+                if self.no_return_share
+                else "all returned"
+            ),
             f"ranges: median {self.median_range:.2f} m, longest {self.longest_range:.2f} m",
             "",
             f"{'':22}{'estimate':>10}{'90 % interval':>22}{'observations':>14}",

@@ -24,7 +24,7 @@ PACKETS = (
 MOUNT = f"{key('mount')} X,Y,Z,ROLL,PITCH,YAW"
 HOW_TO_MOUNT = f"{MOUNT} (metres, and radians or degrees as in 90deg; ndtree calibrate --find-mount finds it)"
 _TRAJECTORY = f"{key('trajectory')} FILE"
-_STILL = f"{key('still')}, if the sensor stands"
+_STILL = f"{key('still')}, if the sensor stands still"
 
 
 def unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: dict[str, str]) -> str:
@@ -84,7 +84,7 @@ def standing(
 ) -> str:
     """The error of a sensor that is fixed to all that it is connected with."""
     return (
-        f"{path}: {sensor} is connected with none of {', '.join(usual)} and with no frame that it moves in, "
+        f"{path}: {sensor} is connected to none of {', '.join(usual)}, nor to a frame in which it moves, "
         "expected one of:"
     ) + typed(*_sources(others), _TRAJECTORY, _STILL, f"{key('fixed_frame')} FRAME, of {listed(connected)}")
 
