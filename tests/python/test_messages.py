@@ -168,7 +168,7 @@ CALLS: tuple[tuple[str, int, str], ...] = (
     ("simulate office", 2, "office.npz: is there already, expected -o LOG"),
     ("align a.txt -o poses.txt", 1, "a.txt: line 1"),
     ("align office.npz -o poses.txt --max-range -1", 2, "--max-range -1: must be > 0 m"),
-    ("calibrate office.npz --find-mount", 2, "--find-mount: office.npz is no ROS bag"),
+    ("calibrate office.npz --find-mount", 2, "--find-mount: office.npz is not a ROS bag"),
     ("calibrate a.txt", 1, "a.txt: line 1"),
     ("study b.toml", 1, "b.toml"),
     ("study nope.toml", 1, "nope.toml: No such file"),
