@@ -187,7 +187,7 @@ def test_the_noise_of_a_depth_camera_is_chosen_as_for_bags(
     """Where images do not show it, that of such cameras: it grows with the squared range."""
     config = inspect(read(make(tmp_path)))
     assert config.options["range_sigma"] == 0.005 and config.options["range_sigma_quadratic"] == 0.0015
-    assert any(line.startswith("chosen: ") and "--range-sigma-quadratic" in line for line in config.notes)
+    assert any(line.startswith("chosen: ") and "range_sigma_quadratic" in line for line in config.notes)
 
 
 def test_floats_are_metres_and_what_is_not_finite_is_no_depth() -> None:

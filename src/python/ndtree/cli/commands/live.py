@@ -415,7 +415,7 @@ def _report_places(
     if not is_stdout(json_file):
         print(f"{name}: {figures.summary()}")
         for line in mapper.intake.said():
-            print(f"  {line}")
+            print(f"  {in_words(line)}")
         lost = f"lost {number_of(localizer.times_lost, 'time')}" if localizer.times_lost else "never lost"
         print(
             f"{len(known)} of {len(found)} scans localized, {lost}; from arrival to "
@@ -447,7 +447,7 @@ def _report(
     if not is_stdout(json_file):
         print(f"{name}: {figures.summary()}")
         for line in mapper.intake.said():
-            print(f"  {line}")
+            print(f"  {in_words(line)}")
         print_map(of_map)
         median, late = (1e3 * figures.delay(q) for q in (0.5, 0.99))
         print(
