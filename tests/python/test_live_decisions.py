@@ -98,7 +98,7 @@ def robot(
 def test_walls_are_not_erased_by_what_two_seconds_say(kind: str, tmp_path: Path) -> None:
     bag = robot(tmp_path, kind, stands=3.0, rate=0.04)
     said = same_as_map(bag, tmp_path)
-    assert "decided anew of " in said and " mapped again" in said and "--no-return ignore" in said, said
+    assert "decided again after " in said and " mapped again" in said and "--no-return ignore" in said, said
     m = ndtree.load(tmp_path / "live.ndt")
     wall = np.stack([np.linspace(-2, 3, 60), np.full(60, ROOM)], axis=1)
     near = np.min([m.probability(wall + np.array([0, by])) < 0.5 for by in (-0.04, 0.0, 0.04)], axis=0)
