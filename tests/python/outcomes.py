@@ -5,7 +5,7 @@ usage: python outcomes.py FIRST COUNT SCRATCH SAMPLE ...     (prints one line of
        python outcomes.py --one SCRATCH ARGUMENT ...          (of the command line: prints one)
 
 Only two outcomes are right: the file is "read", or "refused" by status 1 and one clear line that names it.
-With either, lines may stand beside it that say what was passed over or left out, and name the file.
+With either, lines may stand beside it that say what was skipped or left out, and name the file.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def outcome_of(arguments: list[str], scratch: Path, *, seconds: int = SECONDS) -
 
 def _judged(code: int, said: str, scratch: Path) -> str:
     lines = said.splitlines()
-    errors = [line for line in lines if not line.startswith("ndtree: passed over ")]
+    errors = [line for line in lines if not line.startswith("ndtree: skipped ")]
     if code not in (0, 1):
         return f"ends with status {code}"
     if code == 0:  # What was read is said of it.

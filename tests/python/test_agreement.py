@@ -50,7 +50,7 @@ def test_wheels_that_slip_are_told_of_with_the_time(step: float, office: list[Sc
 
 def test_a_log_without_times_is_told_of_without_one(office: list[Scan]) -> None:
     scans = [replace(scan, stamp=0.0) for scan in shifted(office, np.array([0.05, 0.0]))]
-    assert str(disagreement(spread(scans)[0])).startswith("from some scan on, scans that follow")
+    assert str(disagreement(spread(scans)[0])).startswith("from some scan on, consecutive scans")
 
 
 def test_a_robot_that_is_stuck_is_told_of(office: list[Scan]) -> None:

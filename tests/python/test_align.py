@@ -84,7 +84,7 @@ def test_poses_without_odometry_are_found(office):
     there = [moved(scan, np.zeros(3)) for scan in log]
     found = ndtree.align(Drifting(there, np.zeros((len(there), 3))))
     after = errors(found.poses, truth)
-    assert not found.has_odometry and "how long corridors are" in str(found)
+    assert not found.has_odometry and "corridors may come out too short" in str(found)
     # A scan that sees nothing of those before is where it was: the sensor turns away, then starts to move.
     assert after.max() < 0.7 and np.median(after) < 0.07
 
@@ -116,7 +116,7 @@ def test_the_first_pose_stays_and_one_scan_is_enough(office):
     one = Drifting(list(log)[:1], odometry[:1])
     found = ndtree.align(one)
     np.testing.assert_allclose(found.poses, odometry[:1])
-    assert found.loops == [] and "0 loops" in str(found)
+    assert found.loops == [] and "no loops found" in str(found)
 
 
 def test_poses_in_the_plane_compose():

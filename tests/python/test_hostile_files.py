@@ -114,7 +114,7 @@ def test_a_fifo_is_refused_and_does_not_wait(name: str, tmp_path: Path) -> None:
 
 def test_devices_are_refused() -> None:
     for call in (ndtree.read, ndtree.load, ndtree.load_octomap, open_map, open_regular):
-        with pytest.raises(OSError, match="is no regular file") as caught:
+        with pytest.raises(OSError, match="is not a regular file") as caught:
             call("/dev/zero")
         assert caught.value.filename == "/dev/zero"
 
@@ -124,7 +124,7 @@ def test_a_fifo_in_a_folder_of_scans_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a" / "velodyne" / "000000.bin")
     (tmp_path / "a" / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n")
     (tmp_path / "a" / "calib.txt").write_text("Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n")
-    assert "000000.bin: is no regular file" in refused(tmp_path / "a", tmp_path)
+    assert "000000.bin: is not a regular file" in refused(tmp_path / "a", tmp_path)
 
 
 # --- Images of map_server --------------------------------------------------------------------------
@@ -204,7 +204,7 @@ def test_hostile_yaml_is_refused(case: str, image: Callable[..., Path], tmp_path
 
 def test_an_image_that_is_a_fifo_does_not_wait(image: Callable[..., Path], tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.pgm")
-    assert "pipe.pgm: is no regular file" in refused(image(image="pipe.pgm"), tmp_path)
+    assert "pipe.pgm: is not a regular file" in refused(image(image="pipe.pgm"), tmp_path)
     with pytest.raises(OSError, match="/dev/zero"):
         open_map(image(image="/dev/zero"))
 
@@ -274,7 +274,7 @@ def test_a_bag_of_a_fifo_does_not_wait(tmp_path: Path) -> None:
         "  starting_time: {nanoseconds_since_epoch: 1}\n  message_count: 0\n"
         "  topics_with_message_count: []\n"
     )
-    assert "is no regular file" in refused(folder, tmp_path)
+    assert "is not a regular file" in refused(folder, tmp_path)
 
 
 # --- LAZ ------------------------------------------------------------------------------------------

@@ -118,7 +118,7 @@ def test_odometry_that_comes_later_is_no_standing_robot(tmp_path: Path) -> None:
             if item[1] < START + 4.0:  # Before the next look.
                 mapper.put(*item)
         deadline = time.monotonic() + PATIENCE
-        while "decided anew of 3 s" not in str(intake.notes) or mapper.figures.waiting > 3:
+        while "decided again after 3 s" not in str(intake.notes) or mapper.figures.waiting > 3:
             assert time.monotonic() < deadline, mapper.figures.summary()
             time.sleep(0.01)
         assert not intake.log.place.stands
@@ -147,7 +147,7 @@ def test_a_recording_of_more_bytes_than_are_kept_is_decided_of_these(
     monkeypatch.setattr("ndtree.live.messages.KEPT", 40_000)
     done = cli("live", bag, "--rate", 0, "--json", tmp_path / "live.json")
     assert done.exit_code == 0, done.stderr
-    assert "220 mapped" in done.stdout and "decided anew of 9 s" not in done.stdout
+    assert "220 mapped" in done.stdout and "decided again after 9 s" not in done.stdout
 
 
 def test_a_map_that_was_changed_by_hand_is_not_mapped_again(tmp_path: Path) -> None:
@@ -278,11 +278,11 @@ def test_strict_refuses_scans_that_are_left_out(tmp_path: Path) -> None:
 def test_a_node_is_told_of_parameters() -> None:
     said = (
         f"bag: no transform to laser, expected one of:\n    {key('trajectory')} FILE\n"
-        f"    {key('still')}, if the sensor stands still\n    {key('sensor_frame')} FRAME, of a, b\n"
+        f"    {key('still')}, if the sensor does not move\n    {key('sensor_frame')} FRAME, of a, b\n"
         f"  {key('topic')} /scan, which sees less; ndtree calibrate --find-mount"
     )
     assert in_parameters(said) == (
-        "bag: no transform to laser, expected one of:\n    still, if the sensor stands still\n"
+        "bag: no transform to laser, expected one of:\n    still, if the sensor does not move\n"
         "    sensor_frame FRAME, of a, b\n  topics /scan, which sees less; ndtree calibrate --find-mount"
     )
     assert (

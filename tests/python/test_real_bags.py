@@ -81,7 +81,7 @@ def test_real_bags_are_mapped(bags: Path, name: str, tmp_path: Path) -> None:
 SAID = {
     "jackal_mocap/test_2026-02-17-16-26-34.bag": "--poses /vrpn_client_node/jackal/pose, and --mount",
     "ros1_scan_tf_hrp_rplidar/mylaserdata3.bag": "--base-frame base_link --mount X,Y,Z,ROLL,PITCH,YAW",
-    "ros2_scan_only_db3/mydata": "expected one of: --trajectory FILE --still, if the sensor stands still",
+    "ros2_scan_only_db3/mydata": "expected one of: --trajectory FILE --still, if the sensor does not move",
     "ros1_pointcloud2_embag/array_test.bag": "found /array_test (Arrays)",
     "ros1_multiecho_cartographer/b0-2014-07-21-12-42-53-short.bag": "nor any other poses",
     "mcap_pointcloud2_pointcloudset/test.mcap": "--fixed-frame FRAME, of os1_imu, os1_lidar, os1_sensor",

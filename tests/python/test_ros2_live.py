@@ -431,7 +431,7 @@ def test_what_is_missing_is_said_with_parameters(tmp_path: Path) -> None:
         node.send_signal(signal.SIGINT)
         node.wait(PATIENCE)
     assert (
-        "still, if the sensor stands still" in log()
+        "still, if the sensor does not move" in log()
         and "--still" not in log()
         and "--trajectory" not in log()
     )

@@ -172,7 +172,7 @@ def test_what_cannot_be_chosen_is_listed(ros2: Messages, tmp_path: Path) -> None
         (two, {"topic": "scan", "trajectory": str(kitti)}, ValueError, "kitti.txt: has no times"),
         ({"/scan": scan}, {}, ValueError, "no transform to sensor, the frame of /scan: there is no /tf"),
         ({"/scan": ros2.laser(START, "laser", [1]), "/tf_static": away}, {}, ValueError,
-         "laser is connected to none of map, odom, world (?s:.*) fixed_frame FRAME, of earth, laser"),
+         "laser is connected to none of map, odom, world(?s:.*) fixed_frame FRAME, of earth, laser"),
         ({"/depth": image, "/tf_static": fixed}, {}, ValueError, "no CameraInfo of 2 x 2 pixels beside"),
         ({"/depth": image, "/tf_static": fixed}, {"camera": "1"}, ValueError, "expected fx,fy,cx,cy"),
         ({"/scan": scan, "/odom": odometry}, {"odometry": "/odom"}, ValueError,

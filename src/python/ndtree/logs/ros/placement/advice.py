@@ -24,7 +24,7 @@ PACKETS = (
 MOUNT = f"{key('mount')} X,Y,Z,ROLL,PITCH,YAW"
 HOW_TO_MOUNT = f"{MOUNT} (metres, and radians or degrees as in 90deg; ndtree calibrate --find-mount finds it)"
 _TRAJECTORY = f"{key('trajectory')} FILE"
-_STILL = f"{key('still')}, if the sensor stands still"
+_STILL = f"{key('still')}, if the sensor does not move"
 
 
 def unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: dict[str, str]) -> str:
