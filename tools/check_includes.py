@@ -26,6 +26,7 @@ ALLOWED = {
     "mapping": {"core", "tree", "cell"},
     "alignment": {"core"},
     "query": {"core", "tree", "cell", "alignment"},
+    "planning": {"core", "tree", "cell", "query"},
     "layers": {"core", "tree", "cell"},
     "io": {"core", "tree", "cell", "layers"},
     "logs": {"core"},

@@ -19,6 +19,8 @@ void bind_loading(pybind11::module_& module);
 void bind_exports(pybind11::module_& module);
 /// @pre as bind_exports().
 void bind_queries(pybind11::module_& module);
+/// @pre bind_queries() has run.
+void bind_planning(pybind11::module_& module);
 /// @pre as bind_exports().
 void bind_changes(pybind11::module_& module);
 /// @pre as bind_exports().

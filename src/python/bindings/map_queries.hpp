@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "any_field.hpp"
+#include "any_planner.hpp"
 #include "map_exports.hpp"
 #include "ndtree/core/body.hpp"
 #include "ndtree/query/cells.hpp"
@@ -99,6 +100,18 @@ struct RayEndArrays {
 
 class MapQueries;
 
+/// A planner in a map of any kind. Calls are made one at a time.
+class AnyPlanner {
+ public:
+  virtual ~AnyPlanner() = default;
+  [[nodiscard]] virtual AnyPath plan(const double* start, const double* goal, double max_seconds) = 0;
+  /// @throws std::invalid_argument if the map is of another kind than the first.
+  virtual bool update(const MapQueries& map) = 0;
+  /// The first of the segments between n points in which the body collides; -1 if there is none.
+  [[nodiscard]] virtual std::int64_t first_blocked(const double* points, std::size_t n) const = 0;
+  [[nodiscard]] virtual std::size_t memory_bytes() const = 0;
+};
+
 /// Frontiers that follow a map of any kind.
 class AnyFrontierSearch {
  public:
@@ -125,6 +138,8 @@ class MapQueries {
   [[nodiscard]] virtual AnyFrontiers frontiers(const std::optional<AnyBox>& box, double min_cells) const = 0;
   [[nodiscard]] virtual std::unique_ptr<AnyFrontierSearch> frontier_search(
       const std::optional<AnyBox>& box) const = 0;
+  [[nodiscard]] virtual std::unique_ptr<AnyPlanner> planner(const std::vector<AnyShapePart>& body,
+                                                            const PlannerOptions& options) const = 0;
   /// @param poses n of them, each a rotation, row by row, and a translation.
   virtual void collides(const std::vector<AnyShapePart>& body, const double* poses, std::size_t n,
                         UnknownSpace unknown, bool* out) const = 0;
@@ -183,6 +198,13 @@ class MapQueriesOf final : public MapQueries {
       const std::optional<AnyBox>& box) const override {
     return std::make_unique<Search>(*this, box ? std::optional<Box<D>>(box_of(*box)) : std::nullopt);
   }
+  [[nodiscard]] std::unique_ptr<AnyPlanner> planner(const std::vector<AnyShapePart>& body,
+                                                    const PlannerOptions& options) const override {
+    if constexpr (D <= 3)
+      return std::make_unique<PlannerOf>(*this, body_of<D>(body), options);
+    else
+      throw_no_shapes();
+  }
   void collides(const std::vector<AnyShapePart>& body, const double* poses, std::size_t n,
                 UnknownSpace unknown, bool* out) const override {
     if constexpr (D <= 3) {
@@ -232,6 +254,32 @@ class MapQueriesOf final : public MapQueries {
 
    private:
     FrontierSearch<Map> search_;
+    std::string refinement_;
+  };
+  class PlannerOf final : public AnyPlanner {
+   public:
+    PlannerOf(const MapQueriesOf& map, Body<D> body, const PlannerOptions& options)
+        : planner_(map.map_, std::move(body), options), refinement_(map.refinement_) {}
+    [[nodiscard]] AnyPath plan(const double* start, const double* goal, double max_seconds) override {
+      return any_path(planner_.plan(Vector<D>(Point(start)), Vector<D>(Point(goal)), max_seconds));
+    }
+    bool update(const MapQueries& map) override {
+      const auto* const same = dynamic_cast<const MapQueriesOf*>(&map);
+      if (same == nullptr || same->refinement_ != refinement_)
+        throw std::invalid_argument(
+            "a map of another kind: must be of the kind that the planner was made of");
+      return planner_.update(same->map_);
+    }
+    [[nodiscard]] std::int64_t first_blocked(const double* points, std::size_t n) const override {
+      std::vector<Vector<D>> path;
+      for (std::size_t i = 0; i < n; ++i) path.emplace_back(Point(points + i * D));
+      const auto found = planner_.first_blocked(path);
+      return found ? static_cast<std::int64_t>(*found) : -1;
+    }
+    [[nodiscard]] std::size_t memory_bytes() const override { return planner_.memory_bytes(); }
+
+   private:
+    Planner<Map> planner_;
     std::string refinement_;
   };
   [[nodiscard]] static Pose<D> pose_at(const double* poses, std::size_t i) {

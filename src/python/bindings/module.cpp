@@ -35,6 +35,7 @@ PYBIND11_MODULE(_core, module) {
   ndtree::python::bind_loading(module);
   ndtree::python::bind_exports(module);
   ndtree::python::bind_queries(module);
+  ndtree::python::bind_planning(module);
   ndtree::python::bind_changes(module);
   ndtree::python::bind_claims(module);
   ndtree::python::bind_calibration(module);

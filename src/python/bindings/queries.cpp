@@ -16,6 +16,7 @@
 #include "map_queries.hpp"
 #include "python_field.hpp"
 #include "python_map.hpp"
+#include "python_shape.hpp"
 
 namespace ndtree::python {
 
@@ -32,10 +33,6 @@ struct RayEnds {
 struct PythonFrontier {
   py::array center, direction, cells, size;
   double area;
-};
-struct PythonShape {
-  std::vector<AnyShapePart> parts;
-  std::string text;
 };
 
 UnknownSpace unknown_from(const std::string& name) {

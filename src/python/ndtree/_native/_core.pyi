@@ -18,6 +18,7 @@ from ndtree._native.results import MapStats as MapStats
 from ndtree._native.results import Match as Match
 from ndtree._native.results import NearestOccupied as NearestOccupied
 from ndtree._native.results import NoReturns as NoReturns
+from ndtree._native.results import Path as Path
 from ndtree._native.results import RayEnds as RayEnds
 from ndtree.base.certificate import Certificate
 from ndtree.base.scan import Scan
@@ -1633,6 +1634,49 @@ class OccupancyMap:
         int
             Index of the pose; -1 if the whole path is free.
         """
+    def plan(
+        self,
+        start: ArrayLike,
+        goal: ArrayLike,
+        *,
+        body: Shape,
+        clearance: float = 0.0,
+        unknown: Literal["blocked", "free"] | float = "blocked",
+        max_seconds: float | None = None,
+    ) -> Path:
+        """Find a short path for a body that does not turn.
+
+        Any-angle search over cells of free space as large as they can be, then pulled tight. The volume that the body
+        sweeps along each segment meets no obstacle. The path is nearly the shortest and not proved to be. That there is
+        none is proved for ways through smallest cells from all of which the body is free. The same map gives the same
+        path. For more than one question, a Planner keeps what it found out.
+
+        Parameters
+        ----------
+        start, goal : (dim,) array of float
+            Where the origin of the body is [m].
+        body : Shape
+            Sphere, Capsule, Box, or several by ``a | b``, in its orientation.
+        clearance : float
+            What the body keeps from obstacles at least [m], >= 0; a Box keeps more at its corners.
+        unknown : {"blocked", "free"} or float
+            Unknown space is an obstacle, or free, or costs so many times its length, >= 1, where the body may touch it.
+        max_seconds : float, optional
+            That the search may take. Left out, it goes on to its end.
+
+        Returns
+        -------
+        Path
+            True if one was found; its status says why not.
+
+        Raises
+        ------
+        ValueError
+            The body collides at the start or the goal: the message names the cell, and the nearest place where it fits.
+            An argument has a wrong shape or value; the map is 4-D or an OctoMap.
+        KeyboardInterrupt
+            Ctrl-C.
+        """
     def crop(self, box: ArrayLike) -> None:
         """Forget all cells but those that share a volume with a box.
 
@@ -1910,6 +1954,88 @@ class OccupancyMap:
         OSError
             The file cannot be written.
         """
+
+class Planner:
+    """Paths of one body in a map, as it was at the last update().
+
+    What it finds out about free space is kept for the next question, and what has not changed is not looked at again.
+    Threads may share it; they are answered one at a time.
+
+    Parameters
+    ----------
+    map : OccupancyMap
+        2-D or 3-D, one of ndtree's own.
+    body, clearance, unknown
+        As for OccupancyMap.plan().
+
+    Raises
+    ------
+    ValueError
+        As OccupancyMap.plan().
+    """
+
+    def __init__(
+        self,
+        map: OccupancyMap,
+        body: Shape,
+        *,
+        clearance: float = 0.0,
+        unknown: Literal["blocked", "free"] | float = "blocked",
+    ) -> None: ...
+    def plan(self, start: ArrayLike, goal: ArrayLike, *, max_seconds: float | None = None) -> Path:
+        """As OccupancyMap.plan() of the map at the last update.
+
+        Parameters
+        ----------
+        start, goal, max_seconds
+            As for OccupancyMap.plan().
+
+        Returns
+        -------
+        Path
+            True if one was found.
+
+        Raises
+        ------
+        ValueError
+            The body collides at the start or the goal, or an argument is wrong.
+        KeyboardInterrupt
+            Ctrl-C.
+        """
+    def update(self, map: OccupancyMap) -> bool:
+        """Follow the map: afterwards paths are those of a planner made of the map as it is now.
+
+        Parameters
+        ----------
+        map : OccupancyMap
+            That the planner was made of, or a copy of it that has changed.
+
+        Returns
+        -------
+        bool
+            Whether the state of any cell has changed.
+
+        Raises
+        ------
+        ValueError
+            The map is of another kind, or its cells of other sizes.
+        """
+    def first_blocked(self, points: ArrayLike) -> int:
+        """The first segment of a path in which the body, with its clearance, meets an obstacle.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Of a path, straight between them [m].
+
+        Returns
+        -------
+        int
+            Number of the segment; -1 if the path is free.
+        """
+    @property
+    def memory_bytes(self) -> int:
+        """Bytes held for free space, and by the last search."""
 
 class FrontierSearch:
     """Frontiers that follow a map.

@@ -4,6 +4,7 @@
 from ndtree._native.results.arrays import Answers as Answers
 from ndtree._native.results.arrays import Changes, Frontier, Leaves, NearestOccupied, RayEnds
 from ndtree._native.results.match import Match
+from ndtree._native.results.path import Path
 from ndtree._native.results.reports import (
     Claims,
     CompressReport,
@@ -25,5 +26,6 @@ __all__ = [
     "Match",
     "NearestOccupied",
     "NoReturns",
+    "Path",
     "RayEnds",
 ]

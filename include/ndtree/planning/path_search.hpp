@@ -1,0 +1,300 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Any-angle search through cells of any size.
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <queue>
+#include <utility>
+#include <vector>
+
+#include "ndtree/core/cancel.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/planning/free_space.hpp"
+#include "ndtree/planning/number_table.hpp"
+#include "ndtree/planning/place_walk.hpp"
+
+namespace ndtree {
+
+/// How a search for a path ended: with one; without, as all that can be reached was looked at; without, as
+/// there was no time left.
+enum class PathStatus { found, none, out_of_time };
+
+namespace detail {
+
+/// A place in a cell of free space where a path may begin or end, and the way from there to the pose itself,
+/// which may lie in a cell that is not free as a whole.
+template <int D>
+struct Anchor {
+  Vector<D> point;  ///< In smallest cells.
+  PlaceCell<D> cell;
+  double way = 0.0;  ///< To the pose, in smallest cells.
+};
+
+/// Lazy Theta* (Nash, Koenig, Tovey, AAAI 2010) over the cells of a free space. A node is a cell, and a point
+/// on the face through which it was entered: where the straight way from the node's parent to the goal, or
+/// its reflection, meets the face. A new node takes the parent of the node that it was reached from, as if
+/// one saw the other; whether it does is looked at when the node is expanded. If not, the best of the
+/// expanded cells beside takes its place: a cell is convex, so its own point sees every point of its faces,
+/// and no edge needs a test. Invariant: the way from an expanded node to its parent is free. Points and costs
+/// are in smallest cells. O(cells expanded · (cells beside + cells on a straight way)).
+template <class Space>
+class PathSearch {
+ public:
+  static constexpr int D = Space::D;
+  using Cell = PlaceCell<D>;
+
+  /// @param greed factor of what is left of the way, >= 1: above 1, fewer cells are expanded.
+  PathSearch(Space& space, double unknown_cost, double greed)
+      : space_(space), unknown_cost_(unknown_cost), greed_(greed) {}
+
+  void add_start(const Anchor<D>& anchor) {
+    std::uint32_t& number = numbers_[anchor.cell.number];
+    if (number != NumberTable::kNone && nodes_[number].cost <= anchor.way) return;
+    if (number == NumberTable::kNone) {
+      number = static_cast<std::uint32_t>(nodes_.size());
+      nodes_.emplace_back();
+    }
+    Node& node = nodes_[number];
+    node.point = anchor.point;
+    node.cell = anchor.cell;
+    node.cost = anchor.way;
+    node.parent = node.via = number;
+    node.is_certain = true;
+    starts_.push_back(number);
+  }
+  /// @param goal itself, for what is left of the way.
+  void add_goal(const Anchor<D>& anchor) { goals_.push_back(anchor); }
+
+  /// @param goal in smallest cells. @param deadline until when it searches.
+  PathStatus run(const Vector<D>& goal, std::chrono::steady_clock::time_point deadline) {
+    goal_ = goal;
+    for (const Anchor<D>& anchor : goals_) {
+      goal_numbers_[anchor.cell.number] = 0;
+      flood_.push_back(anchor.cell);
+      flooded_[anchor.cell.number] = 0;
+    }
+    for (const std::uint32_t number : starts_) push(number);
+    while (!open_.empty()) {
+      const Entry entry = open_.top();
+      open_.pop();
+      pace_.spend(20);
+      Node& node = nodes_[entry.number];
+      if (node.is_expanded || entry.total != node.total) continue;
+      if (!node.is_certain && !settle(entry.number)) continue;
+      node.is_expanded = true;
+      if (node.is_goal) {
+        end_ = entry.number;
+        return PathStatus::found;
+      }
+      expand(entry.number);
+      if ((++expanded_ & 63u) == 0 && std::chrono::steady_clock::now() > deadline)
+        return PathStatus::out_of_time;
+      if (expanded_ == next_flood_ && !may_be_reached()) return PathStatus::none;
+    }
+    return PathStatus::none;
+  }
+
+  [[nodiscard]] std::size_t expanded() const { return expanded_; }
+  [[nodiscard]] std::size_t memory_bytes() const {
+    return nodes_.capacity() * sizeof(Node) + numbers_.memory_bytes();
+  }
+  /// From the first anchor to the last, in smallest cells. @pre the search has found a path.
+  [[nodiscard]] std::vector<Vector<D>> path() const {
+    std::vector<Vector<D>> points;
+    std::uint32_t number = end_;
+    for (;; number = nodes_[number].parent) {
+      points.push_back(nodes_[number].point);
+      if (nodes_[number].parent == number) break;
+    }
+    std::reverse(points.begin(), points.end());
+    return points;
+  }
+  /// Calls `visit(cell)` for each cell that was expanded.
+  template <class Visit>
+  void for_each_expanded(const Visit& visit) const {
+    for (const Node& node : nodes_)
+      if (node.is_expanded && !node.is_goal) visit(node.cell);
+  }
+
+ private:
+  struct Node {
+    Vector<D> point;
+    Cell cell;
+    double cost = std::numeric_limits<double>::infinity();   // Of the way here.
+    double total = std::numeric_limits<double>::infinity();  // And of what is left, times greed.
+    std::uint32_t parent = 0;                                // That is seen from here, if is_certain.
+    std::uint32_t via = 0;                                   // The cell that it was reached from.
+    bool is_certain = false;
+    bool is_expanded = false;
+    bool is_goal = false;
+  };
+  struct Entry {
+    double total;
+    std::uint32_t number;
+    friend bool operator<(const Entry& a, const Entry& b) {  // The top of a queue is the greatest.
+      return a.total != b.total ? a.total > b.total : a.number < b.number;
+    }
+  };
+
+  void push(std::uint32_t number) {
+    Node& node = nodes_[number];
+    node.total = node.cost + greed_ * (goal_ - node.point).norm();
+    open_.push({node.total, number});
+  }
+  [[nodiscard]] double rate(const Cell& cell) const {
+    return cell.passage == Passage::costly ? unknown_cost_ : 1.0;
+  }
+
+  /// The face that two cells share.
+  [[nodiscard]] static Box<D> face_between(const Cell& a, const Cell& b) {
+    Box<D> face;
+    for (int k = 0; k < D; ++k) {
+      const auto i = static_cast<std::size_t>(k);
+      face.lower[k] = static_cast<double>(std::max(a.lower[i], b.lower[i]));
+      face.upper[k] = static_cast<double>(std::min(a.lower[i] + a.edge, b.lower[i] + b.edge));
+    }
+    return face;
+  }
+  /// Where a way from a point to the goal goes through a face.
+  [[nodiscard]] Vector<D> point_on(const Box<D>& face, const Vector<D>& from) const {
+    int axis = 0;
+    while (axis < D - 1 && face.lower[axis] != face.upper[axis]) ++axis;
+    const double before = std::abs(from[axis] - face.lower[axis]);
+    const double after = std::abs(goal_[axis] - face.lower[axis]);
+    const double fraction = before + after > 0.0 ? before / (before + after) : 0.0;
+    return (from + fraction * (goal_ - from)).cwiseMax(face.lower).cwiseMin(face.upper);
+  }
+
+  /// Makes sure that a node's parent is seen. @returns whether the node's turn has come, now that its cost is
+  /// certain.
+  bool settle(std::uint32_t number) {
+    Node& node = nodes_[number];
+    const Node& parent = nodes_[node.parent];
+    double best = parent.cost + cost_of_way(space_, parent.point, node.point, unknown_cost_);
+    if (!(best <= node.cost + kEqual)) {
+      const Node& via = nodes_[node.via];
+      const double through = via.cost + (via.point - node.point).norm() * rate(via.cell);
+      if (through < best) {
+        best = through;
+        node.parent = node.via;
+      }
+      if (!node.is_goal) best = try_beside(node, best);
+    }
+    node.cost = best;
+    node.is_certain = true;
+    const double before = node.total;
+    const double total = node.cost + greed_ * (goal_ - node.point).norm();
+    if (total <= before + kEqual || open_.empty() || total <= open_.top().total) return true;
+    push(number);
+    return false;
+  }
+  /// Takes the best way through an expanded cell beside, if it is better.
+  double try_beside(Node& node, double best) {
+    space_.for_each_beside(node.cell, [&](const Cell& beside) {
+      const std::uint32_t number = numbers_.find(beside.number);
+      if (number == NumberTable::kNone || !nodes_[number].is_expanded) return;
+      const Node& other = nodes_[number];
+      const Vector<D> point = point_on(face_between(beside, node.cell), other.point);
+      const double cost = other.cost + (other.point - point).norm() * rate(beside);
+      const double gain =
+          best + greed_ * (goal_ - node.point).norm() - cost - greed_ * (goal_ - point).norm();
+      if (!(gain > kEqual)) return;
+      best = cost;
+      node.point = point;
+      node.parent = node.via = number;
+    });
+    return best;
+  }
+
+  void expand(std::uint32_t number) {
+    const Node node = nodes_[number];
+    const std::uint32_t parent = node.parent;
+    const Vector<D> from = nodes_[parent].point;
+    const double cost = nodes_[parent].cost;
+    space_.for_each_beside(node.cell, [&](const Cell& beside) {
+      pace_.spend(4);
+      std::uint32_t& found = numbers_[beside.number];
+      if (found == NumberTable::kNone) {
+        found = static_cast<std::uint32_t>(nodes_.size());
+        nodes_.emplace_back();
+        nodes_.back().cell = beside;
+      }
+      if (nodes_[found].is_expanded) return;
+      offer(found, number, parent, cost, from, point_on(face_between(node.cell, beside), from));
+    });
+    if (goal_numbers_.find(node.cell.number) == NumberTable::kNone) return;
+    for (const Anchor<D>& anchor : goals_) {
+      if (anchor.cell.number != node.cell.number) continue;
+      const auto goal = static_cast<std::uint32_t>(nodes_.size());
+      nodes_.emplace_back();
+      nodes_.back().cell = node.cell;
+      nodes_.back().is_goal = true;
+      offer(goal, number, parent, cost, from, anchor.point);
+    }
+  }
+  void offer(std::uint32_t number, std::uint32_t via, std::uint32_t parent, double parent_cost,
+             const Vector<D>& from, const Vector<D>& point) {
+    Node& node = nodes_[number];
+    const double cost = parent_cost + (point - from).norm();
+    const double total = cost + greed_ * (goal_ - point).norm();
+    if (!(total < node.total - kEqual)) return;
+    node.point = point;
+    node.cost = cost;
+    node.parent = parent;
+    node.via = via;
+    node.is_certain = false;
+    push(number);
+  }
+
+  /// Goes on from the goal's side, as far as the search has come from the other: if that ends, nothing leads
+  /// to the goal. @returns whether something may.
+  bool may_be_reached() {
+    next_flood_ *= 2;
+    while (flood_at_ < flood_.size() && flood_at_ < expanded_) {
+      const Cell cell = flood_[flood_at_++];
+      pace_.spend(20);
+      const std::uint32_t found = numbers_.find(cell.number);
+      if (found != NumberTable::kNone) {
+        next_flood_ = 0;  // It is connected: never again.
+        flood_.clear();
+        return true;
+      }
+      space_.for_each_beside(cell, [&](const Cell& beside) {
+        std::uint32_t& seen = flooded_[beside.number];
+        if (seen != NumberTable::kNone) return;
+        seen = 0;
+        flood_.push_back(beside);
+      });
+    }
+    return flood_at_ < flood_.size();
+  }
+
+  static constexpr double kEqual = 1e-9;  // Costs nearer than this, in smallest cells, are the same.
+
+  Space& space_;
+  double unknown_cost_;
+  double greed_;
+  Vector<D> goal_ = Vector<D>::Zero();
+  std::vector<Node> nodes_;
+  NumberTable numbers_;
+  std::priority_queue<Entry> open_;
+  std::vector<std::uint32_t> starts_;
+  std::vector<Anchor<D>> goals_;
+  NumberTable goal_numbers_;
+  std::vector<Cell> flood_;  // From the goal on.
+  std::size_t flood_at_ = 0;
+  NumberTable flooded_;
+  std::size_t next_flood_ = 512;
+  std::size_t expanded_ = 0;
+  std::uint32_t end_ = 0;
+  Pace pace_;
+};
+
+}  // namespace detail
+}  // namespace ndtree

@@ -1,0 +1,352 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Short paths of a body through a map, checked exactly, that follow what changes.
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "ndtree/core/body.hpp"
+#include "ndtree/core/option.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/planning/free_space.hpp"
+#include "ndtree/planning/path_search.hpp"
+#include "ndtree/planning/place_walk.hpp"
+#include "ndtree/planning/shorten.hpp"
+#include "ndtree/planning/sweep.hpp"
+#include "ndtree/query/cells.hpp"
+#include "ndtree/query/changes.hpp"
+#include "ndtree/query/collision.hpp"
+
+namespace ndtree {
+
+/// How a path is searched for.
+struct PlannerOptions {
+  double clearance = 0.0;  ///< That the body keeps from obstacles, at least [m].
+  double unknown_cost =
+      std::numeric_limits<double>::infinity();  ///< Of a metre where the body may touch unknown
+                                                ///< space; infinite: it is an obstacle, 1: free.
+  double greed =
+      1.5;  ///< Factor of the way that is left, >= 1: how much sooner the search heads for the goal.
+
+  /// @throws std::invalid_argument naming the value.
+  void validate() const {
+    const auto require = [](bool holds, const char* name, double value, const char* what) {
+      if (!holds)
+        throw std::invalid_argument(std::string(name) + " = " + describe_number(value) + ": " + what);
+    };
+    require(clearance >= 0.0 && std::isfinite(clearance), "clearance", clearance,
+            "must be >= 0 m and finite");
+    require(unknown_cost >= 1.0, "unknown", unknown_cost, "a cost must be >= 1");
+    require(greed >= 1.0 && std::isfinite(greed), "greed", greed, "must be >= 1 and finite");
+  }
+};
+
+/// A way for a body that keeps its orientation, or why there is none.
+template <int D>
+struct Path {
+  PathStatus status = PathStatus::none;
+  std::vector<Vector<D>> points;  ///< From start to goal [m]; empty if none was found.
+  double length = std::numeric_limits<double>::infinity();  ///< [m]
+  double clearance =
+      std::numeric_limits<double>::quiet_NaN();  ///< Least distance of the body to an obstacle [m].
+  std::size_t expanded = 0;                      ///< Cells that the search looked at.
+};
+
+/// Finds paths for one body of fixed orientation in one map, as it was when the planner was made or last
+/// updated. What was found out about free space is kept for the next question.
+template <class Map>
+class Planner {
+ public:
+  static constexpr int D = Map::kDim;
+
+  /// @param body in its orientation. @throws std::invalid_argument if it has no part, or an option is wrong.
+  Planner(const Map& map, Body<D> body, const PlannerOptions& options = {})
+      : seen_(map.snapshot()), options_(options), body_(std::move(body)) {
+    options_.validate();
+    if (body_.empty()) throw std::invalid_argument("body: has no part");
+    kept_away_ = inflated(body_, options_.clearance);
+    tested_ = inflated(kept_away_, kOnBorder * unit());
+    for (const BodyPart<D>& part : body_) reach_ = std::max(reach_, reach_of(part));
+    asked_ = {Vector<D>::Constant(0.0), Vector<D>::Constant(0.0)};
+    rebuild();
+  }
+
+  [[nodiscard]] const Map& map() const { return seen_; }
+  [[nodiscard]] UnknownSpace unknown() const {
+    return std::isfinite(options_.unknown_cost) ? UnknownSpace::free : UnknownSpace::occupied;
+  }
+  [[nodiscard]] std::size_t memory_bytes() const { return space_->memory_bytes() + search_bytes_; }
+
+  /// A path from one point to another, of the origin of the body. Each of its segments is free for the volume
+  /// that the body sweeps. It is any-angle and pulled tight, nearly the shortest and not proved to be. That
+  /// there is none is proved for ways through smallest cells from all of which the body is free.
+  /// @param max_seconds that the search may take.
+  /// @throws std::invalid_argument if the body collides at an end: what with, and where it would not.
+  [[nodiscard]] Path<D> plan(const Vector<D>& start, const Vector<D>& goal,
+                             double max_seconds = std::numeric_limits<double>::infinity()) {
+    check_pose(start, "start");
+    check_pose(goal, "goal");
+    Path<D> path;
+    if (is_free(start, goal) && !space_->has_costs()) {
+      finish(path, {start, goal});
+      return path;
+    }
+    detail::PathSearch<FreeSpace<Map>> search(*space_, options_.unknown_cost, options_.greed);
+    for (const auto& anchor : anchors(start)) search.add_start(anchor);
+    for (const auto& anchor : anchors(goal)) search.add_goal(anchor);
+    path.status = search.run(goal / unit(), deadline_after(max_seconds));
+    path.expanded = search.expanded();
+    search_bytes_ = search.memory_bytes();
+    if (path.status != PathStatus::found) return path;
+    std::vector<Vector<D>> points{start};
+    for (const Vector<D>& point : search.path()) add_point(points, point * unit());
+    add_point(points, goal);
+    detail::PathShortener<D, SegmentCost>(SegmentCost(*this)).shorten(points);
+    finish(path, std::move(points));
+    return path;
+  }
+  /// The first segment of a path in which the body meets an obstacle of the map as it is now; none if there
+  /// is none.
+  [[nodiscard]] std::optional<std::size_t> first_blocked(const std::vector<Vector<D>>& points) const {
+    for (std::size_t i = 0; i + 1 < points.size(); ++i)
+      if (sweep_collides(seen_, kept_away_, points[i], points[i + 1], unknown())) return i;
+    return std::nullopt;
+  }
+
+  /// Follows a map. O(what changed since).
+  /// @returns whether anything did. @throws std::invalid_argument if its cells are of other sizes.
+  bool update(const Map& map) {
+    std::vector<CellIndex<D>> changed;
+    detail::for_each_difference(seen_, map, [&](const CellIndex<D>& index) { changed.push_back(index); });
+    seen_ = map.snapshot();
+    space_->set_map(seen_);
+    if (changed.empty()) return false;
+    const Box<D> needed = around();
+    if (needed.lower != around_.lower || needed.upper != around_.upper) {
+      rebuild();
+      return true;
+    }
+    const auto& geometry = seen_.tree().geometry();
+    for (const CellIndex<D>& index : changed) {
+      LatticeBox<D> box;
+      for (std::size_t a = 0; a < D; ++a) {
+        box.lower[a] = index.lower[a];
+        box.upper[a] = index.lower[a] + geometry.edge(index.level);
+      }
+      space_->forget(box);
+    }
+    return true;
+  }
+
+  /// The way of a segment is free for the body and what it keeps away.
+  [[nodiscard]] bool is_free(const Vector<D>& from, const Vector<D>& to) const {
+    return !sweep_collides(seen_, tested_, from, to, unknown());
+  }
+
+ private:
+  using Anchor = detail::Anchor<D>;
+
+  /// Costs of segments, for what shortens paths [m].
+  class SegmentCost {
+   public:
+    explicit SegmentCost(const Planner& planner) : planner_(planner) {}
+    [[nodiscard]] bool is_uniform() const { return !planner_.space_->has_costs(); }
+    double operator()(const Vector<D>& a, const Vector<D>& b) const {
+      if (!planner_.is_free(a, b)) return std::numeric_limits<double>::infinity();
+      if (is_uniform()) return (b - a).norm();
+      // The exact sweep is free where cells are not as a whole: what they have of unknown space is not known.
+      const double unit = planner_.unit();
+      const double unknown_cost = planner_.options_.unknown_cost;
+      return unit * detail::cost_of_way(*planner_.space_, Vector<D>(a / unit), Vector<D>(b / unit),
+                                        unknown_cost, unknown_cost);
+    }
+
+   private:
+    const Planner& planner_;
+  };
+
+  [[nodiscard]] double unit() const { return seen_.tree().geometry().unit(); }
+  /// A shortest way stays in the convex hull of its ends and of all obstacles, as the body sees them. Rounded
+  /// outwards to many cells, so that few changes of the map move it.
+  [[nodiscard]] Box<D> around() const {
+    Box<D> box = asked_;
+    if (const std::optional<Box<D>> known = bounds(seen_)) {
+      const Box<D> all = known->inflated(reach_ + options_.clearance);
+      box = {box.lower.cwiseMin(all.lower), box.upper.cwiseMax(all.upper)};
+    }
+    const double step = 128.0 * unit();
+    for (int a = 0; a < D; ++a) {
+      box.lower[a] = step * std::floor((box.lower[a] - 4.0 * unit()) / step);
+      box.upper[a] = step * std::ceil((box.upper[a] + 4.0 * unit()) / step);
+    }
+    return box;
+  }
+  void rebuild() {
+    around_ = around();
+    space_ = std::make_unique<FreeSpace<Map>>(seen_, inflated(kept_away_, 2.0 * kOnBorder * unit()),
+                                              options_.unknown_cost, around_);
+  }
+  [[nodiscard]] static std::chrono::steady_clock::time_point deadline_after(double seconds) {
+    using Clock = std::chrono::steady_clock;
+    if (!(seconds < 1e9)) return Clock::time_point::max();
+    return Clock::now() +
+           std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(std::max(0.0, seconds)));
+  }
+  static void add_point(std::vector<Vector<D>>& points, const Vector<D>& point) {
+    if (point != points.back()) points.push_back(point);
+  }
+
+  void finish(Path<D>& path, std::vector<Vector<D>> points) const {
+    path.status = PathStatus::found;
+    path.length = 0.0;
+    path.clearance = std::numeric_limits<double>::infinity();
+    for (std::size_t i = 0; i + 1 < points.size(); ++i) {
+      if (sweep_collides(seen_, kept_away_, points[i], points[i + 1], unknown()))
+        throw std::logic_error("a segment of the path collides: please report this map");
+      path.length += (points[i + 1] - points[i]).norm();
+      path.clearance = sweep_clearance(seen_, body_, points[i], points[i + 1], unknown(), path.clearance);
+    }
+    path.points = std::move(points);
+  }
+
+  void check_pose(const Vector<D>& point, const char* name) {
+    if (!point.allFinite() || !seen_.tree().geometry().in_reach(point))
+      throw std::invalid_argument(std::string(name) + " = " + text_of(point) +
+                                  ": must be finite, and on the map's lattice");
+    if (!around_.encloses(Box<D>{point, point}.inflated(4.0 * unit()))) {
+      asked_ = {asked_.lower.cwiseMin(point), asked_.upper.cwiseMax(point)};
+      rebuild();
+    }
+    if (is_free(point, point)) return;
+    std::string message =
+        std::string(name) + " = " + text_of(point) + ": there the body meets " + obstacle_at(point);
+    if (const auto nearest = nearest_place(point))
+      message += "; the nearest place where it fits is " + describe_number((*nearest - point).norm()) +
+                 " m away, at " + text_of(*nearest);
+    else
+      message += "; it fits nowhere";
+    throw std::invalid_argument(message);
+  }
+  [[nodiscard]] static std::string text_of(const Vector<D>& point) {
+    std::string text = "(";
+    for (int a = 0; a < D; ++a) text += (a > 0 ? ", " : "") + describe_number(point[a]);
+    return text + ")";
+  }
+  /// In words.
+  [[nodiscard]] std::string obstacle_at(const Vector<D>& point) const {
+    Pose<D> pose;
+    pose.translation = point;
+    RegionStates states;
+    states.occupied = true;
+    states.unknown = unknown() == UnknownSpace::occupied;
+    std::optional<std::pair<Box<D>, CellState>> found;
+    double least = std::numeric_limits<double>::infinity();
+    for (const BodyPart<D>& part : moved(tested_, pose))
+      for_each_leaf_of(seen_, bounds_of(part), states, [&](const auto& leaf) {
+        const Box<D> box = seen_.tree().box(leaf.index);
+        const double squared = box.squared_distance(point);
+        if (squared >= least || !touch(part, box)) return;
+        least = squared;
+        found = {box, leaf.cell().state()};
+      });
+    if (!found) return "unknown space outside the map";
+    return std::string(found->second == CellState::occupied ? "the occupied" : "the unknown") +
+           " cell from " + text_of(found->first.lower) + " to " + text_of(found->first.upper);
+  }
+  /// Nearest point of a cell from all of which the body is free [m]; none if there is no such cell.
+  [[nodiscard]] std::optional<Vector<D>> nearest_place(const Vector<D>& point) {
+    const Vector<D> at = point / unit();
+    for (double reach = 8.0;; reach *= 2.0) {
+      std::optional<Vector<D>> nearest;
+      double least = reach;
+      const LatticeBox<D> box = cells_near(at, reach);
+      space_->for_each_in(box, [&](const PlaceCell<D>& cell) {
+        const Vector<D> place = nearest_in(cell, at);
+        if (!((place - at).norm() <= least)) return;
+        least = (place - at).norm();
+        nearest = place;
+      });
+      if (nearest) return *nearest * unit();
+      bool is_all = true;
+      for (std::size_t a = 0; a < D; ++a)
+        is_all =
+            is_all && box.lower[a] < space_->limits().lower[a] && box.upper[a] > space_->limits().upper[a];
+      if (is_all) return std::nullopt;
+    }
+  }
+  [[nodiscard]] static LatticeBox<D> cells_near(const Vector<D>& at, double reach) {
+    LatticeBox<D> box;
+    for (std::size_t a = 0; a < D; ++a) {
+      box.lower[a] = static_cast<std::int64_t>(std::floor(at[static_cast<int>(a)] - reach)) - 1;
+      box.upper[a] = static_cast<std::int64_t>(std::ceil(at[static_cast<int>(a)] + reach)) + 1;
+    }
+    return box;
+  }
+  [[nodiscard]] static Vector<D> nearest_in(const PlaceCell<D>& cell, const Vector<D>& at) {
+    Vector<D> place;
+    for (int a = 0; a < D; ++a) {
+      const auto lower = static_cast<double>(cell.lower[static_cast<std::size_t>(a)]);
+      place[a] = std::clamp(at[a], lower, lower + static_cast<double>(cell.edge));
+    }
+    return place;
+  }
+
+  /// Where a search may begin or end: at the pose, or, if its cell is not free as a whole, at the nearest
+  /// places in cells that are, to which the body can go straight.
+  [[nodiscard]] std::vector<Anchor> anchors(const Vector<D>& pose) {
+    const Vector<D> at = pose / unit();
+    const PlaceCell<D> own = space_->cell_at(detail::cell_ahead<D>(at, Vector<D>::Zero()));
+    if (own.passage != Passage::blocked) return {{at, own, 0.0}};
+    std::vector<Anchor> found;
+    for (double reach = 2.0; reach <= kFarthestAnchor && found.empty(); reach *= 2.0) {
+      std::vector<Anchor> candidates;
+      space_->for_each_in(cells_near(at, reach), [&](const PlaceCell<D>& cell) {
+        const Vector<D> place = nearest_in(cell, at);
+        candidates.push_back({place, cell, (place - at).norm()});
+      });
+      std::sort(candidates.begin(), candidates.end(), [](const Anchor& a, const Anchor& b) {
+        return a.way != b.way ? a.way < b.way : a.cell.number < b.cell.number;
+      });
+      for (const Anchor& anchor : candidates) {
+        if (found.size() == kMostAnchors) break;
+        if (is_free(pose, anchor.point * unit())) found.push_back(anchor);
+      }
+    }
+    return found;
+  }
+
+  static constexpr std::size_t kMostAnchors = 16;
+  static constexpr double kFarthestAnchor = 16.0;  // Smallest cells.
+
+  Map seen_;
+  PlannerOptions options_;
+  Body<D> body_;
+  Body<D> kept_away_;  // And its clearance.
+  Body<D> tested_;     // A little more, so that the same test, rounded in another way, agrees.
+  double reach_ = 0.0;
+  Box<D> asked_{};   // Around all ends of paths that were not in it.
+  Box<D> around_{};  // All places of interest.
+  std::unique_ptr<FreeSpace<Map>> space_;
+  std::size_t search_bytes_ = 0;
+};
+
+/// One path; a Planner answers the next question faster.
+template <class Map>
+[[nodiscard]] Path<Map::kDim> plan(const Map& map, const Vector<Map::kDim>& start,
+                                   const Vector<Map::kDim>& goal, const Body<Map::kDim>& body,
+                                   const PlannerOptions& options = {},
+                                   double max_seconds = std::numeric_limits<double>::infinity()) {
+  return Planner<Map>(map, body, options).plan(start, goal, max_seconds);
+}
+
+}  // namespace ndtree

@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Paths through maps.
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "arguments.hpp"
+#include "docstrings.hpp"
+#include "map_queries.hpp"
+#include "python_map.hpp"
+#include "python_shape.hpp"
+
+namespace ndtree::python {
+
+using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "name"_a
+
+namespace {
+
+struct PythonPath {
+  py::array points;
+  std::string status;
+  double length, clearance;
+  std::size_t expanded;
+};
+struct PythonPlanner {
+  std::unique_ptr<AnyPlanner> planner;
+  int dim;
+  mutable SharedLock lock;
+};
+
+double unknown_cost_from(const py::object& unknown) {
+  if (py::isinstance<py::str>(unknown)) {
+    const auto name = unknown.cast<std::string>();
+    if (name == "blocked") return std::numeric_limits<double>::infinity();
+    if (name == "free") return 1.0;
+    throw py::value_error("unknown = '" + name + "': must be 'blocked', 'free' or a cost >= 1");
+  }
+  double cost = 0.0;
+  try {
+    cost = unknown.cast<double>();
+  } catch (const py::cast_error&) {
+    throw py::type_error("unknown: must be 'blocked', 'free' or a cost >= 1");
+  }
+  if (!(cost >= 1.0)) throw py::value_error("unknown = " + number_text(cost) + ": a cost must be >= 1");
+  return cost;
+}
+PlannerOptions options_from(double clearance, const py::object& unknown) {
+  PlannerOptions options;
+  options.clearance = clearance;
+  options.unknown_cost = unknown_cost_from(unknown);
+  options.validate();
+  return options;
+}
+double seconds_from(const py::object& seconds) {
+  if (seconds.is_none()) return std::numeric_limits<double>::infinity();
+  const auto value = seconds.cast<double>();
+  if (!(value >= 0.0)) throw py::value_error("max_seconds = " + number_text(value) + ": must be >= 0");
+  return value;
+}
+DoubleArray point_from(const py::object& object, const char* name, int dim) {
+  DoubleArray point = as_doubles(object, name);
+  if (point.ndim() != 1 || point.shape(0) != dim)
+    throw py::value_error(std::string(name) + ": shape " + shape_text(point) + ", expected (" +
+                          std::to_string(dim) + ",)");
+  return point;
+}
+PythonPath to_python(AnyPath&& any, int dim) {
+  const char* const status = any.status == PathStatus::found  ? "found"
+                             : any.status == PathStatus::none ? "none"
+                                                              : "out of time";
+  return {take(std::move(any.points), dim), status, any.length, any.clearance, any.expanded};
+}
+
+PythonPath plan_once(const PythonMap& map, const py::object& start, const py::object& goal,
+                     const PythonShape& body, double clearance, const py::object& unknown,
+                     const py::object& max_seconds) {
+  const int dim = map.constant().dim();
+  const PlannerOptions options = options_from(clearance, unknown);
+  const double seconds = seconds_from(max_seconds);
+  const DoubleArray from = point_from(start, "start", dim);
+  const DoubleArray to = point_from(goal, "goal", dim);
+  AnyPath path = map.read([&, a = from.data(), b = to.data()](const MapInterface& m) {
+    return m.queries()->planner(body.parts, options)->plan(a, b, seconds);
+  });
+  return to_python(std::move(path), dim);
+}
+/// Calls `ask(planner)` without the interpreter's lock.
+template <class Ask>
+auto ask(const PythonPlanner& planner, SharedLock::Use use, const Ask& question) {
+  const Released released;
+  const CallInProgress call;
+  const SharedLock::Holder holder(planner.lock, use);
+  return question(*planner.planner);
+}
+
+void bind_path(py::module_& module) {
+  py::class_<PythonPath>(module, "Path", "A way from a start to a goal.")
+      .def_readonly("points", &PythonPath::points, "(n, dim) float64 [m].")
+      .def_readonly("status", &PythonPath::status, "'found', 'none' or 'out of time'.")
+      .def_readonly("length", &PythonPath::length, "[m]")
+      .def_readonly("clearance", &PythonPath::clearance, "Least distance of the body to an obstacle [m].")
+      .def_readonly("expanded", &PythonPath::expanded, "Cells that the search looked at.");
+}
+
+}  // namespace
+
+void bind_planning(py::module_& module) {
+  bind_path(module);
+  py::class_<PythonMap> map_type = module.attr("OccupancyMap");
+  map_type.def("plan", &plan_once, "start"_a, "goal"_a, py::kw_only(), "body"_a, "clearance"_a = 0.0,
+               "unknown"_a = "blocked", "max_seconds"_a = py::none(), doc::OccupancyMap_plan);
+  py::class_<PythonPlanner>(module, "Planner", doc::Planner)
+      .def(py::init([](const PythonMap& map, const PythonShape& body, double clearance,
+                       const py::object& unknown) {
+             const PlannerOptions options = options_from(clearance, unknown);
+             auto planner = std::make_unique<PythonPlanner>();
+             planner->dim = map.constant().dim();
+             planner->planner =
+                 map.read([&](const MapInterface& m) { return m.queries()->planner(body.parts, options); });
+             return planner;
+           }),
+           "map"_a, "body"_a, py::kw_only(), "clearance"_a = 0.0, "unknown"_a = "blocked")
+      .def(
+          "plan",
+          [](const PythonPlanner& planner, const py::object& start, const py::object& goal,
+             const py::object& max_seconds) {
+            const double seconds = seconds_from(max_seconds);
+            const DoubleArray from = point_from(start, "start", planner.dim);
+            const DoubleArray to = point_from(goal, "goal", planner.dim);
+            AnyPath path =
+                ask(planner, SharedLock::Use::change,
+                    [&, a = from.data(), b = to.data()](AnyPlanner& p) { return p.plan(a, b, seconds); });
+            return to_python(std::move(path), planner.dim);
+          },
+          "start"_a, "goal"_a, py::kw_only(), "max_seconds"_a = py::none(), doc::Planner_plan)
+      .def(
+          "update",
+          [](const PythonPlanner& planner, const PythonMap& map) {
+            return map.read([&](const MapInterface& m) {
+              const SharedLock::Holder holder(planner.lock, SharedLock::Use::change);
+              return planner.planner->update(*m.queries());
+            });
+          },
+          "map"_a, doc::Planner_update)
+      .def(
+          "first_blocked",
+          [](const PythonPlanner& planner, const py::object& points) {
+            const DoubleArray path = as_points(points, "points", planner.dim);
+            const auto n = static_cast<std::size_t>(path.shape(0));
+            return ask(planner, SharedLock::Use::look,
+                       [n, p = path.data()](const AnyPlanner& one) { return one.first_blocked(p, n); });
+          },
+          "points"_a, doc::Planner_first_blocked)
+      .def_property_readonly(
+          "memory_bytes",
+          [](const PythonPlanner& planner) {
+            return ask(planner, SharedLock::Use::look,
+                       [](const AnyPlanner& one) { return one.memory_bytes(); });
+          },
+          doc::Planner_memory_bytes);
+}
+
+}  // namespace ndtree::python

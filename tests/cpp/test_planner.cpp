@@ -1,0 +1,431 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Paths through random worlds, against plain looks at every smallest cell.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <queue>
+#include <set>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/planning/planner.hpp"
+#include "ndtree/query/point.hpp"
+#include "random.hpp"
+#include "random_rotation.hpp"
+
+namespace ndtree::test::test_planner {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kUnit = 0.25;
+
+template <class Map>
+class Planning : public testing::Test {};
+using Maps =
+    testing::Types<AdaptiveMap<2, 2>, AdaptiveMap<3, 2>, PaperMap<2, 2>, FixedMap<2, 2>, FixedMap<2, 3>>;
+TYPED_TEST_SUITE(Planning, Maps);
+
+template <int D>
+Box<D> random_box(Random& random, double reach, double largest) {
+  Box<D> box;
+  for (int a = 0; a < D; ++a) {
+    box.lower[a] = kUnit * random.integer(static_cast<int>(-reach / kUnit), static_cast<int>(reach / kUnit));
+    box.upper[a] = box.lower[a] + kUnit * random.integer(1, static_cast<int>(largest / kUnit));
+  }
+  return box;
+}
+/// Free space with obstacles, and holes of unknown space.
+template <class Map>
+Map random_world(Random& random, int boxes) {
+  constexpr int D = Map::kDim;
+  MapOptions options;
+  options.min_cell_size = kUnit;
+  options.max_cell_size = kUnit * Map::kBranching * Map::kBranching;
+  options.range_sigma = 0.05;
+  Map map(options);
+  const double reach = D == 2 ? 4.0 : 2.0;
+  map.mark(Box<D>{Vector<D>::Constant(-reach), Vector<D>::Constant(reach)}, CellState::free);
+  for (; boxes > 0; --boxes) {
+    const Box<D> box = random_box<D>(random, reach, D == 2 ? 2.0 : 1.5);
+    if (random.chance(0.2))
+      map.clear(box);
+    else
+      map.mark(box, CellState::occupied);
+  }
+  return map;
+}
+template <int D>
+Vector<D> random_point(Random& random, double reach) {
+  Vector<D> point;
+  for (int a = 0; a < D; ++a) point[a] = random.uniform(-reach, reach);
+  return point;
+}
+template <int D>
+Body<D> random_body(Random& random) {
+  Body<D> body;
+  const int kind = random.integer(0, 3);
+  if (kind == 0) {
+    body.push_back(Capsule<D>{Vector<D>::Zero(), Vector<D>::Zero(), random.uniform(0.0, 0.4)});
+  } else if (kind == 1 || kind == 3) {
+    body.push_back(
+        Capsule<D>{random_point<D>(random, 0.3), random_point<D>(random, 0.3), random.uniform(0.0, 0.3)});
+  }
+  if (kind >= 2)
+    body.push_back(
+        OrientedBox<D>{random_point<D>(random, 0.2),
+                       Vector<D>(Vector<D>::Constant(0.05) + random_point<D>(random, 0.3).cwiseAbs()),
+                       random_rotation<D>(random)});
+  return body;
+}
+template <class Map>
+bool collides_at(const Map& map, const Body<Map::kDim>& body, const Vector<Map::kDim>& at,
+                 UnknownSpace unknown) {
+  Pose<Map::kDim> pose;
+  pose.translation = at;
+  return collides(map, body, pose, unknown);
+}
+
+TYPED_TEST(Planning, SweepsAgreeWithPosesOnTheWay) {
+  constexpr int D = TypeParam::kDim;
+  Random random(401);
+  int met = 0;
+  int clear = 0;
+  for (int round = 0; round < 8; ++round) {
+    const TypeParam map = random_world<TypeParam>(random, 6);
+    for (int i = 0; i < 60; ++i) {
+      const Body<D> body = random_body<D>(random);
+      const Vector<D> from = random_point<D>(random, 2.0);
+      const Vector<D> to = random.chance(0.1) ? from : random_point<D>(random, 2.0);
+      const UnknownSpace unknown = random.chance(0.5) ? UnknownSpace::free : UnknownSpace::occupied;
+      const bool collides = sweep_collides(map, body, from, to, unknown);
+      const double clearance = sweep_clearance(map, body, from, to, unknown, 5.0);
+      const double step = (to - from).norm() / 200.0;
+      bool is_met = false;
+      bool is_nearly_met = false;
+      bool is_within = false;
+      for (int k = 0; k <= 200; ++k) {
+        const Vector<D> at = from + (to - from) * (k / 200.0);
+        is_met = is_met || collides_at(map, body, at, unknown);
+        is_nearly_met = is_nearly_met || collides_at(map, inflated(body, step + 1e-6), at, unknown);
+        // A larger box holds all that is so near: it meets whatever is.
+        is_within = is_within || collides_at(map, inflated(body, clearance + step + 1e-6), at, unknown);
+      }
+      if (is_met) {
+        ASSERT_TRUE(collides);
+      }
+      if (collides) {
+        ASSERT_TRUE(is_nearly_met);
+      }
+      ASSERT_EQ(clearance <= 1e-9, collides);
+      ASSERT_TRUE(is_within || clearance == 5.0);
+      (collides ? met : clear)++;
+    }
+  }
+  EXPECT_GT(met, 50);
+  EXPECT_GT(clear, 50);
+}
+
+/// Whether a body meets something from some place in a smallest cell, by a look at each leaf.
+template <class Map>
+struct PlainPlaces {
+  static constexpr int D = Map::kDim;
+  struct Obstacle {
+    Box<D> box;
+    CellState state;
+  };
+  std::vector<Obstacle> obstacles;
+  Box<D> root;
+
+  explicit PlainPlaces(const Map& map) : root(map.tree().box(map.tree().root().index)) {
+    for_each_leaf(map.tree(), [&](const auto& leaf) {
+      if (leaf.cell().state() != CellState::free)
+        obstacles.push_back({map.tree().box(leaf.index), leaf.cell().state()});
+    });
+  }
+  Passage passage(const Lattice<D>& at, const Body<D>& body, double unknown_cost) const {
+    Pose<D> pose;
+    for (int a = 0; a < D; ++a)
+      pose.translation[a] = (static_cast<double>(at[static_cast<std::size_t>(a)]) + 0.5) * kUnit;
+    bool occupied = false;
+    bool unknown = false;
+    for (const BodyPart<D>& part : moved(body, pose)) {
+      const Box<D> box = bounds_of(part).inflated(0.5 * kUnit);
+      unknown = unknown || !root.encloses(box);
+      for (const Obstacle& obstacle : obstacles)
+        if (touch(part, obstacle.box.inflated(0.5 * kUnit)))
+          (obstacle.state == CellState::occupied ? occupied : unknown) = true;
+    }
+    if (occupied || (unknown && !std::isfinite(unknown_cost))) return Passage::blocked;
+    return unknown && unknown_cost > 1.0 ? Passage::costly : Passage::free;
+  }
+};
+template <int D, class Visit>
+void for_each_place(const LatticeBox<D>& box, const Visit& visit) {
+  Lattice<D> at = box.lower;
+  for (bool goes_on = true; goes_on;) {
+    visit(at);
+    goes_on = false;
+    for (std::size_t a = 0; a < D && !goes_on; ++a) {
+      goes_on = ++at[a] < box.upper[a];
+      if (!goes_on) at[a] = box.lower[a];
+    }
+  }
+}
+template <class Map>
+void free_space_is_that_of_all_places(FreeSpace<Map>& space, const Map& map, const Body<Map::kDim>& body,
+                                      double unknown_cost, int& mixed) {
+  constexpr int D = Map::kDim;
+  const PlainPlaces<Map> plain(map);
+  std::map<std::uint64_t, PlaceCell<D>> cells;
+  std::map<Lattice<D>, std::uint64_t> number_at;
+  for_each_place<D>(space.limits(), [&](const Lattice<D>& at) {
+    const PlaceCell<D> cell = space.cell_at(at);
+    const Passage expected = plain.passage(at, body, unknown_cost);
+    ASSERT_EQ(cell.passage, expected);
+    if (expected == Passage::blocked) return;
+    mixed += static_cast<int>(cell.edge > 1);
+    for (std::size_t a = 0; a < D; ++a) {
+      ASSERT_LE(cell.lower[a], at[a]);
+      ASSERT_GT(cell.lower[a] + cell.edge, at[a]);
+    }
+    cells[cell.number] = cell;
+    number_at[at] = cell.number;
+  });
+  for (const auto& [number, cell] : cells) {
+    std::set<std::uint64_t> beside, expected;
+    space.for_each_beside(
+        cell, [&](const PlaceCell<D>& other) { ASSERT_TRUE(beside.insert(other.number).second); });
+    LatticeBox<D> own;
+    for (std::size_t a = 0; a < D; ++a) {
+      own.lower[a] = cell.lower[a];
+      own.upper[a] = cell.lower[a] + cell.edge;
+    }
+    for (std::size_t a = 0; a < D; ++a)
+      for (const std::int64_t plane : {cell.lower[a] - 1, cell.lower[a] + cell.edge}) {
+        LatticeBox<D> side = own;
+        side.lower[a] = plane;
+        side.upper[a] = plane + 1;
+        for_each_place<D>(side, [&](const Lattice<D>& at) {
+          if (const auto found = number_at.find(at); found != number_at.end()) expected.insert(found->second);
+        });
+      }
+    ASSERT_EQ(beside, expected);
+  }
+}
+TYPED_TEST(Planning, FreeSpaceIsThatOfAllPlaces) {
+  constexpr int D = TypeParam::kDim;
+  Random random(402);
+  int mixed = 0;
+  for (const double cost : {kInfinity, 1.0, 3.0}) {
+    TypeParam map = random_world<TypeParam>(random, 6);
+    const Body<D> body = random_body<D>(random);
+    const double reach = D == 2 ? 5.0 : 2.0;
+    FreeSpace<TypeParam> space(map, body, cost,
+                               {Vector<D>::Constant(-reach), Vector<D>::Constant(reach - 0.5)});
+    free_space_is_that_of_all_places(space, map, body, cost, mixed);
+    for (int change = 0; change < 2; ++change) {
+      const TypeParam before = map.snapshot();
+      map.mark(random_box<D>(random, 2.0, 1.0), random.chance(0.5) ? CellState::occupied : CellState::free);
+      detail::for_each_difference(before, map, [&](const CellIndex<D>& index) {
+        LatticeBox<D> box;
+        for (std::size_t a = 0; a < D; ++a) {
+          box.lower[a] = index.lower[a];
+          box.upper[a] = index.lower[a] + map.tree().geometry().edge(index.level);
+        }
+        space.forget(box);
+      });
+      free_space_is_that_of_all_places(space, map, body, cost, mixed);
+    }
+  }
+  EXPECT_GT(mixed, 1000);
+}
+
+/// Length of the shortest way over centres of smallest cells, from face to face, with the body larger by a
+/// cell; infinite if there is none.
+template <class Map>
+double plain_way(const Map& map, const Body<Map::kDim>& body, const LatticeBox<Map::kDim>& limits,
+                 const Lattice<Map::kDim>& start, const Lattice<Map::kDim>& goal, UnknownSpace unknown) {
+  constexpr int D = Map::kDim;
+  const Body<D> larger = inflated(body, kUnit);
+  const auto centre = [&](const Lattice<D>& at) {
+    Vector<D> point;
+    for (int a = 0; a < D; ++a)
+      point[a] = (static_cast<double>(at[static_cast<std::size_t>(a)]) + 0.5) * kUnit;
+    return point;
+  };
+  std::map<Lattice<D>, double> length;
+  std::queue<Lattice<D>> next;
+  const auto consider = [&](const Lattice<D>& at, double way) {
+    if (length.count(at) != 0) return;
+    for (std::size_t a = 0; a < D; ++a)
+      if (at[a] < limits.lower[a] || at[a] >= limits.upper[a]) return;
+    const bool is_free = !collides_at(map, larger, centre(at), unknown);
+    length[at] = is_free ? way : kInfinity;
+    if (is_free) next.push(at);
+  };
+  consider(start, 0.0);
+  for (; !next.empty(); next.pop()) {
+    const Lattice<D> at = next.front();
+    if (at == goal) return length[at];
+    for (std::size_t a = 0; a < D; ++a)
+      for (const int by : {-1, 1}) {
+        Lattice<D> beside = at;
+        beside[a] += by;
+        consider(beside, length[at] + kUnit);
+      }
+  }
+  return kInfinity;
+}
+TYPED_TEST(Planning, PathsAreFreeAndFoundWhereDijkstraFindsOne) {
+  constexpr int D = TypeParam::kDim;
+  Random random(403);
+  int found = 0;
+  int none = 0;
+  for (int round = 0; round < (D == 2 ? 40 : 8); ++round) {
+    const TypeParam map = random_world<TypeParam>(random, D == 2 ? 14 : 8);
+    Body<D> body = random_body<D>(random);
+    PlannerOptions options;
+    options.unknown_cost = round % 3 == 0 ? kInfinity : round % 3 == 1 ? 1.0 : 2.0;
+    options.clearance = round % 5 == 0 ? 0.1 : 0.0;
+    const UnknownSpace unknown = round % 3 == 0 ? UnknownSpace::occupied : UnknownSpace::free;
+    Planner<TypeParam> planner(map, body, options);
+    const Body<D> kept_away = inflated(body, options.clearance);
+    for (int i = 0; i < 8; ++i) {
+      const double reach = D == 2 ? 4.0 : 2.0;
+      const Vector<D> start = random_point<D>(random, reach);
+      const Vector<D> goal = random_point<D>(random, reach);
+      if (collides_at(map, inflated(kept_away, 1e-5), start, unknown) ||
+          collides_at(map, inflated(kept_away, 1e-5), goal, unknown))
+        continue;
+      const Path<D> path = planner.plan(start, goal);
+      const Path<D> again = plan(map, start, goal, body, options);
+      ASSERT_EQ(path.points, again.points);
+      ASSERT_EQ(path.expanded, again.expanded);
+      LatticeBox<D> limits;
+      limits.lower.fill(D == 2 ? -40 : -16);
+      limits.upper.fill(D == 2 ? 40 : 16);
+      const auto& geometry = map.tree().geometry();
+      const double way =
+          plain_way(map, kept_away, limits, geometry.coordinates(start), geometry.coordinates(goal), unknown);
+      if (path.status != PathStatus::found) {
+        ASSERT_EQ(path.status, PathStatus::none);
+        ASSERT_EQ(way, kInfinity);
+        ++none;
+        continue;
+      }
+      ++found;
+      if (options.unknown_cost == 1.0 || !std::isfinite(options.unknown_cost)) {
+        ASSERT_LE(path.length, 1.02 * way + kUnit * std::sqrt(double{D}));
+      }
+      ASSERT_EQ(path.points.front(), start);
+      ASSERT_EQ(path.points.back(), goal);
+      ASSERT_FALSE(planner.first_blocked(path.points).has_value());
+      ASSERT_GE(path.clearance, options.clearance);
+      for (std::size_t k = 0; k + 1 < path.points.size(); ++k)
+        for (int step = 0; step <= 100; ++step)
+          ASSERT_FALSE(collides_at(map, kept_away,
+                                   path.points[k] + (path.points[k + 1] - path.points[k]) * (step / 100.0),
+                                   unknown));
+    }
+  }
+  EXPECT_GT(found, D == 2 ? 60 : 20);
+  EXPECT_GE(none, D == 2 ? 3 : 0);
+}
+TYPED_TEST(Planning, FollowsTheMapAsOneMadeAnew) {
+  constexpr int D = TypeParam::kDim;
+  Random random(404);
+  int found = 0;
+  int blocked = 0;
+  for (const double cost : {kInfinity, 1.0, 2.0}) {
+    TypeParam map = random_world<TypeParam>(random, 5);
+    PlannerOptions options;
+    options.unknown_cost = cost;
+    const Body<D> body{Capsule<D>{Vector<D>::Zero(), Vector<D>::Zero(), 0.2}};
+    Planner<TypeParam> planner(map, body, options);
+    for (int step = 0; step < 20; ++step) {
+      const Box<D> box = random_box<D>(random, 2.0, 1.0);
+      if (random.chance(0.2))
+        map.clear(box);
+      else
+        map.mark(box, random.chance(0.5) ? CellState::occupied : CellState::free);
+      const Vector<D> start = random_point<D>(random, 2.0);
+      const Vector<D> goal = random_point<D>(random, 2.0);
+      const auto answer = [&](Planner<TypeParam>& one) {
+        try {
+          return std::pair(one.plan(start, goal), std::string());
+        } catch (const std::invalid_argument& error) {
+          return std::pair(Path<D>{}, std::string(error.what()));
+        }
+      };
+      const auto before = answer(planner);
+      planner.update(map);
+      Planner<TypeParam> anew(map, body, options);
+      const auto now = answer(planner);
+      const auto expected = answer(anew);
+      ASSERT_EQ(now.second, expected.second);
+      ASSERT_EQ(now.first.status, expected.first.status);
+      ASSERT_EQ(now.first.points, expected.first.points);
+      found += now.first.status == PathStatus::found;
+      if (before.first.status == PathStatus::found && planner.first_blocked(before.first.points)) ++blocked;
+    }
+  }
+  EXPECT_GT(found, 15);
+  EXPECT_GT(blocked, 0);
+}
+
+TEST(Planning, SaysWhatIsWrong) {
+  MapOptions options;
+  options.min_cell_size = kUnit;
+  options.max_cell_size = 4.0;
+  AdaptiveMap<2, 2> map(options);
+  map.mark(Box<2>{{-4.0, -4.0}, {4.0, 4.0}}, CellState::free);
+  map.mark(Box<2>{{-0.25, -4.0}, {0.0, 4.0}}, CellState::occupied);
+  const Body<2> body{Capsule<2>{{0.0, 0.0}, {0.0, 0.0}, 0.3}};
+  Planner<AdaptiveMap<2, 2>> planner(map, body);
+  const auto message = [&](const Vector<2>& start, const Vector<2>& goal) -> std::string {
+    try {
+      (void)planner.plan(start, goal);
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_EQ(message({0.1, 1.1}, {2.0, 2.0}),
+            "start = (0.1, 1.1): there the body meets the occupied cell from (-0.25, 1.0) to (0.0, 1.25); "
+            "the nearest "
+            "place where it fits is 0.4 m away, at (0.5, 1.1)");
+  EXPECT_NE(
+      message({2.0, 2.0}, {9.0, 9.0}).find("goal = (9.0, 9.0): there the body meets unknown space outside"),
+      std::string::npos);
+  EXPECT_NE(message({2.0, std::nan("")}, {1.0, 1.0}).find("start = (2.0, nan): must be finite"),
+            std::string::npos);
+  const Path<2> none = planner.plan({-2.0, 0.0}, {2.0, 0.0});
+  EXPECT_EQ(none.status, PathStatus::none);
+  EXPECT_TRUE(none.points.empty());
+  map.mark(Box<2>{{-0.25, 2.0}, {0.0, 3.5}}, CellState::free);  // A door.
+  EXPECT_TRUE(planner.update(map));
+  EXPECT_FALSE(planner.update(map));
+  const Path<2> path = planner.plan({-2.0, 0.0}, {2.0, 0.0});
+  ASSERT_EQ(path.status, PathStatus::found);
+  // Around the lower post of the door, whose corners the body rounds at 0.3 m.
+  const auto around = [](double reach) { return 2.0 * std::hypot(2.0 - 0.125, reach); };
+  EXPECT_GT(path.length, around(2.0));
+  EXPECT_LT(path.length, around(2.6));
+  EXPECT_EQ(planner.plan({-2.0, 0.0}, {2.0, 0.0}, 0.0).status,
+            PathStatus::found);  // Few cells: no clock is asked.
+  PlannerOptions wrong;
+  wrong.clearance = -1.0;
+  EXPECT_THROW((Planner<AdaptiveMap<2, 2>>(map, body, wrong)), std::invalid_argument);
+  EXPECT_THROW((Planner<AdaptiveMap<2, 2>>(map, Body<2>{})), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace ndtree::test::test_planner
