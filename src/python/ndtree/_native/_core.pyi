@@ -1660,7 +1660,8 @@ class OccupancyMap:
         clearance : float
             What the body keeps from obstacles at least [m], >= 0; a Box keeps more at its corners.
         unknown : {"blocked", "free"} or float
-            Unknown space is an obstacle, or free, or costs so many times its length, >= 1, where the body may touch it.
+            What unknown space is: an obstacle, free, or passable at a cost >= 1: the factor of its length where the body may
+            touch it.
         max_seconds : float, optional
             That the search may take. Left out, it goes on to its end.
 
