@@ -26,6 +26,7 @@
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/mapping/pose_covariance.hpp"
 #include "ndtree/mapping/scan_history.hpp"
+#include "ndtree/planning/corridor.hpp"
 #include "ndtree/planning/planner.hpp"
 #include "ndtree/planning/sweep.hpp"
 #include "ndtree/query/cells.hpp"

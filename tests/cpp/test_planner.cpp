@@ -381,6 +381,42 @@ TYPED_TEST(Planning, FollowsTheMapAsOneMadeAnew) {
   EXPECT_GT(blocked, 0);
 }
 
+TYPED_TEST(Planning, WaysAreNearlyThoseOfPaths) {
+  constexpr int D = TypeParam::kDim;
+  Random random(405);
+  int finite = 0;
+  int nearly_equal = 0;
+  for (int round = 0; round < 6; ++round) {
+    const TypeParam map = random_world<TypeParam>(random, D == 2 ? 14 : 8);
+    PlannerOptions options;
+    options.unknown_cost = round % 2 == 0 ? kInfinity : 1.0;
+    Planner<TypeParam> planner(map, random_body<D>(random), options);
+    Vector<D> start = random_point<D>(random, 2.0);
+    while (!planner.is_free(start, start)) start = random_point<D>(random, 2.0);
+    std::vector<Vector<D>> goals;
+    for (int i = 0; i < 20; ++i) goals.push_back(random_point<D>(random, 2.5));
+    goals[7][0] = std::nan("");
+    const std::vector<double> ways = planner.ways(start, goals);
+    for (std::size_t i = 0; i < goals.size(); ++i) {
+      if (i == 7 || !planner.is_free(goals[i], goals[i])) {
+        ASSERT_EQ(ways[i], kInfinity);
+        continue;
+      }
+      const Path<D> path = planner.plan(start, goals[i]);
+      if (path.status != PathStatus::found) {
+        ASSERT_EQ(ways[i], kInfinity);
+        continue;
+      }
+      ++finite;
+      ASSERT_GE(ways[i], (goals[i] - start).norm() - 1e-9);
+      nearly_equal += std::abs(ways[i] / path.length - 1.0) < 0.02;
+      ASSERT_LE(ways[i], 1.2 * path.length + kUnit);
+    }
+  }
+  EXPECT_GT(finite, 30);
+  EXPECT_GT(nearly_equal, finite * 9 / 10);
+}
+
 TEST(Planning, SaysWhatIsWrong) {
   MapOptions options;
   options.min_cell_size = kUnit;

@@ -64,7 +64,7 @@ def test_the_cpp_examples_are_short_and_shown() -> None:
     """tests/cpp compiles and runs them."""
     page = (ROOT / "docs" / "cpp.md").read_text()
     programs = sorted((ROOT / "examples" / "cpp").glob("*.cpp"))
-    assert [path.stem for path in programs] == ["insert_and_ask", "layer", "plan", "sensor", "sensor_default"]
+    assert [path.stem for path in programs] == ["insert_and_ask", "layer", "path", "plan", "sensor", "sensor_default"]
     for path in programs:
         assert len(path.read_text().splitlines()) < 60, path.name
         assert f"examples/cpp/{path.name}" in page
@@ -94,9 +94,10 @@ def test_the_explorer_leaves_nothing_that_it_can_reach(tmp_path, monkeypatch, ca
 
 def test_the_planned_way_touches_nothing_in_truth(tmp_path, monkeypatch) -> None:
     left = run("plan", tmp_path, monkeypatch, "--scans", "360")
-    way, world, radius = left["way"], left["world"], left["RADIUS"]
+    way, world, radius = left["first"].points, left["world"], left["RADIUS"]
     np.testing.assert_array_equal(way[[0, -1]], [[2.0, 4.0], [22.0, 17.0]])
-    assert 23.8 < left["lengths"][1] < left["lengths"][0] < 60
+    assert 23.8 < left["first"].length < 60
+    assert left["planner"].first_blocked(way) >= 0 and left["second"].length > left["first"].length
     lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
     along = np.concatenate(([0.0], np.cumsum(lengths)))
     steps = np.linspace(0.0, along[-1], 1 + int(along[-1] / 0.02))

@@ -4,29 +4,19 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <optional>
-#include <utility>
 #include <vector>
 
-#include "ndtree/cell/summary.hpp"
 #include "ndtree/core/body.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/planning/body_stencil.hpp"
 #include "ndtree/planning/brick.hpp"
-#include "ndtree/query/cells.hpp"
+#include "ndtree/planning/place_finder.hpp"
 #include "ndtree/tree/lattice.hpp"
 
 namespace ndtree {
-
-/// What a body may do at a place: not be there, be there at a cost because it may touch unknown space, or be
-/// there.
-enum class Passage : std::uint8_t { blocked, costly, free };
 
 /// A cube of places of one passage, on the lattice of smallest cells.
 template <int D>
@@ -53,22 +43,7 @@ class FreeSpace {
   /// in unknown space: infinite if it is an obstacle, 1 if it is free. @param around box that holds all
   /// places of interest; beyond it, no place is free.
   FreeSpace(const Map& map, const Body<D>& body, double unknown_cost, const Box<D>& around)
-      : map_(&map),
-        stencil_(body, map.tree().geometry().unit()),
-        occupied_(stencil_),
-        unknown_(stencil_),
-        unknown_blocks_(!std::isfinite(unknown_cost)),
-        unknown_costs_(std::isfinite(unknown_cost) && unknown_cost > 1.0) {
-    const auto& geometry = map.tree().geometry();
-    const Box<D> inside = bounds_of(body.front());
-    for (std::size_t a = 0; a < D; ++a) {
-      const int axis = static_cast<int>(a);
-      limits_.lower[a] = geometry.coordinate(std::max(around.lower[axis], -geometry.reach()));
-      limits_.upper[a] = geometry.coordinate(std::min(around.upper[axis], geometry.reach()));
-      const double middle = 0.5 * (inside.lower[axis] + inside.upper[axis]) / geometry.unit();
-      inside_lower_[a] = static_cast<std::int64_t>(std::floor(middle));
-      inside_upper_[a] = static_cast<std::int64_t>(std::ceil(middle));
-    }
+      : finder_(map, body, unknown_cost, around), limits_(finder_.limits()), has_costs_(finder_.has_costs()) {
     reset();
   }
 
@@ -81,7 +56,7 @@ class FreeSpace {
     return nodes_.capacity() * sizeof(Node) + free_.capacity() * sizeof(Brick) +
            costly_.capacity() * sizeof(Brick);
   }
-  [[nodiscard]] bool has_costs() const { return unknown_costs_; }
+  [[nodiscard]] bool has_costs() const { return has_costs_; }
 
   /// The cell that contains a smallest cell.
   [[nodiscard]] Cell cell_at(const Lattice<D>& at) {
@@ -143,13 +118,7 @@ class FreeSpace {
   /// Obstacles, or what was none, came or went in a box: what depends on it is looked at again when it is
   /// asked for. @param map as it is now.
   void forget(const LatticeBox<D>& changed) {
-    LatticeBox<D> places;
-    for (std::size_t a = 0; a < D; ++a) {
-      const std::int64_t inside_lower = std::min<std::int64_t>(-stencil_.upper()[a], -inside_upper_[a]);
-      const std::int64_t inside_upper = std::max<std::int64_t>(-stencil_.lower()[a], -inside_lower_[a]);
-      places.lower[a] = changed.lower[a] + inside_lower - 1;
-      places.upper[a] = changed.upper[a] + inside_upper + 1;
-    }
+    const LatticeBox<D> places = finder_.places_meeting(changed);
     last_brick_ = kNoNode;
     forget(0, root_, places);
   }
@@ -169,12 +138,11 @@ class FreeSpace {
     for (std::size_t a = 0; a < D; ++a) root_.lower[a] = floored(limits_.lower[a], root_.level - 1);
   }
   /// Another map with the same cells, of which forget() is told what is different.
-  void set_map(const Map& map) { map_ = &map; }
+  void set_map(const Map& map) { finder_.set_map(map); }
 
  private:
   using Brick = detail::Brick<D>;
   using Place = typename Brick::Place;
-  using Ref = typename Map::Tree::ConstRef;
   static constexpr int kBrickLevels = Brick::kLevels;
   static constexpr std::uint64_t kOutside = ~std::uint64_t{0};
   static constexpr std::uint32_t kNoNode = ~std::uint32_t{0};
@@ -184,16 +152,14 @@ class FreeSpace {
     std::uint32_t below = 0;  // The first of 2^D children, or a brick.
     State state = State::unvisited;
   };
-  /// What a box of the map contains.
-  struct Contents {
-    bool occupied = false;
-    bool free = false;
-    bool unknown = false;
-  };
-
   [[nodiscard]] static std::int64_t floored(std::int64_t at, int level) { return (at >> level) << level; }
   [[nodiscard]] static Passage passage_of(State state) {
     return state == State::free ? Passage::free : state == State::costly ? Passage::costly : Passage::blocked;
+  }
+  [[nodiscard]] static State state_of(Passage passage) {
+    return passage == Passage::free     ? State::free
+           : passage == Passage::costly ? State::costly
+                                        : State::blocked;
   }
   [[nodiscard]] static std::uint64_t first_number(std::uint32_t node) {
     return std::uint64_t{node} << (kBrickLevels * D);
@@ -215,21 +181,12 @@ class FreeSpace {
     }
     return child;
   }
-  [[nodiscard]] static LatticeBox<D> box_of(const CellIndex<D>& index) {
-    LatticeBox<D> box;
-    for (std::size_t a = 0; a < D; ++a) {
-      box.lower[a] = index.lower[a];
-      box.upper[a] = index.lower[a] + (std::int64_t{1} << index.level);
-    }
-    return box;
-  }
-
   [[nodiscard]] Cell cell_in_brick(std::uint32_t number, const Node& node, const CellIndex<D>& index,
                                    const Lattice<D>& at) const {
     Place place;
     for (std::size_t a = 0; a < D; ++a) place[a] = static_cast<int>(at[a] - index.lower[a]);
     for (const Passage passage : {Passage::free, Passage::costly}) {
-      if (passage == Passage::costly && !unknown_costs_) break;
+      if (passage == Passage::costly && !has_costs_) break;
       const Brick& brick = (passage == Passage::free ? free_ : costly_)[node.below];
       if (!brick.get(0, place)) continue;
       int level = 0;
@@ -296,7 +253,7 @@ class FreeSpace {
     Place place;
     for (std::size_t a = 0; a < D; ++a) place[a] = static_cast<int>(lower[a] - index.lower[a]) >> level;
     for (const Passage passage : {Passage::free, Passage::costly}) {
-      if (passage == Passage::costly && !unknown_costs_) break;
+      if (passage == Passage::costly && !has_costs_) break;
       const Brick& bits = (passage == Passage::free ? free_ : costly_)[brick];
       if (!bits.get(level, place)) continue;
       while (level < kBrickLevels && bits.get(level + 1, shifted(place, 1))) {
@@ -313,7 +270,7 @@ class FreeSpace {
                     const Place& place, const Face& face, const Visit& visit) const {
     if (free_[brick].get(level, place)) {
       visit(brick_cell(number, index, level, place, Passage::free));
-    } else if (unknown_costs_ && costly_[brick].get(level, place)) {
+    } else if (has_costs_ && costly_[brick].get(level, place)) {
       visit(brick_cell(number, index, level, place, Passage::costly));
     } else if (level > 0) {
       for (unsigned j = 0; j < 1u << D; ++j) {
@@ -354,7 +311,7 @@ class FreeSpace {
       if (place[a] < lower[a] >> level || place[a] > upper[a] >> level) return;
     if (free_[brick].get(level, place)) {
       visit(brick_cell(number, index, level, place, Passage::free));
-    } else if (unknown_costs_ && costly_[brick].get(level, place)) {
+    } else if (has_costs_ && costly_[brick].get(level, place)) {
       visit(brick_cell(number, index, level, place, Passage::costly));
     } else if (level > 0) {
       for (unsigned j = 0; j < 1u << D; ++j) {
@@ -374,8 +331,8 @@ class FreeSpace {
   void visit(std::uint32_t number, const CellIndex<D>& index) {
     if (nodes_[number].state != State::unvisited) return;
     pace_.spend(30);
-    if (const std::optional<State> state = state_of(index)) {
-      nodes_[number].state = *state;
+    if (const std::optional<Passage> passage = finder_.passage_of(index)) {
+      nodes_[number].state = state_of(*passage);
     } else if (index.level == kBrickLevels) {
       build_brick(number, index);
     } else {
@@ -394,92 +351,10 @@ class FreeSpace {
     return first;
   }
 
-  /// That of all places of a node; none if they may differ.
-  [[nodiscard]] std::optional<State> state_of(const CellIndex<D>& index) const {
-    const LatticeBox<D> places = box_of(index);
-    bool is_within = true;
-    LatticeBox<D> touched, inside;
-    for (std::size_t a = 0; a < D; ++a) {
-      if (places.lower[a] >= limits_.upper[a] || places.upper[a] <= limits_.lower[a]) return State::blocked;
-      is_within = is_within && places.lower[a] >= limits_.lower[a] && places.upper[a] <= limits_.upper[a];
-      touched.lower[a] = places.lower[a] + stencil_.lower()[a];
-      touched.upper[a] = places.upper[a] + stencil_.upper()[a];
-      inside.lower[a] = places.lower[a] + inside_lower_[a];
-      inside.upper[a] = places.upper[a] + inside_upper_[a];
-    }
-    const Contents all = contents_of(touched);
-    if (!is_within) return std::nullopt;
-    const bool touches_unknown = all.unknown && (unknown_blocks_ || unknown_costs_);
-    if (!all.occupied && !touches_unknown) return State::free;
-    if (all.free && all.unknown && all.occupied && index.level == kBrickLevels) return std::nullopt;
-    const Contents core = contents_of(inside);
-    if (!core.free && (unknown_blocks_ || !core.unknown)) return State::blocked;
-    if (unknown_costs_ && !all.occupied && !core.free) return State::costly;
-    return std::nullopt;
-  }
-  [[nodiscard]] Contents contents_of(const LatticeBox<D>& box) const {
-    Contents contents;
-    const auto& tree = map_->tree();
-    const LatticeBox<D> root = box_of(tree, tree.root());
-    for (std::size_t a = 0; a < D; ++a)
-      contents.unknown = contents.unknown || box.lower[a] < root.lower[a] || box.upper[a] > root.upper[a];
-    look(tree.root(), box, contents);
-    return contents;
-  }
-  [[nodiscard]] static LatticeBox<D> box_of(const typename Map::Tree& tree, const Ref& ref) {
-    LatticeBox<D> box;
-    for (std::size_t a = 0; a < D; ++a) {
-      box.lower[a] = ref.index.lower[a];
-      box.upper[a] = ref.index.lower[a] + tree.geometry().edge(ref.index.level);
-    }
-    return box;
-  }
-  void look(const Ref& ref, const LatticeBox<D>& box, Contents& contents) const {
-    const auto& tree = map_->tree();
-    const LatticeBox<D> own = box_of(tree, ref);
-    bool is_within = true;
-    for (std::size_t a = 0; a < D; ++a) {
-      if (own.lower[a] >= box.upper[a] || own.upper[a] <= box.lower[a]) return;
-      is_within = is_within && own.lower[a] >= box.lower[a] && own.upper[a] <= box.upper[a];
-    }
-    const Summary summary = Summary::of(*ref.node);
-    const Contents here{summary.may_contain(CellState::occupied), summary.may_contain(CellState::free),
-                        summary.may_contain(CellState::unknown)};
-    if ((contents.occupied || !here.occupied) && (contents.free || !here.free) &&
-        (contents.unknown || !here.unknown))
-      return;
-    if (ref.is_leaf() || (is_within && summary.is_valid()) || here.occupied + here.free + here.unknown == 1) {
-      contents.occupied = contents.occupied || here.occupied;
-      contents.free = contents.free || here.free;
-      contents.unknown = contents.unknown || here.unknown;
-      return;
-    }
-    for (int j = 0; j < Map::Tree::kNumChildren; ++j) look(tree.child(ref, j), box, contents);
-  }
-
   void build_brick(std::uint32_t number, const CellIndex<D>& index) {
-    paint(index);
-    Brick met;
-    occupied_.spread(met);
     Brick free, costly;
-    bool any = false;
-    for (int r = 0; r < Brick::rows_of(0); ++r) {
-      free.row(r) = static_cast<typename Brick::Row>(~met.row(r) & within_limits(index, r));
-      any = any || free.row(r) != 0;
-    }
-    if (unknown_costs_ && any) {
-      unknown_.spread(met);
-      for (int r = 0; r < Brick::rows_of(0); ++r) {
-        costly.row(r) = static_cast<typename Brick::Row>(free.row(r) & met.row(r));
-        free.row(r) = static_cast<typename Brick::Row>(free.row(r) & ~met.row(r));
-      }
-      costly.close();
-    }
-    free.close();
-    if (!any || free.get(kBrickLevels, Place{}) || costly.get(kBrickLevels, Place{})) {
-      nodes_[number].state = !any                              ? State::blocked
-                             : free.get(kBrickLevels, Place{}) ? State::free
-                                                               : State::costly;
+    if (const auto passage = finder_.find(index, free, costly)) {
+      nodes_[number].state = state_of(*passage);
       return;
     }
     auto brick = static_cast<std::uint32_t>(free_.size());
@@ -488,68 +363,12 @@ class FreeSpace {
       unused_bricks_.pop_back();
     } else {
       free_.emplace_back();
-      if (unknown_costs_) costly_.emplace_back();
+      if (has_costs_) costly_.emplace_back();
     }
     free_[brick] = free;
-    if (unknown_costs_) costly_[brick] = costly;
+    if (has_costs_) costly_[brick] = costly;
     nodes_[number] = {brick, State::brick};
   }
-  /// The bits of a row that lie within the limits.
-  [[nodiscard]] std::uint32_t within_limits(const CellIndex<D>& index, int row) const {
-    for (std::size_t a = 1; a < D; ++a) {
-      const std::int64_t at =
-          index.lower[a] + (row >> (kBrickLevels * (static_cast<int>(a) - 1))) % Brick::kEdge;
-      if (at < limits_.lower[a] || at >= limits_.upper[a]) return 0;
-    }
-    const std::int64_t first = std::clamp<std::int64_t>(limits_.lower[0] - index.lower[0], 0, Brick::kEdge);
-    const std::int64_t last = std::clamp<std::int64_t>(limits_.upper[0] - index.lower[0], 0, Brick::kEdge);
-    return static_cast<std::uint32_t>(((std::uint64_t{1} << last) - 1) & ~((std::uint64_t{1} << first) - 1));
-  }
-
-  /// Sets the bits of all obstacles that the body can meet from a brick.
-  void paint(const CellIndex<D>& index) {
-    occupied_.clear();
-    if (unknown_costs_) unknown_.clear();
-    LatticeBox<D> region;
-    for (std::size_t a = 0; a < D; ++a) {
-      region.lower[a] = index.lower[a] + stencil_.lower()[a];
-      region.upper[a] = index.lower[a] + Brick::kEdge + stencil_.upper()[a];
-    }
-    const auto& tree = map_->tree();
-    const LatticeBox<D> root = box_of(tree, tree.root());
-    if (unknown_blocks_ || unknown_costs_) {  // All beyond the root is unknown.
-      auto& bits = unknown_blocks_ ? occupied_ : unknown_;
-      set(bits, region, region, true);
-      set(bits, root, region, false);
-    }
-    paint(tree.root(), region);
-  }
-  static void set(detail::ObstacleBits<D>& bits, const LatticeBox<D>& box, const LatticeBox<D>& region,
-                  bool to) {
-    Place lower, upper;
-    for (std::size_t a = 0; a < D; ++a) {
-      const std::int64_t extent = region.upper[a] - region.lower[a];
-      lower[a] = static_cast<int>(std::clamp<std::int64_t>(box.lower[a] - region.lower[a], 0, extent));
-      upper[a] = static_cast<int>(std::clamp<std::int64_t>(box.upper[a] - region.lower[a], 0, extent));
-    }
-    bits.set(lower, upper, to);
-  }
-  void paint(const Ref& ref, const LatticeBox<D>& region) {
-    const Summary summary = Summary::of(*ref.node);
-    const bool occupied = summary.may_contain(CellState::occupied);
-    const bool unknown = summary.may_contain(CellState::unknown) && (unknown_blocks_ || unknown_costs_);
-    if (!occupied && !unknown) return;
-    const auto& tree = map_->tree();
-    if (!region.overlaps(ref.index, tree.geometry().edge(ref.index.level))) return;
-    const bool is_alike = !summary.may_contain(CellState::free) && (unknown_blocks_ || occupied != unknown) &&
-                          (unknown_blocks_ || unknown_costs_ || !summary.may_contain(CellState::unknown));
-    if (ref.is_leaf() || is_alike) {
-      set(occupied || unknown_blocks_ ? occupied_ : unknown_, box_of(tree, ref), region, true);
-      return;
-    }
-    for (int j = 0; j < Map::Tree::kNumChildren; ++j) paint(tree.child(ref, j), region);
-  }
-
   void forget(std::uint32_t number, const CellIndex<D>& index, const LatticeBox<D>& places) {
     Node& node = nodes_[number];
     if (node.state == State::unvisited || !places.overlaps(index, std::int64_t{1} << index.level)) return;
@@ -568,15 +387,10 @@ class FreeSpace {
     node = Node{};
   }
 
-  const Map* map_;
-  detail::BodyStencil<D> stencil_;
-  detail::ObstacleBits<D> occupied_;
-  detail::ObstacleBits<D> unknown_;
-  bool unknown_blocks_;
-  bool unknown_costs_;
+  detail::PlaceFinder<Map> finder_;
   LatticeBox<D> limits_;
-  Lattice<D> inside_lower_, inside_upper_;  // Cells from a place to some point in the body.
-  CellIndex<D> root_;                       // Its level counts halvings, from smallest cells up.
+  bool has_costs_;
+  CellIndex<D> root_;  // Its level counts halvings, from smallest cells up.
   std::vector<Node> nodes_;
   std::vector<Brick> free_;
   std::vector<Brick> costly_;

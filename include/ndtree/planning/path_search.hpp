@@ -33,7 +33,8 @@ template <int D>
 struct Anchor {
   Vector<D> point;  ///< In smallest cells.
   PlaceCell<D> cell;
-  double way = 0.0;  ///< To the pose, in smallest cells.
+  double way = 0.0;      ///< To the pose, in smallest cells.
+  std::size_t goal = 0;  ///< Of several, which one it belongs to.
 };
 
 /// Lazy Theta* (Nash, Koenig, Tovey, AAAI 2010) over the cells of a free space. A node is a cell, and a point
@@ -71,33 +72,33 @@ class PathSearch {
   /// @param goal itself, for what is left of the way.
   void add_goal(const Anchor<D>& anchor) { goals_.push_back(anchor); }
 
-  /// @param goal in smallest cells. @param deadline until when it searches.
+  /// Searches for one goal. @param goal in smallest cells. @param deadline until when it searches.
   PathStatus run(const Vector<D>& goal, std::chrono::steady_clock::time_point deadline) {
     goal_ = goal;
+    aims_ = true;
     for (const Anchor<D>& anchor : goals_) {
-      goal_numbers_[anchor.cell.number] = 0;
       flood_.push_back(anchor.cell);
       flooded_[anchor.cell.number] = 0;
     }
-    for (const std::uint32_t number : starts_) push(number);
-    while (!open_.empty()) {
-      const Entry entry = open_.top();
-      open_.pop();
-      pace_.spend(20);
-      Node& node = nodes_[entry.number];
-      if (node.is_expanded || entry.total != node.total) continue;
-      if (!node.is_certain && !settle(entry.number)) continue;
-      node.is_expanded = true;
-      if (node.is_goal) {
-        end_ = entry.number;
-        return PathStatus::found;
-      }
-      expand(entry.number);
-      if ((++expanded_ & 63u) == 0 && std::chrono::steady_clock::now() > deadline)
-        return PathStatus::out_of_time;
-      if (expanded_ == next_flood_ && !may_be_reached()) return PathStatus::none;
-    }
-    return PathStatus::none;
+    return run(deadline, [](std::size_t) { return true; });
+  }
+  /// Searches for all of `count` goals, without a direction. @param found called with the number of each goal
+  /// that is reached, once; path() is then the way to it.
+  template <class Found>
+  PathStatus run_to_all(std::size_t count, std::chrono::steady_clock::time_point deadline,
+                        const Found& found) {
+    aims_ = false;
+    next_flood_ = 0;
+    std::vector<bool> is_left(count, false);
+    for (const Anchor<D>& anchor : goals_) is_left[anchor.goal] = true;
+    auto left = std::count(is_left.begin(), is_left.end(), true);
+    if (left == 0) return PathStatus::none;
+    return run(deadline, [&](std::size_t goal) {
+      if (!is_left[goal]) return false;
+      is_left[goal] = false;
+      found(goal);
+      return --left == 0;
+    });
   }
 
   [[nodiscard]] std::size_t expanded() const { return expanded_; }
@@ -119,20 +120,22 @@ class PathSearch {
   template <class Visit>
   void for_each_expanded(const Visit& visit) const {
     for (const Node& node : nodes_)
-      if (node.is_expanded && !node.is_goal) visit(node.cell);
+      if (node.is_expanded && node.goal == kNoGoal) visit(node.cell);
   }
 
  private:
+  static constexpr std::uint32_t kNoGoal = ~std::uint32_t{0};
+
   struct Node {
     Vector<D> point;
     Cell cell;
     double cost = std::numeric_limits<double>::infinity();   // Of the way here.
     double total = std::numeric_limits<double>::infinity();  // And of what is left, times greed.
     std::uint32_t parent = 0;                                // That is seen from here, if is_certain.
+    std::uint32_t goal = kNoGoal;                            // Which of the anchors, if it is one.
     std::uint32_t via = 0;                                   // The cell that it was reached from.
     bool is_certain = false;
     bool is_expanded = false;
-    bool is_goal = false;
   };
   struct Entry {
     double total;
@@ -142,9 +145,40 @@ class PathSearch {
     }
   };
 
+  /// @param is_last whether a goal that was reached ends the search.
+  template <class IsLast>
+  PathStatus run(std::chrono::steady_clock::time_point deadline, const IsLast& is_last) {
+    for (const Anchor<D>& anchor : goals_) goal_numbers_[anchor.cell.number] = 0;
+    for (const std::uint32_t number : starts_) push(number);
+    while (!open_.empty()) {
+      const Entry entry = open_.top();
+      open_.pop();
+      pace_.spend(20);
+      Node& node = nodes_[entry.number];
+      if (node.is_expanded || entry.total != node.total) continue;
+      if (!node.is_certain && !settle(entry.number)) continue;
+      node.is_expanded = true;
+      if (node.goal != kNoGoal) {
+        end_ = entry.number;
+        if (is_last(goals_[node.goal].goal)) return PathStatus::found;
+        continue;
+      }
+      expand(entry.number);
+      if ((++expanded_ & 63u) == 0 && std::chrono::steady_clock::now() > deadline)
+        return PathStatus::out_of_time;
+      if (expanded_ == next_flood_ && !may_be_reached()) return PathStatus::none;
+    }
+    return PathStatus::none;
+  }
+
+  /// An estimate of what is left of the way.
+  [[nodiscard]] double left_from(const Node& node, const Vector<D>& point) const {
+    if (aims_) return greed_ * (goal_ - point).norm();
+    return node.goal == kNoGoal ? 0.0 : goals_[node.goal].way;
+  }
   void push(std::uint32_t number) {
     Node& node = nodes_[number];
-    node.total = node.cost + greed_ * (goal_ - node.point).norm();
+    node.total = node.cost + left_from(node, node.point);
     open_.push({node.total, number});
   }
   [[nodiscard]] double rate(const Cell& cell) const {
@@ -161,8 +195,9 @@ class PathSearch {
     }
     return face;
   }
-  /// Where a way from a point to the goal goes through a face.
+  /// Where a way from a point to the goal goes through a face; to no goal, where it comes nearest.
   [[nodiscard]] Vector<D> point_on(const Box<D>& face, const Vector<D>& from) const {
+    if (!aims_) return from.cwiseMax(face.lower).cwiseMin(face.upper);
     int axis = 0;
     while (axis < D - 1 && face.lower[axis] != face.upper[axis]) ++axis;
     const double before = std::abs(from[axis] - face.lower[axis]);
@@ -176,7 +211,7 @@ class PathSearch {
   bool settle(std::uint32_t number) {
     Node& node = nodes_[number];
     const Node& parent = nodes_[node.parent];
-    double best = parent.cost + cost_of_way(space_, parent.point, node.point, unknown_cost_);
+    double best = parent.cost + cost_of_way(space_, node.point, parent.point, unknown_cost_);
     if (!(best <= node.cost + kEqual)) {
       const Node& via = nodes_[node.via];
       const double through = via.cost + (via.point - node.point).norm() * rate(via.cell);
@@ -184,12 +219,12 @@ class PathSearch {
         best = through;
         node.parent = node.via;
       }
-      if (!node.is_goal) best = try_beside(node, best);
+      if (node.goal == kNoGoal) best = try_beside(node, best);
     }
     node.cost = best;
     node.is_certain = true;
     const double before = node.total;
-    const double total = node.cost + greed_ * (goal_ - node.point).norm();
+    const double total = node.cost + left_from(node, node.point);
     if (total <= before + kEqual || open_.empty() || total <= open_.top().total) return true;
     push(number);
     return false;
@@ -202,8 +237,7 @@ class PathSearch {
       const Node& other = nodes_[number];
       const Vector<D> point = point_on(face_between(beside, node.cell), other.point);
       const double cost = other.cost + (other.point - point).norm() * rate(beside);
-      const double gain =
-          best + greed_ * (goal_ - node.point).norm() - cost - greed_ * (goal_ - point).norm();
+      const double gain = best + left_from(node, node.point) - cost - left_from(node, point);
       if (!(gain > kEqual)) return;
       best = cost;
       node.point = point;
@@ -229,20 +263,20 @@ class PathSearch {
       offer(found, number, parent, cost, from, point_on(face_between(node.cell, beside), from));
     });
     if (goal_numbers_.find(node.cell.number) == NumberTable::kNone) return;
-    for (const Anchor<D>& anchor : goals_) {
-      if (anchor.cell.number != node.cell.number) continue;
+    for (std::size_t i = 0; i < goals_.size(); ++i) {
+      if (goals_[i].cell.number != node.cell.number) continue;
       const auto goal = static_cast<std::uint32_t>(nodes_.size());
       nodes_.emplace_back();
       nodes_.back().cell = node.cell;
-      nodes_.back().is_goal = true;
-      offer(goal, number, parent, cost, from, anchor.point);
+      nodes_.back().goal = static_cast<std::uint32_t>(i);
+      offer(goal, number, parent, cost, from, goals_[i].point);
     }
   }
   void offer(std::uint32_t number, std::uint32_t via, std::uint32_t parent, double parent_cost,
              const Vector<D>& from, const Vector<D>& point) {
     Node& node = nodes_[number];
     const double cost = parent_cost + (point - from).norm();
-    const double total = cost + greed_ * (goal_ - point).norm();
+    const double total = cost + left_from(node, point);
     if (!(total < node.total - kEqual)) return;
     node.point = point;
     node.cost = cost;
@@ -281,6 +315,7 @@ class PathSearch {
   double unknown_cost_;
   double greed_;
   Vector<D> goal_ = Vector<D>::Zero();
+  bool aims_ = false;  // At one goal.
   std::vector<Node> nodes_;
   NumberTable numbers_;
   std::priority_queue<Entry> open_;

@@ -108,12 +108,42 @@ class Planner {
     path.expanded = search.expanded();
     search_bytes_ = search.memory_bytes();
     if (path.status != PathStatus::found) return path;
-    std::vector<Vector<D>> points{start};
-    for (const Vector<D>& point : search.path()) add_point(points, point * unit());
-    add_point(points, goal);
-    detail::PathShortener<D, SegmentCost>(SegmentCost(*this)).shorten(points);
-    finish(path, std::move(points));
+    finish(path, tightened(search, start, goal));
     return path;
+  }
+  /// Lengths of short ways from one place to each of several [m], times what unknown space costs; infinite
+  /// where there is none, or the body collides. One search, which has no direction: ways may be other ones
+  /// than those of plan(), and a little longer or shorter.
+  /// @throws std::invalid_argument if the body collides at the start.
+  [[nodiscard]] std::vector<double> ways(const Vector<D>& start, const std::vector<Vector<D>>& goals,
+                                         double max_seconds = std::numeric_limits<double>::infinity()) {
+    const auto is_possible = [&](const Vector<D>& goal) {
+      return goal.allFinite() && seen_.tree().geometry().in_reach(goal);
+    };
+    for (const Vector<D>& goal : goals)
+      if (is_possible(goal)) include(goal);
+    check_pose(start, "start");
+    detail::PathSearch<FreeSpace<Map>> search(*space_, options_.unknown_cost, 1.0);
+    for (const auto& anchor : anchors(start)) search.add_start(anchor);
+    for (std::size_t i = 0; i < goals.size(); ++i) {
+      if (!is_possible(goals[i]) || !is_free(goals[i], goals[i])) continue;
+      for (auto anchor : anchors(goals[i])) {
+        anchor.goal = i;
+        search.add_goal(anchor);
+      }
+    }
+    std::vector<double> costs(goals.size(), std::numeric_limits<double>::infinity());
+    const SegmentCost cost_of(*this);
+    (void)search.run_to_all(goals.size(), deadline_after(max_seconds), [&](std::size_t i) {
+      const std::vector<Vector<D>> points = tightened(search, start, goals[i]);
+      costs[i] = 0.0;
+      for (std::size_t k = 0; k + 1 < points.size(); ++k) costs[i] += cost_of(points[k], points[k + 1]);
+    });
+    search_bytes_ = search.memory_bytes();
+    for (std::size_t i = 0; i < goals.size(); ++i)
+      if (!space_->has_costs() && is_possible(goals[i]) && is_free(start, goals[i]))
+        costs[i] = (goals[i] - start).norm();
+    return costs;
   }
   /// The first segment of a path in which the body meets an obstacle of the map as it is now; none if there
   /// is none.
@@ -206,6 +236,17 @@ class Planner {
     if (point != points.back()) points.push_back(point);
   }
 
+  /// The path that a search found, with its ends.
+  template <class Search>
+  [[nodiscard]] std::vector<Vector<D>> tightened(const Search& search, const Vector<D>& start,
+                                                 const Vector<D>& goal) const {
+    std::vector<Vector<D>> points{start};
+    for (const Vector<D>& point : search.path()) add_point(points, point * unit());
+    add_point(points, goal);
+    const SegmentCost cost(*this);
+    detail::PathShortener<D, SegmentCost>(cost).shorten(points);
+    return points;
+  }
   void finish(Path<D>& path, std::vector<Vector<D>> points) const {
     path.status = PathStatus::found;
     path.length = 0.0;
@@ -219,14 +260,17 @@ class Planner {
     path.points = std::move(points);
   }
 
+  /// Makes sure that a place is one of those of interest.
+  void include(const Vector<D>& point) {
+    if (around_.encloses(Box<D>{point, point}.inflated(4.0 * unit()))) return;
+    asked_ = {asked_.lower.cwiseMin(point), asked_.upper.cwiseMax(point)};
+    rebuild();
+  }
   void check_pose(const Vector<D>& point, const char* name) {
     if (!point.allFinite() || !seen_.tree().geometry().in_reach(point))
       throw std::invalid_argument(std::string(name) + " = " + text_of(point) +
                                   ": must be finite, and on the map's lattice");
-    if (!around_.encloses(Box<D>{point, point}.inflated(4.0 * unit()))) {
-      asked_ = {asked_.lower.cwiseMin(point), asked_.upper.cwiseMax(point)};
-      rebuild();
-    }
+    include(point);
     if (is_free(point, point)) return;
     std::string message =
         std::string(name) + " = " + text_of(point) + ": there the body meets " + obstacle_at(point);

@@ -81,7 +81,7 @@ class SweepDistance {
       for (std::size_t k = 0; k < kSegments; ++k) along[k] = at_[k] - before[k];
       slide(along);
     }
-    const Vector<D> nearest = point_.cwiseMax(box_.lower).cwiseMin(box_.upper);
+    const Vector<D> nearest = this->nearest();
     const Vector<D> away = point_ - nearest;
     most_ = away.squaredNorm();
     double gap = away.dot(sweep_.center - nearest);
@@ -93,6 +93,9 @@ class SweepDistance {
   /// Bounds of the squared distance.
   [[nodiscard]] double least() const { return least_; }
   [[nodiscard]] double most() const { return most_; }
+  /// Of the zonotope, and the point of the box that is nearest to it.
+  [[nodiscard]] const Vector<D>& point() const { return point_; }
+  [[nodiscard]] Vector<D> nearest() const { return point_.cwiseMax(box_.lower).cwiseMin(box_.upper); }
 
  private:
   static constexpr auto kSegments = std::size_t{D} + 1;

@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Convex free space along a path, as optimizers of trajectories take it.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <queue>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "ndtree/core/body.hpp"
+#include "ndtree/core/option.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/planning/sweep.hpp"
+#include "ndtree/query/cells.hpp"
+
+namespace ndtree {
+
+/// All points x with normal · x <= offset.
+template <int D>
+struct HalfSpace {
+  Vector<D> normal;  ///< Of length 1.
+  double offset;     ///< [m]
+};
+
+namespace detail {
+
+/// How far a part of a body reaches in a direction [m].
+template <int D>
+[[nodiscard]] double reach_along(const BodyPart<D>& part, const Vector<D>& direction) {
+  if (const auto* const capsule = std::get_if<Capsule<D>>(&part))
+    return std::max(capsule->a.dot(direction), capsule->b.dot(direction)) + capsule->radius;
+  const auto& box = std::get<OrientedBox<D>>(part);
+  return box.center.dot(direction) + box.half_size.dot((box.axes.transpose() * direction).cwiseAbs());
+}
+
+/// Cuts a convex set of places around a segment free of obstacles.
+template <int D>
+class CorridorCell {
+ public:
+  /// @param limits all places of the set lie in it.
+  CorridorCell(const Body<D>& body, const Vector<D>& from, const Vector<D>& to, const Box<D>& limits)
+      : body_(body), from_(from), to_(to) {
+    for (int a = 0; a < D; ++a) {
+      planes_.push_back({Vector<D>::Unit(a), limits.upper[a]});
+      planes_.push_back({-Vector<D>::Unit(a), -limits.lower[a]});
+    }
+  }
+  /// Takes obstacles away, the nearest first: a plane at right angles to the shortest way from the swept body
+  /// to an obstacle lets no part beyond it, and mostly keeps others out as well.
+  void cut(const std::vector<Box<D>>& obstacles) {
+    using Entry = std::pair<double, std::size_t>;
+    for (const BodyPart<D>& part : body_) {
+      const Sweep<D> sweep = sweep_of<D>(part, from_, to_);
+      std::priority_queue<Entry, std::vector<Entry>, std::greater<>> next;
+      for (std::size_t i = 0; i < obstacles.size(); ++i) {
+        SweepDistance<D> distance(sweep, obstacles[i]);
+        while (distance.refine()) {
+        }
+        next.emplace(distance.least(), i);
+      }
+      for (; !next.empty(); next.pop()) cut(part, sweep, obstacles[next.top().second]);
+    }
+  }
+  [[nodiscard]] const std::vector<HalfSpace<D>>& planes() const { return planes_; }
+
+ private:
+  void cut(const BodyPart<D>& part, const Sweep<D>& sweep, const Box<D>& obstacle) {
+    const Vector<D> centre = 0.5 * (obstacle.lower + obstacle.upper);
+    const Vector<D> half = 0.5 * (obstacle.upper - obstacle.lower);
+    for (const HalfSpace<D>& plane : planes_) {  // Beyond one already, with all that the part reaches?
+      const double nearest = plane.normal.dot(centre) - half.dot(plane.normal.cwiseAbs());
+      if (nearest >= plane.offset + reach_along(part, plane.normal)) return;
+    }
+    SweepDistance<D> distance(sweep, obstacle);
+    while (distance.refine()) {
+    }
+    const Vector<D> way = distance.nearest() - distance.point();
+    const double length = way.norm();
+    if (!(length > 0.0)) throw std::invalid_argument("path: the body meets an obstacle on a segment");
+    const Vector<D> normal = way / length;
+    const double begin = normal.dot(centre) - half.dot(normal.cwiseAbs());
+    const double offset = begin - reach_along(part, normal);
+    // Rounding may put the plane a little before the segment: then it goes through its end.
+    planes_.push_back({normal, std::max(offset, std::max(normal.dot(from_), normal.dot(to_)))});
+  }
+
+  const Body<D>& body_;
+  Vector<D> from_;
+  Vector<D> to_;
+  std::vector<HalfSpace<D>> planes_;
+};
+
+}  // namespace detail
+
+/// For each segment of a path, a convex set of places of the body that contains the segment, so that
+/// neighbours share the point between them. From no place in a set does the body overlap an obstacle. Planes
+/// touch obstacles, each as far from the segment as it can be with its direction; so a set is maximal in the
+/// sense that no plane can be moved away from the segment.
+/// @param path two points at least, free for the body, as Path::points. @param reach how far sets go beyond
+/// the segment on each axis, > 0 [m].
+/// @throws std::invalid_argument if the body meets an obstacle on the path, or `reach` is not > 0 and finite.
+/// O(segments · obstacles around · planes).
+template <class Map>
+[[nodiscard]] std::vector<std::vector<HalfSpace<Map::kDim>>> corridors(
+    const Map& map, const Body<Map::kDim>& body, const std::vector<Vector<Map::kDim>>& path, double reach,
+    UnknownSpace unknown = UnknownSpace::occupied) {
+  constexpr int D = Map::kDim;
+  if (!(reach > 0.0) || !std::isfinite(reach))
+    throw std::invalid_argument("reach = " + describe_number(reach) + " m: must be > 0 and finite");
+  RegionStates states;
+  states.occupied = true;
+  states.unknown = unknown == UnknownSpace::occupied;
+  double extent = 0.0;
+  for (const BodyPart<D>& part : body) extent = std::max(extent, reach_of(part));
+  std::vector<std::vector<HalfSpace<D>>> result;
+  for (std::size_t i = 0; i + 1 < path.size(); ++i) {
+    if (sweep_collides(map, body, path[i], path[i + 1], unknown))
+      throw std::invalid_argument("path: the body meets an obstacle in segment " + std::to_string(i));
+    const Box<D> around{path[i].cwiseMin(path[i + 1]), path[i].cwiseMax(path[i + 1])};
+    detail::CorridorCell<D> cell(body, path[i], path[i + 1], around.inflated(reach));
+    cell.cut(boxes_of(map, around.inflated(reach + extent), states));
+    result.push_back(cell.planes());
+  }
+  return result;
+}
+
+}  // namespace ndtree

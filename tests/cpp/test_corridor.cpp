@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Convex free space along paths: every place in it is free, and it contains the path.
+#include <gtest/gtest.h>
+
+#include <stdexcept>
+#include <vector>
+
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/planning/corridor.hpp"
+#include "ndtree/planning/planner.hpp"
+#include "random.hpp"
+#include "random_rotation.hpp"
+
+namespace ndtree::test::test_corridor {
+namespace {
+
+template <class Map>
+void corridors_are_free_and_contain_the_path(Random& random) {
+  constexpr int D = Map::kDim;
+  const double reach = D == 2 ? 4.0 : 2.0;
+  const auto point = [&](double most) {
+    Vector<D> result;
+    for (int a = 0; a < D; ++a) result[a] = random.uniform(-most, most);
+    return result;
+  };
+  int segments = 0;
+  int inside = 0;
+  int blocked = 0;
+  for (int round = 0; round < 12; ++round) {
+    MapOptions options;
+    options.min_cell_size = 0.25;
+    options.max_cell_size = 2.0;
+    Map map(options);
+    map.mark(Box<D>{Vector<D>::Constant(-reach), Vector<D>::Constant(reach)}, CellState::free);
+    for (int i = 0; i < 8; ++i) {
+      const Vector<D> at = point(reach);
+      map.mark(Box<D>{at, (at.array() + 0.5).matrix()}, CellState::occupied);
+    }
+    Body<D> body{Capsule<D>{point(0.2), point(0.2), 0.15}};
+    if (round % 2 == 1)
+      body.push_back(OrientedBox<D>{point(0.1), Vector<D>::Constant(0.2), random_rotation<D>(random)});
+    Planner<Map> planner(map, body);
+    for (int i = 0; i < 6; ++i) {
+      const Vector<D> start = point(reach);
+      const Vector<D> goal = point(reach);
+      if (!planner.is_free(start, start) || !planner.is_free(goal, goal)) continue;
+      const Path<D> path = planner.plan(start, goal);
+      if (path.status != PathStatus::found) continue;
+      const auto sets = corridors(map, body, path.points, 1.0);
+      ASSERT_EQ(sets.size() + 1, path.points.size());
+      for (std::size_t k = 0; k < sets.size(); ++k) {
+        ++segments;
+        const auto contains = [&](const Vector<D>& place, double slack) {
+          for (const HalfSpace<D>& plane : sets[k])
+            if (plane.normal.dot(place) > plane.offset + slack) return false;
+          return true;
+        };
+        for (const HalfSpace<D>& plane : sets[k]) ASSERT_NEAR(plane.normal.norm(), 1.0, 1e-12);
+        ASSERT_TRUE(contains(path.points[k], 1e-9) && contains(path.points[k + 1], 1e-9));
+        for (int sample = 0; sample < 300; ++sample) {
+          const double along = random.uniform();
+          const Vector<D> place = path.points[k] + along * (path.points[k + 1] - path.points[k]) + point(1.0);
+          Pose<D> pose;
+          pose.translation = place;
+          const bool collides_there = collides(map, body, pose, UnknownSpace::occupied);
+          blocked += collides_there;
+          if (!contains(place, -1e-6)) continue;
+          ++inside;
+          ASSERT_FALSE(collides_there);
+        }
+      }
+    }
+  }
+  EXPECT_GT(segments, 20);
+  EXPECT_GT(inside, 1000);
+  EXPECT_GT(blocked, 1000);
+}
+TEST(Corridors, AreFreeAndContainThePath) {
+  Random random(501);
+  SCOPED_TRACE(random.trace());
+  corridors_are_free_and_contain_the_path<AdaptiveMap<2, 2>>(random);
+  corridors_are_free_and_contain_the_path<FixedMap<2, 3>>(random);
+}
+TEST(Corridors, RefuseAPathThatCollides) {
+  AdaptiveMap<2, 2> map;
+  map.mark(Box<2>{{-1.0, -1.0}, {1.0, 1.0}}, CellState::free);
+  const Body<2> body{Capsule<2>{{0.0, 0.0}, {0.0, 0.0}, 0.1}};
+  EXPECT_THROW((void)corridors(map, body, {{0.0, 0.0}, {3.0, 0.0}}, 1.0), std::invalid_argument);
+  EXPECT_THROW((void)corridors(map, body, {{0.0, 0.0}, {0.5, 0.0}}, 0.0), std::invalid_argument);
+  const auto sets = corridors(map, body, {{0.0, 0.0}, {0.5, 0.0}}, 0.5);
+  ASSERT_EQ(sets.size(), 1u);
+  EXPECT_EQ(sets[0].size(), 4u + 1u);  // The box, and the border of what was seen, to the right.
+}
+
+}  // namespace
+}  // namespace ndtree::test::test_corridor
