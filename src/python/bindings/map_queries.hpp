@@ -4,6 +4,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -105,6 +106,9 @@ class AnyPlanner {
  public:
   virtual ~AnyPlanner() = default;
   [[nodiscard]] virtual AnyPath plan(const double* start, const double* goal, double max_seconds) = 0;
+  /// Of the ways to n goals.
+  virtual void ways(const double* start, const double* goals, std::size_t n, double max_seconds,
+                    double* out) = 0;
   /// @throws std::invalid_argument if the map is of another kind than the first.
   virtual bool update(const MapQueries& map) = 0;
   /// The first of the segments between n points in which the body collides; -1 if there is none.
@@ -263,6 +267,11 @@ class MapQueriesOf final : public MapQueries {
     [[nodiscard]] AnyPath plan(const double* start, const double* goal, double max_seconds) override {
       return any_path(planner_.plan(Vector<D>(Point(start)), Vector<D>(Point(goal)), max_seconds));
     }
+    void ways(const double* start, const double* goals, std::size_t n, double max_seconds,
+              double* out) override {
+      const auto lengths = planner_.ways(Vector<D>(Point(start)), points_of(goals, n), max_seconds);
+      std::copy(lengths.begin(), lengths.end(), out);
+    }
     bool update(const MapQueries& map) override {
       const auto* const same = dynamic_cast<const MapQueriesOf*>(&map);
       if (same == nullptr || same->refinement_ != refinement_)
@@ -271,14 +280,18 @@ class MapQueriesOf final : public MapQueries {
       return planner_.update(same->map_);
     }
     [[nodiscard]] std::int64_t first_blocked(const double* points, std::size_t n) const override {
-      std::vector<Vector<D>> path;
-      for (std::size_t i = 0; i < n; ++i) path.emplace_back(Point(points + i * D));
-      const auto found = planner_.first_blocked(path);
+      const auto found = planner_.first_blocked(points_of(points, n));
       return found ? static_cast<std::int64_t>(*found) : -1;
     }
     [[nodiscard]] std::size_t memory_bytes() const override { return planner_.memory_bytes(); }
 
    private:
+    [[nodiscard]] static std::vector<Vector<D>> points_of(const double* points, std::size_t n) {
+      std::vector<Vector<D>> result;
+      for (std::size_t i = 0; i < n; ++i) result.emplace_back(Point(points + i * D));
+      return result;
+    }
+
     Planner<Map> planner_;
     std::string refinement_;
   };

@@ -136,6 +136,20 @@ void bind_planning(py::module_& module) {
           },
           "start"_a, "goal"_a, py::kw_only(), "max_seconds"_a = py::none(), doc::Planner_plan)
       .def(
+          "ways",
+          [](const PythonPlanner& planner, const py::object& start, const py::object& goals,
+             const py::object& max_seconds) {
+            const double seconds = seconds_from(max_seconds);
+            const DoubleArray from = point_from(start, "start", planner.dim);
+            const DoubleArray to = as_points(goals, "goals", planner.dim);
+            py::array_t<double> lengths(to.shape(0));
+            ask(planner, SharedLock::Use::change,
+                [&, a = from.data(), b = to.data(), n = static_cast<std::size_t>(to.shape(0)),
+                 out = lengths.mutable_data()](AnyPlanner& p) { p.ways(a, b, n, seconds, out); });
+            return lengths;
+          },
+          "start"_a, "goals"_a, py::kw_only(), "max_seconds"_a = py::none(), doc::Planner_ways)
+      .def(
           "update",
           [](const PythonPlanner& planner, const PythonMap& map) {
             return map.read([&](const MapInterface& m) {

@@ -2003,6 +2003,35 @@ class Planner:
         KeyboardInterrupt
             Ctrl-C.
         """
+    def ways(
+        self, start: ArrayLike, goals: ArrayLike, *, max_seconds: float | None = None
+    ) -> NDArray[np.float64]:
+        """Lengths of short ways from one place to each of several, in one search.
+
+        The search has no direction: ways may be other ones than those of plan(), a little longer or shorter. Metres in
+        unknown space count as often as they cost.
+
+        Parameters
+        ----------
+        start : (dim,) array of float
+            Where the origin of the body is [m].
+        goals : (n, dim) array of float
+            Where it may go [m].
+        max_seconds : float, optional
+            That the search may take; goals that were not reached by then have no way.
+
+        Returns
+        -------
+        (n,) float64
+            [m]; inf where there is no way, or the body collides.
+
+        Raises
+        ------
+        ValueError
+            The body collides at the start, or an array has a wrong shape.
+        KeyboardInterrupt
+            Ctrl-C.
+        """
     def update(self, map: OccupancyMap) -> bool:
         """Follow the map: afterwards paths are those of a planner made of the map as it is now.
 

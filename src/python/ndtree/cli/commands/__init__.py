@@ -59,6 +59,7 @@ COMMANDS = {
         "view",
         "Show a map on a page of this computer until Ctrl-C, or draw it into a file.",
     ),
+    "plan": ("plan", "Find a short way for a robot through a map."),
     "convert": ("convert", "Write a map as a file of another kind."),
     "info": ("info", "Say what is in a map or a log."),
 }

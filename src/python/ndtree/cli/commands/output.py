@@ -153,9 +153,16 @@ def _fitting(
         return None
     if name == "output" and (command == "align" or arguments.get("localize") is not None):
         return is_trajectory
+    if command == "plan":
+        return _is_way
     if command in ("simulate", "clean"):
         return is_archive if target.suffix.lower() == ".npz" else None
     return fits_map
+
+
+def _is_way(path: str) -> bool:
+    """Whether a file is one of those that `plan` writes."""
+    return begins_with(path, rb"x,y|length: |\s*[{\[]")
 
 
 def fits_map(path: str) -> bool:

@@ -42,7 +42,7 @@ def _first_page() -> str:
     lines += ["Occupancy maps whose cells adapt to what is measured.", ""]
     for name, (_, summary) in COMMANDS.items():
         lines += _entry(name, re.split(r"[:.](?: |$)", summary)[0] + ".", 12)
-    lines += ["", "Each with --help, --quiet, and most with --json.", ""]
+    lines += ["", "Each with --help, --quiet, and most with --json."]
     lines += _entry("--version", "Print the version.", 22)
     lines += _entry("--install-completion", "The Tab key completes commands and flags.", 22)
     lines += ["", "first steps: ndtree demo; ndtree map LOG; ndtree info FILE"]

@@ -156,6 +156,14 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("open_", "", "off", "open the browser"),
         Row("port", "N", "8080; 0: any free one", "several pages at once"),
     ),
+    "Where may the robot go?": (
+        Row("start_at", "X,Y[,Z]", "none: must be given", "always"),
+        Row("goal", "X,Y[,Z]", "none: must be given", "always"),
+        Row("radius", "M", "none: must be given", "always"),
+        Row("clearance", "M", "0.0", "the robot does not follow its way exactly"),
+        Row("unknown_space", "blocked|free|COST", "blocked", "the map has holes that the robot may cross"),
+        Row("max_seconds", "S", "no limit", "a robot that must go on"),
+    ),
     "What is compared?": (
         Row("maps", "A,B", "adaptive, fixed, octomap", "other kinds, or sizes, as fixed@0.1"),
         Row("held_out", "N", "10: each tenth scan", "0: no truth, all scans mapped"),
@@ -195,6 +203,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
 #: Where an option's default is another one in a command.
 DEFAULTS = {
     ("convert", "format"): "as the ending says",
+    ("plan", "output"): "none",
     ("demo", "output"): "ndtree-demo",
     ("simulate", "output"): "the world's name with .npz, here",
     ("study", "output"): "as CONFIG says",
@@ -225,6 +234,7 @@ TOUCHED = {
     "study": ("processes", "json_file", "quiet"),
     "calibrate": ("max_range", "no_return", "limit", "find_mount", "json_file"),
     "view": ("open_", "png", "color", "slice_", "log"),
+    "plan": ("start_at", "goal", "radius", "unknown_space", "picture"),
     "convert": ("cell_size", "height", "states", "faces", "format"),
     "info": ("look", "topic", "dim", "format", "json_file"),
 }

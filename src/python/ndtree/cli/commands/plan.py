@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``ndtree plan``: a way for a robot through a map."""
+
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import numpy as np
+import typer
+
+from ndtree._native._core import Sphere
+from ndtree._native.results import Path as Way
+from ndtree.base.exit_status import WrongCall
+from ndtree.base.files import replaced
+from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.logs import load_map
+from ndtree.cli.commands.output import check_picture, is_stdout, write, write_json
+from ndtree.cli.commands.pictures import plotting
+
+#: By the ending of the file: how a way is written.
+ENDINGS = (".csv", ".yaml", ".json")
+
+
+@command(
+    "plan",
+    epilog=examples(
+        "ndtree plan office.ndt --from 1,2 --to 8,3 --body 0.3",
+        "ndtree plan office.ndt --from 1,2 --to 8,3 --body 0.3 -o way.csv --picture way.png",
+        "ndtree plan campus.bt --from 0,0,1 --to 40,10,1 --body 0.35 --unknown free -o way.json",
+    ),
+)
+@reports_errors
+def plan(
+    source: Annotated[Path, typer.Argument(metavar="MAP", help=".ndt, .bt, .ot, or map_server's .yaml.")],
+    start_at: Annotated[str, typer.Option("--from", help="Where the robot is \\[m].")],
+    goal: Annotated[str, typer.Option("--to", help="Where it shall go \\[m].")],
+    radius: Annotated[
+        float, typer.Option("--body", min=0.0, help="Radius of the ball that it fits in \\[m].")
+    ],
+    clearance: Annotated[
+        float, typer.Option(min=0.0, help="What it keeps from obstacles at least \\[m].")
+    ] = 0.0,
+    unknown_space: Annotated[
+        str,
+        typer.Option(
+            "--unknown", help="Unknown space: blocked, free, or a cost >= 1, the factor of its length."
+        ),
+    ] = "blocked",
+    max_seconds: Annotated[
+        Optional[float], typer.Option(min=0.0, help="That the search may take \\[s].", show_default=False)
+    ] = None,
+    output: Annotated[
+        Optional[Path],
+        typer.Option("--output", "-o", help=f"The way: {', '.join(ENDINGS)}.", show_default=False),
+    ] = None,
+    picture: Annotated[
+        Optional[Path], typer.Option(help="A picture of the map and the way.", show_default=False)
+    ] = None,
+) -> None:
+    """Find a short way for a robot through a map.
+
+    Straight between its points, free for all of the ball that moves along it, and nearly the shortest. Exit
+    status 1 if there is none.
+    """
+    if output is not None and not is_stdout(output) and output.suffix.lower() not in ENDINGS:
+        raise WrongCall(f"-o {output}: the name must end in {', '.join(ENDINGS)}")
+    plot = plotting() if picture is not None else None
+    check_picture(plot, picture)
+    m = load_map(source)
+    if picture is not None and m.dim != 2:
+        raise WrongCall(f"--picture {picture}: of ways in 2-D maps alone, and {source} is {m.dim}-D")
+    way = m.plan(
+        _point("--from", start_at, m.dim),
+        _point("--to", goal, m.dim),
+        body=Sphere(radius),
+        clearance=clearance,
+        unknown=_unknown(unknown_space),
+        max_seconds=max_seconds,
+    )
+    if not way:
+        raise ValueError(_why_none(way, max_seconds))
+    if output is not None:
+        _write(way, output)
+    if plot is not None and picture is not None:
+        _draw(plot, m, way, picture)
+    if not is_stdout(output):
+        print(
+            f"{source}: {way.length:.3f} m in {len(way) - 1} segments, {way.clearance:.3f} m from obstacles; "
+            f"{way.expanded:,} cells expanded"
+        )
+
+
+def _point(flag: str, text: str, dim: int) -> list[float]:
+    try:
+        point = [float(word) for word in text.split(",")]
+    except ValueError:
+        point = []
+    if len(point) != dim or not np.isfinite(point).all():
+        raise WrongCall(f"{flag} {text}: expected {','.join('XYZ'[:dim])} in metres, of a {dim}-D map")
+    return point
+
+
+def _unknown(text: str) -> Any:
+    if text in ("blocked", "free"):
+        return text
+    try:
+        cost = float(text)
+    except ValueError:
+        cost = np.nan
+    if not cost >= 1.0:
+        raise WrongCall(f"--unknown {text}: expected blocked, free or a cost >= 1")
+    return cost
+
+
+def _why_none(way: Way, max_seconds: Optional[float]) -> str:
+    if way.status == "out of time":
+        return f"no way found in {max_seconds:g} s: {way.expanded:,} cells expanded"
+    return "there is no way: no chain of free cells leads from --from to --to for this body"
+
+
+def _write(way: Way, output: Path) -> None:
+    points = way.points.tolist()
+    ending = output.suffix.lower()
+    if ending == ".csv":
+        names = ",".join("xyz"[: way.points.shape[1]])
+        rows = [",".join(f"{value:.6f}" for value in point) for point in points]
+        write(lambda: "\n".join([names, *rows]) + "\n", output)
+    elif ending == ".yaml":
+        rows = [f"  - [{', '.join(f'{value:.6f}' for value in point)}]" for point in points]
+        figures = f"length: {way.length:.6f}\nclearance: {way.clearance:.6f}\n"
+        write(lambda: "\n".join([f"{figures}points:", *rows]) + "\n", output)
+    else:
+        figures = {
+            "length": way.length,
+            "clearance": way.clearance,
+            "expanded": way.expanded,
+            "points": points,
+        }
+        write_json(figures, output)
+
+
+def _draw(plot: Any, m: Any, way: Way, picture: Path) -> None:
+    ax = plot.occupancy(m)
+    ax.plot(*way.points.T, color="tab:red", linewidth=2.0)
+    with replaced(picture) as path:
+        ax.figure.savefig(path, format=picture.suffix[1:], dpi=90, bbox_inches="tight")

@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Paths of bodies through maps, from Python and from the command line."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ndtree
+
+RNG = np.random.default_rng(70)
+KINDS = {
+    "adaptive": lambda dim: ndtree.AdaptiveMap(
+        dim=dim, min_cell_size=0.1, max_cell_size=1.6, range_sigma=0.02
+    ),
+    "thirds": lambda dim: ndtree.AdaptiveMap(
+        dim=dim, branching=3, min_cell_size=0.1, max_cell_size=2.7, range_sigma=0.02
+    ),
+    "fixed": lambda dim: ndtree.FixedMap(dim=dim, cell_size=0.1, range_sigma=0.02),
+}
+
+
+def rooms(dim: int, kind: str = "adaptive") -> Any:
+    """Two rooms of 4 m with a wall between them, a door at its upper end, and a pillar in each."""
+    m = KINDS[kind](dim)
+    low, high = np.full(dim, -2.0), np.full(dim, 2.0)
+    low[0], high[0] = -4.0, 4.0
+    m.mark([low, high], "free")
+    for x, width in ((-0.1, 0.2), (-2.5, 0.6), (1.9, 0.6)):
+        lower, upper = low.copy(), high.copy()
+        lower[0], upper[0] = x, x + width
+        lower[1], upper[1] = (-2.0, 0.8) if width == 0.2 else (-0.5, 0.5)
+        m.mark([lower, upper], "occupied")
+    return m
+
+
+def point(dim: int, x: float, y: float) -> np.ndarray[Any, Any]:
+    return np.array([x, y, 0.3][:dim])
+
+
+def poses(points: Any) -> Any:
+    """Steps of 1 cm along a path, as matrices."""
+    steps = [np.linspace(a, b, 2 + int(100 * np.linalg.norm(b - a))) for a, b in zip(points, points[1:])]
+    every = np.concatenate(steps)
+    matrices = np.tile(np.eye(points.shape[1] + 1), (len(every), 1, 1))
+    matrices[:, :-1, -1] = every
+    return matrices
+
+
+BODIES = {
+    "sphere": lambda dim: ndtree.Sphere(0.25),
+    "capsule": lambda dim: ndtree.Capsule([-0.2] + [0.0] * (dim - 1), [0.2] + [0.0] * (dim - 1), 0.2),
+    "box": lambda dim: ndtree.Box([0.6, 0.4, 0.4][:dim]),
+    "union": lambda dim: ndtree.Sphere(0.2) | ndtree.Box([0.3] * dim, center=[0.2] * dim),
+}
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", BODIES)
+def test_a_path_is_free_and_goes_through_the_door(dim: int, kind: str, name: str) -> None:
+    m, body = rooms(dim, kind), BODIES[name](dim)
+    start, goal = point(dim, -3.3, -1.0), point(dim, 3.3, -1.0)
+    path = m.plan(start, goal, body=body)
+    assert path and path.status == "found" and len(path) == len(path.points)
+    np.testing.assert_array_equal(path.points[[0, -1]], [start, goal])
+    assert path.length == pytest.approx(np.linalg.norm(np.diff(path.points, axis=0), axis=1).sum())
+    over_the_door = 2 * np.hypot(3.2, 1.8)
+    assert over_the_door < path.length < 1.15 * over_the_door
+    assert m.path_collides(body, poses(path.points), unknown="occupied") == -1
+    again = ndtree.Planner(m, body).plan(start, goal)
+    np.testing.assert_array_equal(again.points, path.points)
+    copied = pickle.loads(pickle.dumps(path))
+    np.testing.assert_array_equal(copied.points, path.points)
+    assert repr(path) == f"Path({len(path)} points, {path.length:.3f} m, clearance {path.clearance:.3f} m)"
+
+
+def test_clearance_is_kept_and_told() -> None:
+    m, body = rooms(2), ndtree.Sphere(0.2)
+    start, goal = point(2, -3.3, -1.0), point(2, 3.3, -1.0)
+    for clearance in (0.0, 0.1, 0.3):
+        path = m.plan(start, goal, body=body, clearance=clearance)
+        every = poses(path.points)[:, :2, 2]
+        nearest = m.distance_to_occupied(every).min() - 0.2
+        assert clearance <= path.clearance <= nearest + 1e-9
+        assert path.clearance >= nearest - 0.01 or path.clearance == pytest.approx(
+            2.0 - abs(every).max() - 0.2
+        )
+    assert not m.plan(start, goal, body=body, clearance=0.5)
+
+
+def test_unknown_space_blocks_is_free_or_costs() -> None:
+    m, body = rooms(2), ndtree.Sphere(0.2)
+    m.clear([[-0.1, -2.0], [0.1, -1.0]])  # A part of the wall that was not seen.
+    start, goal = point(2, -1.0, -1.5), point(2, 1.0, -1.5)
+    blocked, free = m.plan(start, goal, body=body), m.plan(start, goal, body=body, unknown="free")
+    cheap, dear = (m.plan(start, goal, body=body, unknown=cost) for cost in (2.0, 1000.0))
+    assert free.length == pytest.approx(2.0) and cheap.length == pytest.approx(2.0)
+    assert blocked.length > 5.0 and dear.length == pytest.approx(blocked.length, rel=0.01)
+
+
+def test_ends_that_collide_are_named_with_the_nearest_place() -> None:
+    m, body = rooms(2), ndtree.Sphere(0.25)
+    with pytest.raises(
+        ValueError, match=r"start = \(0\.0, 0\.0\): there the body meets the occupied cell from"
+    ):
+        m.plan([0.0, 0.0], [1.0, 1.0], body=body)
+    with pytest.raises(
+        ValueError, match=r"goal = \(9\.0, 0\.0\): .*unknown.*nearest place where it fits is 5\."
+    ):
+        m.plan([1.0, 1.0], [9.0, 0.0], body=body)
+    with pytest.raises(ValueError, match="it fits nowhere"):
+        m.plan([1.0, 1.0], [2.0, 1.0], body=ndtree.Sphere(5.0))
+
+
+def test_what_is_wrong_with_a_call_is_said() -> None:
+    m, body = rooms(2), ndtree.Sphere(0.25)
+    for error, arguments in (
+        (r"start: shape \(3,\), expected \(2,\)", ([0, 0, 0], [1, 1])),
+        (r"goal = \(1\.0, nan\): must be finite", ([1, 1], [1, np.nan])),
+    ):
+        with pytest.raises(ValueError, match=error):
+            m.plan(*arguments, body=body)
+    for error, options in (
+        ("unknown = 'occupied': must be 'blocked', 'free' or a cost >= 1", {"unknown": "occupied"}),
+        ("unknown = 0.5: a cost must be >= 1", {"unknown": 0.5}),
+        ("clearance = -1.0: must be >= 0 m", {"clearance": -1.0}),
+        ("max_seconds = -1.0: must be >= 0", {"max_seconds": -1.0}),
+    ):
+        with pytest.raises(ValueError, match=error):
+            m.plan([1, 1], [1, 1], body=body, **options)
+    with pytest.raises(ValueError, match="dim = 4"):
+        ndtree.AdaptiveMap(dim=4).plan([0] * 4, [1] * 4, body=body)
+
+
+def test_a_planner_follows_the_map() -> None:
+    m, body = rooms(2), ndtree.Sphere(0.25)
+    start, goal = point(2, -3.3, -1.0), point(2, 3.3, -1.0)
+    planner = ndtree.Planner(m, body)
+    assert not planner.update(m)
+    path = planner.plan(start, goal)
+    assert planner.first_blocked(path.points) == -1
+    m.mark([[-0.1, 0.8], [0.1, 2.0]], "occupied")  # The door closes.
+    assert planner.first_blocked(path.points) == -1  # It has not been told.
+    assert planner.update(m)
+    k = planner.first_blocked(path.points)
+    assert path.points[k, 0] < 0.5 and path.points[k + 1, 0] > -0.5
+    none = planner.plan(start, goal)
+    assert not none and none.status == "none" and none.points.shape == (0, 2) and none.length == np.inf
+    m.mark([[-0.1, -2.0], [0.1, -1.0]], "free")
+    planner.update(m)
+    below = planner.plan(start, goal)
+    np.testing.assert_array_equal(below.points, m.plan(start, goal, body=body).points)
+    assert below.points[:, 1].max() < 0.0 and 0 < planner.memory_bytes < 1e7
+
+
+def test_frontiers_are_ordered_by_the_way_to_them() -> None:
+    m, body = rooms(2), ndtree.Sphere(0.25)
+    planner = ndtree.Planner(m, body)
+    start = point(2, -1.0, -1.5)
+    goals = np.array([[1.0, -1.5], [-3.5, 1.5], [0.0, 0.0], [1.0, 1.5]])
+    ways = planner.ways(start, goals)
+    for way, goal in zip(ways[[0, 1, 3]], goals[[0, 1, 3]]):
+        assert way == pytest.approx(planner.plan(start, goal).length, rel=0.1)
+    assert ways[2] == np.inf and list(np.argsort(ways)) == [3, 1, 0, 2]  # By air the first one is nearest.
+    with pytest.raises(ValueError, match=r"goals: shape \(3,\)"):
+        planner.ways(start, [0.0, 0.0, 0.0])
+
+
+def test_threads_share_a_planner_and_get_the_same_paths() -> None:
+    m, body = rooms(2), ndtree.Sphere(0.25)
+    goals = [point(2, 3.3, y) for y in np.linspace(-1.5, 1.5, 12)]
+    expected = [m.plan([-3.3, -1.0], goal, body=body).points for goal in goals]
+    planner, got = ndtree.Planner(m, body), [None] * len(goals)
+
+    def ask(numbers: range) -> None:
+        for i in numbers:
+            got[i] = planner.plan([-3.3, -1.0], goals[i]).points
+
+    threads = [threading.Thread(target=ask, args=(range(k, 12, 3),)) for k in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for one, other in zip(got, expected):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_the_search_ends_when_its_time_is_over() -> None:
+    m = ndtree.FixedMap(dim=2, cell_size=0.1)
+    m.mark([[-40.0, -40.0], [40.0, 40.0]], "free")
+    for x in np.arange(-38.0, 39.0, 2.0):  # A long zigzag.
+        up = (x // 2) % 2 == 0
+        m.mark([[x, -40.0 if up else -38.0], [x + 0.1, 38.0 if up else 40.0]], "occupied")
+    assert m.plan([-39, 0], [39, 0], body=ndtree.Sphere(0.2)).length > 1000.0
+    late = m.plan([-39, 0], [39, 0], body=ndtree.Sphere(0.2), max_seconds=0.0)
+    assert not late and late.status == "out of time" and 0 < late.expanded < 1000
+
+
+def test_octomap_files_are_planned_in(tmp_path: Path) -> None:
+    m, body = rooms(3, "fixed"), ndtree.Sphere(0.25)
+    m.save(tmp_path / "rooms.bt")
+    start, goal = point(3, -3.3, -1.0), point(3, 3.3, -1.0)
+    loaded = ndtree.load(tmp_path / "rooms.bt")
+    np.testing.assert_array_equal(
+        loaded.plan(start, goal, body=body).points, m.plan(start, goal, body=body).points
+    )
+
+
+def test_the_command_writes_a_path(tmp_path: Path) -> None:
+    pytest.importorskip("typer")
+    from typer.testing import CliRunner
+
+    from ndtree.cli.commands import app
+
+    m = rooms(2)
+    m.save(tmp_path / "rooms.ndt")
+    call = ["plan", str(tmp_path / "rooms.ndt"), "--from", "-3.3,-1", "--to", "3.3,-1", "--body", "0.25"]
+    expected = m.plan([-3.3, -1.0], [3.3, -1.0], body=ndtree.Sphere(0.25))
+    for ending in (".csv", ".yaml", ".json"):
+        file = tmp_path / f"way{ending}"
+        done = CliRunner().invoke(app, [*call, "-o", str(file)])
+        assert (
+            done.exit_code == 0 and f"{expected.length:.3f} m in {len(expected) - 1} segments" in done.stdout
+        )
+        text = file.read_text()
+        if ending == ".csv":
+            points = np.loadtxt(file, delimiter=",", skiprows=1)
+        elif ending == ".json":
+            points = np.array(json.loads(text)["points"])
+        else:
+            points = np.array([json.loads(line.strip()[2:]) for line in text.splitlines() if "- [" in line])
+        np.testing.assert_allclose(points, expected.points, atol=1e-6)
+    for more, status, said in (
+        (["--clearance", "0.5"], 1, "there is no way"),
+        (["--unknown", "0.5"], 2, "--unknown 0.5: expected blocked, free or a cost >= 1"),
+        (["-o", str(tmp_path / "way.txt")], 2, "must end in .csv, .yaml, .json"),
+    ):
+        done = CliRunner().invoke(app, [*call, *more])
+        assert done.exit_code == status and said in done.stderr.replace("\n", " "), done.stderr
+    done = CliRunner().invoke(app, [*call[:3], "1,2,3", *call[4:]])
+    assert done.exit_code == 2 and "--from 1,2,3: expected X,Y in metres" in done.stderr
