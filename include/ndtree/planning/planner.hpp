@@ -78,7 +78,7 @@ class Planner {
     tested_ = inflated(kept_away_, kOnBorder * unit());
     for (const BodyPart<D>& part : body_) reach_ = std::max(reach_, reach_of(part));
     asked_ = {Vector<D>::Constant(0.0), Vector<D>::Constant(0.0)};
-    rebuild();
+    rebuild(around(seen_));
   }
 
   [[nodiscard]] const Map& map() const { return seen_; }
@@ -154,16 +154,17 @@ class Planner {
   }
 
   /// Follows a map. O(what changed since).
-  /// @returns whether anything did. @throws std::invalid_argument if its cells are of other sizes.
+  /// @returns whether anything did. @throws std::invalid_argument if its cells are of other sizes; Cancelled:
+  /// then nothing has changed.
   bool update(const Map& map) {
     std::vector<CellIndex<D>> changed;
     detail::for_each_difference(seen_, map, [&](const CellIndex<D>& index) { changed.push_back(index); });
+    const Box<D> needed = changed.empty() ? around_ : around(map);  // From here on, nothing can be cancelled.
     seen_ = map.snapshot();
     space_->set_map(seen_);
     if (changed.empty()) return false;
-    const Box<D> needed = around();
     if (needed.lower != around_.lower || needed.upper != around_.upper) {
-      rebuild();
+      rebuild(needed);
       return true;
     }
     const auto& geometry = seen_.tree().geometry();
@@ -208,9 +209,9 @@ class Planner {
   [[nodiscard]] double unit() const { return seen_.tree().geometry().unit(); }
   /// A shortest way stays in the convex hull of its ends and of all obstacles, as the body sees them. Rounded
   /// outwards to many cells, so that few changes of the map move it.
-  [[nodiscard]] Box<D> around() const {
+  [[nodiscard]] Box<D> around(const Map& map) const {
     Box<D> box = asked_;
-    if (const std::optional<Box<D>> known = bounds(seen_)) {
+    if (const std::optional<Box<D>> known = bounds(map)) {
       const Box<D> all = known->inflated(reach_ + options_.clearance);
       box = {box.lower.cwiseMin(all.lower), box.upper.cwiseMax(all.upper)};
     }
@@ -221,8 +222,8 @@ class Planner {
     }
     return box;
   }
-  void rebuild() {
-    around_ = around();
+  void rebuild(const Box<D>& around) {
+    around_ = around;
     space_ = std::make_unique<FreeSpace<Map>>(seen_, inflated(kept_away_, 2.0 * kOnBorder * unit()),
                                               options_.unknown_cost, around_);
   }
@@ -264,7 +265,7 @@ class Planner {
   void include(const Vector<D>& point) {
     if (around_.encloses(Box<D>{point, point}.inflated(4.0 * unit()))) return;
     asked_ = {asked_.lower.cwiseMin(point), asked_.upper.cwiseMax(point)};
-    rebuild();
+    rebuild(around(seen_));
   }
   void check_pose(const Vector<D>& point, const char* name) {
     if (!point.allFinite() || !seen_.tree().geometry().in_reach(point))

@@ -73,26 +73,37 @@ PythonPath to_python(AnyPath&& any, int dim) {
   return {take(std::move(any.points), dim), status, any.length, any.clearance, any.expanded};
 }
 
-PythonPath plan_once(const PythonMap& map, const py::object& start, const py::object& goal,
-                     const PythonShape& body, double clearance, const py::object& unknown,
-                     const py::object& max_seconds) {
-  const int dim = map.constant().dim();
-  const PlannerOptions options = options_from(clearance, unknown);
-  const double seconds = seconds_from(max_seconds);
-  const DoubleArray from = point_from(start, "start", dim);
-  const DoubleArray to = point_from(goal, "goal", dim);
-  AnyPath path = map.read([&, a = from.data(), b = to.data()](const MapInterface& m) {
-    return m.queries()->planner(body.parts, options)->plan(a, b, seconds);
-  });
-  return to_python(std::move(path), dim);
-}
-/// Calls `ask(planner)` without the interpreter's lock.
-template <class Ask>
-auto ask(const PythonPlanner& planner, SharedLock::Use use, const Ask& question) {
+/// Calls `question(planner)` without the interpreter's lock.
+template <class Question>
+auto ask(const PythonPlanner& planner, SharedLock::Use use, const Question& question) {
   const Released released;
   const CallInProgress call;
   const SharedLock::Holder holder(planner.lock, use);
   return question(*planner.planner);
+}
+PythonPath plan_with(const PythonPlanner& planner, const py::object& start, const py::object& goal,
+                     const py::object& max_seconds) {
+  const double seconds = seconds_from(max_seconds);
+  const DoubleArray from = point_from(start, "start", planner.dim);
+  const DoubleArray to = point_from(goal, "goal", planner.dim);
+  AnyPath path = ask(planner, SharedLock::Use::change,
+                     [&, a = from.data(), b = to.data()](AnyPlanner& p) { return p.plan(a, b, seconds); });
+  return to_python(std::move(path), planner.dim);
+}
+std::unique_ptr<PythonPlanner> planner_of(const PythonMap& map, const PythonShape& body, double clearance,
+                                          const py::object& unknown) {
+  const PlannerOptions options = options_from(clearance, unknown);
+  auto planner = std::make_unique<PythonPlanner>();
+  planner->dim = map.constant().dim();
+  planner->planner =
+      map.read([&](const MapInterface& m) { return m.queries()->planner(body.parts, options); });
+  return planner;
+}
+/// The search reads a snapshot, so writers of the map do not wait for it.
+PythonPath plan_once(const PythonMap& map, const py::object& start, const py::object& goal,
+                     const PythonShape& body, double clearance, const py::object& unknown,
+                     const py::object& max_seconds) {
+  return plan_with(*planner_of(map, body, clearance, unknown), start, goal, max_seconds);
 }
 
 void bind_path(py::module_& module) {
@@ -112,29 +123,10 @@ void bind_planning(py::module_& module) {
   map_type.def("plan", &plan_once, "start"_a, "goal"_a, py::kw_only(), "body"_a, "clearance"_a = 0.0,
                "unknown"_a = "blocked", "max_seconds"_a = py::none(), doc::OccupancyMap_plan);
   py::class_<PythonPlanner>(module, "Planner", doc::Planner)
-      .def(py::init([](const PythonMap& map, const PythonShape& body, double clearance,
-                       const py::object& unknown) {
-             const PlannerOptions options = options_from(clearance, unknown);
-             auto planner = std::make_unique<PythonPlanner>();
-             planner->dim = map.constant().dim();
-             planner->planner =
-                 map.read([&](const MapInterface& m) { return m.queries()->planner(body.parts, options); });
-             return planner;
-           }),
-           "map"_a, "body"_a, py::kw_only(), "clearance"_a = 0.0, "unknown"_a = "blocked")
-      .def(
-          "plan",
-          [](const PythonPlanner& planner, const py::object& start, const py::object& goal,
-             const py::object& max_seconds) {
-            const double seconds = seconds_from(max_seconds);
-            const DoubleArray from = point_from(start, "start", planner.dim);
-            const DoubleArray to = point_from(goal, "goal", planner.dim);
-            AnyPath path =
-                ask(planner, SharedLock::Use::change,
-                    [&, a = from.data(), b = to.data()](AnyPlanner& p) { return p.plan(a, b, seconds); });
-            return to_python(std::move(path), planner.dim);
-          },
-          "start"_a, "goal"_a, py::kw_only(), "max_seconds"_a = py::none(), doc::Planner_plan)
+      .def(py::init(&planner_of), "map"_a, "body"_a, py::kw_only(), "clearance"_a = 0.0,
+           "unknown"_a = "blocked")
+      .def("plan", &plan_with, "start"_a, "goal"_a, py::kw_only(), "max_seconds"_a = py::none(),
+           doc::Planner_plan)
       .def(
           "ways",
           [](const PythonPlanner& planner, const py::object& start, const py::object& goals,
