@@ -8,7 +8,7 @@
 /// MAP is an OctoMap file, or a 2-D adaptive .ndt. Pairs are drawn by volume among the places of one
 /// connected part of the free space. All searches ask the same free space, which is built before they are
 /// timed, but for the first question of a planner, `cold`. Times are of the processor. Paths of the grids are
-/// not pulled tight; beside them stands what they are if they are.
+/// not pulled tight.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
