@@ -64,7 +64,14 @@ def test_the_cpp_examples_are_short_and_shown() -> None:
     """tests/cpp compiles and runs them."""
     page = (ROOT / "docs" / "cpp.md").read_text()
     programs = sorted((ROOT / "examples" / "cpp").glob("*.cpp"))
-    assert [path.stem for path in programs] == ["insert_and_ask", "layer", "path", "plan", "sensor", "sensor_default"]
+    assert [path.stem for path in programs] == [
+        "insert_and_ask",
+        "layer",
+        "path",
+        "plan",
+        "sensor",
+        "sensor_default",
+    ]
     for path in programs:
         assert len(path.read_text().splitlines()) < 60, path.name
         assert f"examples/cpp/{path.name}" in page

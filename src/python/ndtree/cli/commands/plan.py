@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree plan``: a way for a robot through a map."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
@@ -12,12 +13,44 @@ from ndtree._native.results import Path as Way
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.files import replaced
 from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.flags import takes
 from ndtree.cli.commands.logs import load_map
 from ndtree.cli.commands.output import check_picture, is_stdout, write, write_json
 from ndtree.cli.commands.pictures import plotting
 
 #: By the ending of the file: how a way is written.
 ENDINGS = (".csv", ".yaml", ".json")
+
+
+@dataclass(frozen=True)
+class _Call:
+    """What is typed behind ``ndtree plan``."""
+
+    source: Annotated[Path, typer.Argument(metavar="MAP", help=".ndt, .bt, .ot, or map_server's .yaml.")]
+    start_at: Annotated[str, typer.Option("--from", help="Where the robot is \\[m].")]
+    goal: Annotated[str, typer.Option("--to", help="Where it shall go \\[m].")]
+    radius: Annotated[
+        float, typer.Option("--body", min=0.0, help="Radius of the ball that it fits in \\[m].")
+    ]
+    clearance: Annotated[
+        float, typer.Option(min=0.0, help="What it keeps from obstacles at least \\[m].")
+    ] = 0.0
+    unknown_space: Annotated[
+        str,
+        typer.Option(
+            "--unknown", help="Unknown space: blocked, free, or a cost >= 1, the factor of its length."
+        ),
+    ] = "blocked"
+    max_seconds: Annotated[
+        Optional[float], typer.Option(min=0.0, help="That the search may take \\[s].", show_default=False)
+    ] = None
+    output: Annotated[
+        Optional[Path],
+        typer.Option("--output", "-o", help=f"The way: {', '.join(ENDINGS)}.", show_default=False),
+    ] = None
+    picture: Annotated[
+        Optional[Path], typer.Option(help="A picture of the map and the way.", show_default=False)
+    ] = None
 
 
 @command(
@@ -29,63 +62,40 @@ ENDINGS = (".csv", ".yaml", ".json")
     ),
 )
 @reports_errors
-def plan(
-    source: Annotated[Path, typer.Argument(metavar="MAP", help=".ndt, .bt, .ot, or map_server's .yaml.")],
-    start_at: Annotated[str, typer.Option("--from", help="Where the robot is \\[m].")],
-    goal: Annotated[str, typer.Option("--to", help="Where it shall go \\[m].")],
-    radius: Annotated[
-        float, typer.Option("--body", min=0.0, help="Radius of the ball that it fits in \\[m].")
-    ],
-    clearance: Annotated[
-        float, typer.Option(min=0.0, help="What it keeps from obstacles at least \\[m].")
-    ] = 0.0,
-    unknown_space: Annotated[
-        str,
-        typer.Option(
-            "--unknown", help="Unknown space: blocked, free, or a cost >= 1, the factor of its length."
-        ),
-    ] = "blocked",
-    max_seconds: Annotated[
-        Optional[float], typer.Option(min=0.0, help="That the search may take \\[s].", show_default=False)
-    ] = None,
-    output: Annotated[
-        Optional[Path],
-        typer.Option("--output", "-o", help=f"The way: {', '.join(ENDINGS)}.", show_default=False),
-    ] = None,
-    picture: Annotated[
-        Optional[Path], typer.Option(help="A picture of the map and the way.", show_default=False)
-    ] = None,
-) -> None:
+@takes(_Call)
+def plan(call: _Call) -> None:
     """Find a short way for a robot through a map.
 
     Straight between its points, free for all of the ball that moves along it, and nearly the shortest. Exit
     status 1 if there is none.
     """
-    if output is not None and not is_stdout(output) and output.suffix.lower() not in ENDINGS:
-        raise WrongCall(f"-o {output}: the name must end in {', '.join(ENDINGS)}")
-    plot = plotting() if picture is not None else None
-    check_picture(plot, picture)
-    m = load_map(source)
-    if picture is not None and m.dim != 2:
-        raise WrongCall(f"--picture {picture}: of ways in 2-D maps alone, and {source} is {m.dim}-D")
+    if call.output is not None and not is_stdout(call.output) and call.output.suffix.lower() not in ENDINGS:
+        raise WrongCall(f"-o {call.output}: the name must end in {', '.join(ENDINGS)}")
+    plot = plotting() if call.picture is not None else None
+    check_picture(plot, call.picture)
+    m = load_map(call.source)
+    if call.picture is not None and m.dim != 2:
+        raise WrongCall(
+            f"--picture {call.picture}: of ways in 2-D maps alone, and {call.source} is {m.dim}-D"
+        )
     way = m.plan(
-        _point("--from", start_at, m.dim),
-        _point("--to", goal, m.dim),
-        body=Sphere(radius),
-        clearance=clearance,
-        unknown=_unknown(unknown_space),
-        max_seconds=max_seconds,
+        _point("--from", call.start_at, m.dim),
+        _point("--to", call.goal, m.dim),
+        body=Sphere(call.radius),
+        clearance=call.clearance,
+        unknown=_unknown(call.unknown_space),
+        max_seconds=call.max_seconds,
     )
     if not way:
-        raise ValueError(_why_none(way, max_seconds))
-    if output is not None:
-        _write(way, output)
-    if plot is not None and picture is not None:
-        _draw(plot, m, way, picture)
-    if not is_stdout(output):
+        raise ValueError(_why_none(way, call.max_seconds))
+    if call.output is not None:
+        _write(way, call.output)
+    if plot is not None and call.picture is not None:
+        _draw(plot, m, way, call.picture)
+    if not is_stdout(call.output):
         print(
-            f"{source}: {way.length:.3f} m in {len(way) - 1} segments, {way.clearance:.3f} m from obstacles; "
-            f"{way.expanded:,} cells expanded"
+            f"{call.source}: {way.length:.3f} m in {len(way) - 1} segments, "
+            f"{way.clearance:.3f} m from obstacles; {way.expanded:,} cells expanded"
         )
 
 
@@ -129,13 +139,13 @@ def _write(way: Way, output: Path) -> None:
         figures = f"length: {way.length:.6f}\nclearance: {way.clearance:.6f}\n"
         write(lambda: "\n".join([f"{figures}points:", *rows]) + "\n", output)
     else:
-        figures = {
+        result = {
             "length": way.length,
             "clearance": way.clearance,
             "expanded": way.expanded,
             "points": points,
         }
-        write_json(figures, output)
+        write_json(result, output)
 
 
 def _draw(plot: Any, m: Any, way: Way, picture: Path) -> None:
