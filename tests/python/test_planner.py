@@ -90,9 +90,9 @@ def test_clearance_is_kept_and_told() -> None:
         nearest = m.distance_to_occupied(every).min() - 0.2
         assert clearance <= path.clearance <= nearest + 1e-9
         assert path.clearance >= nearest - 0.01 or path.clearance == pytest.approx(
-            2.0 - abs(every).max() - 0.2
+            2.0 - abs(every[:, 1]).max() - 0.2
         )
-    assert not m.plan(start, goal, body=body, clearance=0.5)
+    assert not m.plan(start, goal, body=body, clearance=0.45)
 
 
 def test_unknown_space_blocks_is_free_or_costs() -> None:
@@ -101,7 +101,7 @@ def test_unknown_space_blocks_is_free_or_costs() -> None:
     start, goal = point(2, -1.0, -1.5), point(2, 1.0, -1.5)
     blocked, free = m.plan(start, goal, body=body), m.plan(start, goal, body=body, unknown="free")
     cheap, dear = (m.plan(start, goal, body=body, unknown=cost) for cost in (2.0, 1000.0))
-    assert free.length == pytest.approx(2.0) and cheap.length == pytest.approx(2.0)
+    assert free.length == pytest.approx(2.0) and cheap.length == pytest.approx(2.0, rel=0.01)
     assert blocked.length > 5.0 and dear.length == pytest.approx(blocked.length, rel=0.01)
 
 
@@ -130,8 +130,8 @@ def test_what_is_wrong_with_a_call_is_said() -> None:
     for error, options in (
         ("unknown = 'occupied': must be 'blocked', 'free' or a cost >= 1", {"unknown": "occupied"}),
         ("unknown = 0.5: a cost must be >= 1", {"unknown": 0.5}),
-        ("clearance = -1.0: must be >= 0 m", {"clearance": -1.0}),
-        ("max_seconds = -1.0: must be >= 0", {"max_seconds": -1.0}),
+        (r"clearance = -1(\.0)?: must be >= 0 m", {"clearance": -1.0}),
+        (r"max_seconds = -1(\.0)?: must be >= 0", {"max_seconds": -1.0}),
     ):
         with pytest.raises(ValueError, match=error):
             m.plan([1, 1], [1, 1], body=body, **options)
@@ -238,7 +238,7 @@ def test_the_command_writes_a_path(tmp_path: Path) -> None:
             points = np.array([json.loads(line.strip()[2:]) for line in text.splitlines() if "- [" in line])
         np.testing.assert_allclose(points, expected.points, atol=1e-6)
     for more, status, said in (
-        (["--clearance", "0.5"], 1, "there is no way"),
+        (["--clearance", "0.4"], 1, "there is no way"),
         (["--unknown", "0.5"], 2, "--unknown 0.5: expected blocked, free or a cost >= 1"),
         (["-o", str(tmp_path / "way.txt")], 2, "must end in .csv, .yaml, .json"),
     ):
