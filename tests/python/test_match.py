@@ -206,6 +206,22 @@ def test_a_far_point_is_named_and_not_the_window():
             match(points, (0, 0, 0), window=(1, 1, 1))
 
 
+def test_modes_are_the_best_poses_apart_from_each_other():
+    """Two rooms that are the same, but for a box in one of them."""
+    one, box = room(0.05), np.column_stack((np.linspace(1, 1.5, 11), np.full(11, 1.0)))
+    matcher = ndtree.Matcher(np.concatenate([one, box, one + np.array([20, 0])]))
+    scan = np.concatenate([one, box]) - (0.4, 0.3)
+    found = matcher.modes(scan, (10, 0, 0), window=(12, 1, 0.1), most=3, apart=2.0)
+    assert len(found) >= 2 and min(found[0].score, found[1].score) > 2 * found[2].score
+    np.testing.assert_allclose(found[0].pose[:2, 2], (0.4, 0.3), atol=0.02)
+    np.testing.assert_allclose(found[1].pose[:2, 2], (20.4, 0.3), atol=0.02)
+    both = matcher.match(scan, (10, 0, 0), window=(12, 1, 0.1), apart=2.0)
+    assert both.score == found[0].score and both.second == pytest.approx(found[1].score)
+    assert matcher.score(scan, (0.4, 0.3, 0)) > 0.7 > 2 * matcher.score(scan, (0.6, 0.2, 0))
+    assert matcher.score(np.zeros((0, 2)), (0, 0, 0)) == 0.0
+    assert matcher.modes(np.zeros((0, 2)), (0, 0, 0), window=(1, 1, 0)) == []
+
+
 def test_matches_can_be_shown_copied_and_pickled():
     found = ndtree.Matcher(room(0.05)).match(room(0.3), (0, 0, 0), window=(0.1, 0.1, 0.1))
     for again in (copy.deepcopy(found), pickle.loads(pickle.dumps(found))):
@@ -218,6 +234,8 @@ def test_matches_can_be_shown_copied_and_pickled():
     ("call", "says"),
     [
         (lambda: ndtree.Matcher(np.zeros((3, 4))), "points has shape"),
+        (lambda: ndtree.Matcher(room(0.5)).modes(room(0.5), (0, 0, 0), window=(1, 1, 1), most=0), "most = 0"),
+        (lambda: ndtree.Matcher(room(0.5)).score(room(0.5), (0, 0)), "pose"),
         (lambda: ndtree.Matcher(room(0.5), cell_size=0), "cell_size = 0"),
         (lambda: ndtree.Matcher(room(0.5)).match(room(0.5), (0, 0, 0), window=(1, 1)), "window has shape"),
         (lambda: ndtree.Matcher(room(0.5)).match(room(0.5), (0, 0, 0), window=(-1, 1, 1)), "window = -1"),

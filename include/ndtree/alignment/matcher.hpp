@@ -170,7 +170,8 @@ class Matcher {
   [[nodiscard]] const SurfaceElements<D>& surface() const { return surface_; }
 
   /// @throws std::invalid_argument if the window is negative or too large.
-  [[nodiscard]] PoseGrid<D> grid_of(const Points<D>& points, const Motion<D>& half) const {
+  [[nodiscard]] PoseGrid<D> grid_of(const Points<D>& points, const Motion<D>& half,
+                                    const MotionMatrix<D>& information = MotionMatrix<D>::Zero()) const {
     const double farthest = points.cols() == 0 ? 0.0 : points.colwise().norm().maxCoeff();
     PoseGrid<D> grid;
     grid.step.template head<D>().setConstant(options_.cell_size);
@@ -185,6 +186,9 @@ class Matcher {
                                     "1e6 steps of " + describe_number(grid.step[a]) + " and 1e6 rotations");
       grid.count[static_cast<std::size_t>(a)] = static_cast<std::int32_t>(count);
     }
+    grid.set_prior(information, LikelihoodPyramid<D>::kMaximum *
+                                    std::max(1.0, static_cast<double>(points.cols())) /
+                                    std::max(1.0, static_cast<double>(pieces_of(points))));
     return grid;
   }
   /// Of one pose: what search() maximises.
@@ -192,13 +196,13 @@ class Matcher {
                                    const GridPose<D>& pose) const {
     return std::max<std::int64_t>(0, likelihood(points, guess, grid, pose) - grid.penalty(pose));
   }
-  /// The best pose of a grid. @param except poses that are not `apart` from this one, if it is given.
-  /// @param near gets the poses that it wants, the best first, if it is given.
+  /// The best poses of a grid, the best first, each `apart` from those before it: `most` of them, or as many
+  /// as there are. @param near gets the poses that it wants, the best first, if it is given.
   /// @pre the points are finite.
-  [[nodiscard]] GridPose<D> search(const Points<D>& points, const Pose<D>& guess, const PoseGrid<D>& grid,
-                                   const MatchWindow<D>& window, const GridPose<D>* except = nullptr,
-                                   NearPoses<D>* near = nullptr) const {
-    const Exclusion excluded(grid, window, except);
+  [[nodiscard]] std::vector<GridPose<D>> search(const Points<D>& points, const Pose<D>& guess,
+                                                const PoseGrid<D>& grid, const MatchWindow<D>& window,
+                                                std::size_t most = 1, NearPoses<D>* near = nullptr) const {
+    Exclusion excluded(grid, window);
     std::vector<std::vector<Cell>> placed;  // By rotation.
     std::priority_queue<Block> queue;
     Pace pace;
@@ -224,15 +228,35 @@ class Matcher {
       } while (next(block.pose, grid, 0, D, std::int32_t{1} << block.level));
     } while (next(block.pose, grid, D, kFreedoms<D>, 1));
 
+    std::vector<GridPose<D>> found;
+    std::vector<GridPose<D>> scored;  // Not near one that was found.
     GridPose<D> best;
-    while (!queue.empty()) {
-      block = queue.top();
+    while (found.size() < most) {
+      const bool is_settled =
+          queue.empty() || (queue.top().pose.score < best.score &&
+                            (near == nullptr || !found.empty() || !near->wants(queue.top().pose, best)));
       // Where nothing is likely, one pose is as good as another.
-      if (block.pose.score < best.score && !(near != nullptr && near->wants(block.pose, best))) break;
-      if (block.pose.score == 0 && best.score == 0) break;
+      if (is_settled || (queue.top().pose.score == 0 && best.score == 0)) {
+        if (best.score == GridPose<D>::kNone) break;
+        found.push_back(best);
+        if (best.score == 0) break;
+        excluded.add(best);
+        best = {};
+        std::vector<GridPose<D>> others;
+        for (const GridPose<D>& pose : scored) {
+          if (excluded.contains({pose})) continue;
+          others.push_back(pose);
+          if (pose.is_better_than(best)) best = pose;
+        }
+        scored.swap(others);
+        continue;
+      }
+      block = queue.top();
       queue.pop();
+      if (excluded.contains(block)) continue;
       if (block.level == 0) {
-        if (near != nullptr) near->poses.push_back(block.pose);
+        if (near != nullptr && found.empty()) near->poses.push_back(block.pose);
+        if (most > 1) scored.push_back(block.pose);
         if (block.pose.is_better_than(best)) best = block.pose;
         continue;
       }
@@ -248,7 +272,7 @@ class Matcher {
         if (is_inside) push(block);
       }
     }
-    return best;
+    return found;
   }
 
   /// Refines a pose, and sets `pose`, `covariance` and `inliers` of a match.
@@ -287,28 +311,47 @@ class Matcher {
 
   /// The best pose of a window, refined.
   /// @param information as of refine().
-  /// @param wants_second whether `second` is looked for, which costs another search.
+  /// @param wants_second whether `second` is looked for, too.
   /// @throws std::invalid_argument as grid_of().
   [[nodiscard]] Match<D> match(const Points<D>& points, const Pose<D>& guess, const MatchWindow<D>& window,
                                const MotionMatrix<D>& information = MotionMatrix<D>::Zero(),
                                bool wants_second = true) const {
     const Points<D> good = finite(points);
-    PoseGrid<D> grid = grid_of(good, window.half);
-    const double most = LikelihoodPyramid<D>::kMaximum * std::max(1.0, static_cast<double>(good.cols()));
-    const double worth = most / std::max(1.0, static_cast<double>(pieces_of(good)));
-    grid.set_prior(information, worth);
-    Match<D> match;
+    const PoseGrid<D> grid = grid_of(good, window.half, information);
     NearPoses<D> near;
-    near.margin = static_cast<std::int64_t>(kLeastLikely * worth);
-    match.grid = search(good, guess, grid, window, nullptr, &near);
-    match.score = static_cast<double>(likelihood(good, guess, grid, match.grid)) / most;
-    if (wants_second) {
-      const GridPose<D> second = search(good, guess, grid, window, &match.grid);
-      if (second.score > 0) match.second = static_cast<double>(likelihood(good, guess, grid, second)) / most;
-    }
-    refine(good, moved(guess, grid.motion(match.grid)), guess, information, match);
+    near.margin = static_cast<std::int64_t>(kLeastLikely * grid.worth);
+    const std::vector<GridPose<D>> found = search(good, guess, grid, window, wants_second ? 2 : 1, &near);
+    Match<D> match = refined(good, guess, grid, found.front(), information);
+    if (found.size() > 1 && found[1].score > 0)
+      match.second = score(good, moved(guess, grid.motion(found[1])));
     match.covariance = with_others(match, guess, grid, near.poses);
     return match;
+  }
+  /// The best poses of a window, each `apart` from those before it, refined, and with the covariance of its
+  /// own mode alone: `most` of them, or as many as have a likelihood. @throws std::invalid_argument as
+  /// grid_of().
+  [[nodiscard]] std::vector<Match<D>> modes(
+      const Points<D>& points, const Pose<D>& guess, const MatchWindow<D>& window, std::size_t most,
+      const MotionMatrix<D>& information = MotionMatrix<D>::Zero()) const {
+    const Points<D> good = finite(points);
+    const PoseGrid<D> grid = grid_of(good, window.half, information);
+    std::vector<Match<D>> matches;
+    for (const GridPose<D>& one : search(good, guess, grid, window, most))
+      if (one.score > 0) matches.push_back(refined(good, guess, grid, one, information));
+    return matches;
+  }
+  /// Mean likelihood of the end points at a pose, as `Match::score`; 0 without points.
+  [[nodiscard]] double score(const Points<D>& points, const Pose<D>& pose) const {
+    std::int64_t sum = 0;
+    Eigen::Index count = 0;
+    for (Eigen::Index i = 0; i < points.cols(); ++i) {
+      if (!points.col(i).allFinite()) continue;
+      sum += pyramid_.bound(0, pyramid_.cell_of(pose * points.col(i)));
+      ++count;
+    }
+    return count == 0 ? 0.0
+                      : static_cast<double>(sum) / (static_cast<double>(LikelihoodPyramid<D>::kMaximum) *
+                                                    static_cast<double>(count));
   }
 
   /// Pieces of surface that a scan sees: end points on one are wrong alike, and count once in the search.
@@ -356,33 +399,33 @@ class Matcher {
     }
   };
 
-  /// Poses near one, which are no others.
+  /// Poses near those that were found, which are no others.
   class Exclusion {
    public:
-    Exclusion(const PoseGrid<D>& grid, const MatchWindow<D>& window, const GridPose<D>* around) {
-      if (around == nullptr) return;
-      is_any_ = true;
-      for (std::size_t a = 0; a < first_.size(); ++a) {
+    Exclusion(const PoseGrid<D>& grid, const MatchWindow<D>& window) {
+      for (std::size_t a = 0; a < steps_.size(); ++a) {
         const double apart = a < std::size_t{D} ? window.apart : window.apart_angle;
         const double steps = std::ceil(apart / grid.step[static_cast<int>(a)] - kOnBorder) - 1.0;
-        first_[a] = around->steps[a] - static_cast<std::int32_t>(std::min(steps, kMostSteps));
-        last_[a] = around->steps[a] + static_cast<std::int32_t>(std::min(steps, kMostSteps));
+        steps_[a] = static_cast<std::int32_t>(std::min(steps, kMostSteps));
       }
     }
-    /// Whether all poses of a block are near.
+    void add(const GridPose<D>& pose) { around_.push_back(pose.steps); }
+    /// Whether all poses of a block are near one.
     [[nodiscard]] bool contains(const Block& block) const {
-      if (!is_any_) return false;
-      for (std::size_t a = 0; a < first_.size(); ++a) {
-        const std::int32_t more = a < std::size_t{D} ? (std::int32_t{1} << block.level) - 1 : 0;
-        if (block.pose.steps[a] < first_[a] || block.pose.steps[a] + more > last_[a]) return false;
-      }
-      return true;
+      return std::any_of(around_.begin(), around_.end(), [&](const typename GridPose<D>::Steps& middle) {
+        for (std::size_t a = 0; a < steps_.size(); ++a) {
+          const std::int32_t more = a < std::size_t{D} ? (std::int32_t{1} << block.level) - 1 : 0;
+          if (block.pose.steps[a] < middle[a] - steps_[a] ||
+              block.pose.steps[a] + more > middle[a] + steps_[a])
+            return false;
+        }
+        return true;
+      });
     }
 
    private:
-    bool is_any_ = false;
-    typename GridPose<D>::Steps first_{};
-    typename GridPose<D>::Steps last_{};
+    typename GridPose<D>::Steps steps_{};
+    std::vector<typename GridPose<D>::Steps> around_;
   };
 
   [[nodiscard]] static const MatchOptions& validated(const MatchOptions& options) {
@@ -407,6 +450,16 @@ class Matcher {
     cells.resize(static_cast<std::size_t>(points.cols()));
     for (Eigen::Index i = 0; i < points.cols(); ++i)
       cells[static_cast<std::size_t>(i)] = pyramid_.cell_of(pose * points.col(i));
+  }
+  /// A pose of a grid, refined.
+  [[nodiscard]] Match<D> refined(const Points<D>& points, const Pose<D>& guess, const PoseGrid<D>& grid,
+                                 const GridPose<D>& from, const MotionMatrix<D>& information) const {
+    Match<D> match;
+    match.grid = from;
+    const Pose<D> pose = moved(guess, grid.motion(from));
+    match.score = score(points, pose);
+    refine(points, pose, guess, information, match);
+    return match;
   }
   /// The covariance of a match and of the posterior's other modes around it: poses that are farther than
   /// kMode standard deviations and steps of the grid, and likelier than on the slope of the first mode.

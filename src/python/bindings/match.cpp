@@ -173,6 +173,31 @@ PythonMatch match_one(const Matcher<D>& matcher, const py::object& points, const
 }
 
 template <int D>
+std::vector<PythonMatch> modes_of(const Matcher<D>& matcher, const py::object& points,
+                                  const py::object& guess, const py::object& window,
+                                  const py::object& information, int most, double apart, double apart_angle) {
+  if (most < 1) throw py::value_error("most = " + std::to_string(most) + ": must be >= 1");
+  const DoubleArray array = as_points(points, "points", D);
+  const Pose<D> from = pose_at<D>(pose_from(guess, D, "guess"));
+  const MatchWindow<D> in = window_of<D>(as_doubles(window, "window"), apart, apart_angle);
+  const MotionMatrix<D> known = information_of<D>(information);
+  const Released released;
+  std::vector<PythonMatch> results;
+  for (const Match<D>& one :
+       modes(matcher, points_of<D>(array), from, in, static_cast<std::size_t>(most), known))
+    results.push_back(to_python(one));
+  return results;
+}
+
+template <int D>
+double score_of(const Matcher<D>& matcher, const py::object& points, const py::object& pose) {
+  const DoubleArray array = as_points(points, "points", D);
+  const Pose<D> at = pose_at<D>(pose_from(pose, D, "pose"));
+  const Released released;
+  return score(matcher, points_of<D>(array), at);
+}
+
+template <int D>
 std::vector<PythonMatch> match_many(const Matcher<D>& matcher, const std::vector<py::object>& scans,
                                     const py::object& guesses, const py::object& window, double apart,
                                     double apart_angle, int threads) {
@@ -304,6 +329,23 @@ void bind_match(py::module_& module) {
           },
           "points"_a, "guess"_a, py::kw_only(), "window"_a, "information"_a = py::none(), "apart"_a = 0.5,
           "apart_angle"_a = 0.35, "second"_a = true, doc::Matcher_match)
+      .def(
+          "modes",
+          [](const PythonMatcher& m, const py::object& points, const py::object& guess,
+             const py::object& window, const py::object& information, int most, double apart,
+             double apart_angle) {
+            return with(m, [&](const auto& matcher) {
+              return modes_of(matcher, points, guess, window, information, most, apart, apart_angle);
+            });
+          },
+          "points"_a, "guess"_a, py::kw_only(), "window"_a, "information"_a = py::none(), "most"_a = 8,
+          "apart"_a = 0.5, "apart_angle"_a = 0.35, doc::Matcher_modes)
+      .def(
+          "score",
+          [](const PythonMatcher& m, const py::object& points, const py::object& pose) {
+            return with(m, [&](const auto& matcher) { return score_of(matcher, points, pose); });
+          },
+          "points"_a, "pose"_a, doc::Matcher_score)
       .def(
           "match_all",
           [](const PythonMatcher& m, const std::vector<py::object>& scans, const py::object& guesses,

@@ -32,6 +32,14 @@ template <int D>
 template <int D>
 [[nodiscard]] Match<D> match(const Matcher<D>& matcher, const Points<D>& points, const Pose<D>& guess,
                              const MatchWindow<D>& window, const MotionMatrix<D>& information, bool second);
+/// As Matcher::modes().
+template <int D>
+[[nodiscard]] std::vector<Match<D>> modes(const Matcher<D>& matcher, const Points<D>& points,
+                                          const Pose<D>& guess, const MatchWindow<D>& window,
+                                          std::size_t most, const MotionMatrix<D>& information);
+/// As Matcher::score().
+template <int D>
+[[nodiscard]] double score(const Matcher<D>& matcher, const Points<D>& points, const Pose<D>& pose);
 /// As reach_of() of ndtree/query/match.hpp.
 template <int D>
 [[nodiscard]] Box<D> reach_of_match(const Points<D>& points, const Pose<D>& guess, const Motion<D>& half);

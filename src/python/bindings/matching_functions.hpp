@@ -38,6 +38,16 @@ Match<D> match(const Matcher<D>& matcher, const Points<D>& points, const Pose<D>
   return matcher.match(points, guess, window, information, second);
 }
 template <int D>
+std::vector<Match<D>> modes(const Matcher<D>& matcher, const Points<D>& points, const Pose<D>& guess,
+                            const MatchWindow<D>& window, std::size_t most,
+                            const MotionMatrix<D>& information) {
+  return matcher.modes(points, guess, window, most, information);
+}
+template <int D>
+double score(const Matcher<D>& matcher, const Points<D>& points, const Pose<D>& pose) {
+  return matcher.score(points, pose);
+}
+template <int D>
 Box<D> reach_of_match(const Points<D>& points, const Pose<D>& guess, const Motion<D>& half) {
   return reach_of<D>(points, guess, half);
 }
@@ -49,6 +59,9 @@ Box<D> reach_of_match(const Points<D>& points, const Pose<D>& guess, const Motio
       const std::vector<double>&, const std::vector<double>&, double, const StatesOf&, const MatchOptions&); \
   template Match<D> match(const Matcher<D>&, const Points<D>&, const Pose<D>&, const MatchWindow<D>&,        \
                           const MotionMatrix<D>&, bool);                                                     \
+  template std::vector<Match<D>> modes(const Matcher<D>&, const Points<D>&, const Pose<D>&,                  \
+                                       const MatchWindow<D>&, std::size_t, const MotionMatrix<D>&);          \
+  template double score(const Matcher<D>&, const Points<D>&, const Pose<D>&);                                \
   template Box<D> reach_of_match(const Points<D>&, const Pose<D>&, const Motion<D>&)
 
 }  // namespace ndtree::python

@@ -312,7 +312,7 @@ class Matcher:
         apart, apart_angle : float
             As far from the best [m] or turned as far [rad], a pose is another one.
         second : bool
-            Whether to look for the best of the others, which costs another search.
+            Whether to look for the best of the others, too.
 
         Returns
         -------
@@ -322,6 +322,58 @@ class Matcher:
         ------
         ValueError
             A shape is wrong, or the window negative or too large.
+        """
+    def modes(
+        self,
+        points: ArrayLike,
+        guess: ArrayLike,
+        *,
+        window: ArrayLike,
+        information: ArrayLike | None = None,
+        most: int = 8,
+        apart: float = 0.5,
+        apart_angle: float = 0.35,
+    ) -> list[Match]:
+        """The best poses of a window that are apart from each other, each refined, the best first.
+
+        Parameters
+        ----------
+        points, guess, window, information
+            As of `match`.
+        most : int
+            Of them, at most; at least 1.
+        apart, apart_angle : float
+            As far from a better one [m] or turned as far [rad], a pose is another one.
+
+        Returns
+        -------
+        list of Match
+            Each with the covariance around itself alone, and without `second`. Empty where nothing is near.
+
+        Raises
+        ------
+        ValueError
+            As of `match`, or most is below 1.
+        """
+    def score(self, points: ArrayLike, pose: ArrayLike) -> float:
+        """How well a scan fits at a pose: as `Match.score`, without a search.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            End points in the sensor's frame [m].
+        pose : array of float
+            As poses of `ScanHistory.insert`.
+
+        Returns
+        -------
+        float
+            Mean likelihood of the end points, 0 to 1; 0 without points.
+
+        Raises
+        ------
+        ValueError
+            A shape is wrong.
         """
     def match_all(
         self,
