@@ -22,6 +22,7 @@ from typer.testing import CliRunner
 import ndtree
 from ndtree.cli.commands import app
 from ndtree.live import FramesIntake, LiveMapper, Localizer, Reading, Transform, Window
+from ndtree.live.hypotheses import NOT_HERE, ScanEvidence
 from ndtree.live.localizing import FINDS, LOSES, inverse, matrix_of, place_of, quaternion_of
 from ndtree.tuning.config import Config
 
@@ -74,7 +75,7 @@ def test_it_is_tracked_while_odometry_drifts(world: World) -> None:
         assert not found.is_lost and found.stamp == i
         far.append(world.far(i, found.pose))
         sigma = math.sqrt(np.linalg.eigvalsh(found.covariance[:2, :2]).max())
-        assert far[-1] < max(0.1, 3 * sigma) and sigma < 0.15
+        assert far[-1] < max(0.1, 3 * sigma) and sigma < 0.2
         turn = inverse(world.poses[i]) @ found.pose
         turned.append(abs(math.atan2(turn[1, 0], turn[0, 0])))
         np.testing.assert_allclose(found.map_odometry @ world.odometry[i], found.pose, atol=1e-12)
@@ -102,7 +103,7 @@ def test_a_kidnapped_one_says_so_and_finds_itself(world: World) -> None:
     assert all(not found.is_lost and world.far(i, found.pose) < 0.1 for i, found in told[:40])
     lost = [k for k, (_, found) in enumerate(told) if found.is_lost]
     assert lost and 40 < lost[0] <= 40 + LOSES and localizer.times_lost == 1
-    assert lost == list(range(lost[0], lost[-1] + 1)) and len(lost) >= FINDS
+    assert lost == list(range(lost[0], lost[-1] + 1))
     assert lost[-1] < 75 and not localizer.is_lost
     assert all(world.far(i, found.pose) < 0.1 for i, found in told[lost[-1] + 1 :])
     wrong = [k for k, (i, found) in enumerate(told) if not found.is_lost and world.far(i, found.pose) > 0.1]
@@ -130,6 +131,99 @@ def test_elsewhere_it_stays_lost(world: World) -> None:
     for nothing in (np.zeros((0, 2)), np.full((50, 2), np.nan)):
         assert localizer.track(nothing, np.zeros(3)).score == 0.0
     assert localizer.is_lost
+
+
+def test_beams_tell_poses_apart(world: World) -> None:
+    evidence = ScanEvidence(world.map)
+    for i in range(0, N, 20):
+        here, ends = world.poses[i], world.points(i)
+        right = evidence.of(here, ends)
+        assert -0.5 < right.mean <= 0 and right.known > 0.7 and right.pieces > 20
+        for off in ((0.5, 0, 0), (0, -0.5, 0), (0, 0, 0.3)):
+            assert evidence.of(here @ matrix_of(off), ends).total < right.total - 10
+        # Outside of the map, all beams are in unknown space.
+        nowhere = evidence.of(matrix_of((1e3, 0, 0)), ends)
+        assert nowhere.mean == pytest.approx(NOT_HERE) and nowhere.known == 0.0
+    assert evidence.of(np.eye(3), np.zeros((0, 2))).total == 0.0
+
+
+def room(width: float, height: float, things: list[tuple[float, float, float, float]]) -> Floats:
+    """Wall segments (n, 2, 2) of a room with boxes in it: x, y, width, height."""
+    walls = []
+    for x, y, w, h in [(0.0, 0.0, width, height), *things]:
+        corners = np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]])
+        walls.append(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1))
+    return np.concatenate(walls)
+
+
+def seen(walls: Floats, pose: Floats, beams: int = 240) -> Floats:
+    """End points in the sensor's frame of beams to wall segments."""
+    bearings = np.linspace(-math.pi, math.pi, beams, endpoint=False)
+    ahead = np.stack([np.cos(bearings + pose[2]), np.sin(bearings + pose[2])], axis=1)[:, None]
+    ways, away = walls[:, 1] - walls[:, 0], walls[:, 0] - pose[:2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        across = ahead[..., 0] * ways[:, 1] - ahead[..., 1] * ways[:, 0]
+        ranges = (away[:, 0] * ways[:, 1] - away[:, 1] * ways[:, 0]) / across
+        along = (away[:, 0] * ahead[..., 1] - away[:, 1] * ahead[..., 0]) / across
+    ranges = np.where((ranges > 0) & (along >= 0) & (along <= 1), ranges, np.inf).min(axis=1)
+    returned = np.isfinite(ranges)
+    return (ranges[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=1))[returned]
+
+
+def mapped(walls: Floats, poses: list[Floats]) -> ndtree.AdaptiveMap:
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05)
+    for pose in poses:
+        m.insert(seen(walls, pose) @ matrix_of(pose)[:2, :2].T + pose[:2], pose[:2])
+    return m
+
+
+def test_a_carried_one_is_not_told_where_the_room_looks_alike() -> None:
+    """A room that looks the same turned by 180 degrees, but for one box: it was carried to the other end."""
+    walls = room(8.0, 5.0, [(3.0, 0.0, 0.5, 0.4), (4.5, 4.6, 0.5, 0.4), (6.5, 4.5, 0.4, 0.5)])
+    drive = [np.array([x, 1.5 + 0.3 * math.sin(x), 0.1]) for x in np.arange(0.8, 7.2, 0.2)]
+    localizer = Localizer(mapped(walls, drive), drive[0])
+    for pose in drive[:8]:
+        assert not localizer.track(seen(walls, pose), pose).is_lost
+    there = np.array([8.0 - drive[7][0], 5.0 - drive[7][1], drive[7][2] + math.pi])
+    far = []
+    for _ in range(30):
+        found = localizer.track(seen(walls, there), drive[7])
+        far.append(np.inf if found.is_lost else np.hypot(*(found.pose[:2, 2] - there[:2])))
+    told_wrong = [d for d in far if np.isfinite(d) and d > 0.1]
+    assert len(told_wrong) <= 5 and far[-1] < 0.1
+
+
+def test_in_another_building_it_is_never_found() -> None:
+    m = mapped(
+        room(6.0, 4.0, [(2.0, 0.0, 0.5, 0.4)]), [np.array([x, 2.0, 0.0]) for x in np.arange(1, 5, 0.3)]
+    )
+    other = room(6.4, 4.5, [(3.5, 0.0, 0.6, 0.4), (1.0, 4.0, 0.4, 0.5)])
+    localizer = Localizer(m)
+    for x in np.arange(0.8, 5.6, 0.1):
+        assert localizer.track(seen(other, np.array([x, 2.2, 0.3])), (x, 2.2, 0.3)).is_lost
+
+
+def test_along_a_smooth_corridor_only_odometry_tells() -> None:
+    """Ends out of sight, wheels 12 % too large: what is told contains the truth."""
+    walls = np.array([[[-90.0, side], [90.0, side]] for side in (-1.0, 1.0)])
+    rng = np.random.default_rng(1)
+
+    def scan(x: float) -> Floats:
+        ends = seen(walls, np.array([x, 0.1, 0.0]))
+        ranges = np.hypot(*ends.T)
+        ends = ends[ranges < 8.0]
+        return ends * (1 + rng.normal(0, 0.01, (len(ends), 1)) / np.hypot(*ends.T)[:, None])
+
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05)
+    for x in np.arange(0.0, 12.0, 0.3):
+        m.insert(scan(x) + np.array([x, 0.1]), (x, 0.1))
+    localizer = Localizer(m, (0.0, 0.1, 0.0))
+    for x in np.arange(0.0, 8.0, 0.1):
+        found = localizer.track(scan(x), (1.12 * x, 0.1, 0.0))
+        sigma = math.sqrt(found.covariance[0, 0])
+        assert not found.is_lost and abs(found.pose[0, 2] - x) < 3 * sigma
+        assert math.sqrt(found.covariance[1, 1]) < 0.03
+    assert sigma > 0.3
 
 
 def test_the_same_scans_give_the_same_poses(world: World) -> None:
@@ -209,8 +303,6 @@ def test_wrong_calls_are_said(world: World, tmp_path: Path) -> None:
         Localizer(ndtree.AdaptiveMap(dim=3))
     with pytest.raises(ValueError, match="without occupied cells"):
         Localizer(ndtree.AdaptiveMap(dim=2))
-    with pytest.raises(ValueError, match=r"score = 2: must be from 0 to 1"):
-        Localizer(world.map, score=2.0)
     with pytest.raises(ValueError, match=r"shape \(2,\)"):
         Localizer(world.map, [0.0, 0.0])
     for text in ("", "1,2", "1,2,x", "1,2,nan"):

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Poses where a robot may be, and what beams say for and against each.
+
+The likelihood of a scan is that of its beams: each is compared with where the map ends a ray from the same
+pose. One that ends there is as expected; one that passes through what is occupied contradicts the pose most,
+one that ends before it less, since people stand there; one that ends in unknown space says neither. A pose
+outside of the map has all beams in unknown space, so that *the robot is not in this map* is a hypothesis like
+the others.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree._native._core import OccupancyMap
+
+Floats = NDArray[np.float64]
+
+#: Likelihood of a beam, relative to one that ends where it is expected: through what is occupied (glass,
+#: and what left), before it (people, and what came), and in unknown space.
+THROUGH, BEFORE, UNKNOWN = 0.02, 0.05, 0.5
+#: Logarithm of the likelihood of a scan that is not in the map, for each piece of surface that it sees.
+NOT_HERE = math.log(UNKNOWN)
+#: End points on one piece of surface of this size err alike, and count once [m].
+PIECE = 0.2
+#: Standard deviations of one pose that is found twice, from the grid's steps [m, m, rad].
+SAME = 0.02, 0.02, 0.015
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a scan says for a pose.
+
+    Attributes
+    ----------
+    mean : float
+        Mean log-likelihood of its beams: 0 if all end as expected, NOT_HERE if it is not in the map.
+    pieces : int
+        Of surface that it sees: as many beams are independent.
+    known : float
+        Fraction of beams that the map ends on a surface.
+    """
+
+    mean: float
+    pieces: int
+    known: float
+
+    @property
+    def total(self) -> float:
+        """Log-likelihood of the scan."""
+        return self.mean * self.pieces
+
+
+class ScanEvidence:
+    """Compares scans with a 2-D map.
+
+    Parameters
+    ----------
+    m : OccupancyMap
+        It is not changed.
+    """
+
+    def __init__(self, m: OccupancyMap) -> None:
+        self._map = m
+        self._sigma = math.hypot(0.5 * m.min_cell_size, m.options["range_sigma"])
+        self._begin = 2.0 * m.min_cell_size  # The sensor's own cell may be unknown.
+
+    def of(self, pose: Floats, ends: Floats) -> Evidence:
+        """What end points (n, 2) in the sensor's frame say for a (3, 3) pose; O(n) rays."""
+        ranges = np.hypot(ends[:, 0], ends[:, 1])
+        ends, ranges = ends[ranges > self._begin], ranges[ranges > self._begin]
+        if not len(ends):
+            return Evidence(NOT_HERE, 0, 0.0)
+        order = np.argsort(np.arctan2(ends[:, 1], ends[:, 0]), kind="stable")
+        ends, ranges = ends[order], ranges[order]
+        ahead = ends / ranges[:, None] @ pose[:2, :2].T
+        cast = self._map.cast_rays(pose[:2, 2] + self._begin * ahead, ahead, unknown="stop", details=True)
+        first = np.where(np.isnan(cast.distance), np.inf, cast.distance + self._begin)
+        last = np.where(cast.state == 1, first, np.inf)
+        # Between a ray and those beside it, a surface may be anywhere.
+        first = np.minimum(first, np.minimum(np.roll(first, 1), np.roll(first, -1)))
+        is_known = np.isfinite(last)
+        last = np.maximum(last, np.maximum(np.roll(last, 1), np.roll(last, -1)))
+        before, through = np.maximum(first - ranges, 0.0), np.maximum(ranges - last, 0.0)
+        near = np.exp(-0.5 * np.square(np.maximum(before, through) / self._sigma))
+        least = np.where(before > 0.0, BEFORE, THROUGH)
+        likely = least + (1.0 - least) * near
+        likely = np.where(is_known, likely, np.minimum(likely, UNKNOWN))
+        return Evidence(float(np.log(likely).mean()), pieces_of(ends), float(is_known.mean()))
+
+
+def pieces_of(ends: Floats) -> int:
+    """How many pieces of surface end points (n, 2) are on."""
+    x, y = np.floor(ends / PIECE).astype(np.int64).T
+    return len(np.unique(x * 1_000_003 + y))
+
+
+@dataclass
+class Viewpoint:
+    """Scans from about one place, which say the same: they count as one.
+
+    Attributes
+    ----------
+    odometry : (3, 3) float64
+        Of the first of them.
+    ends : (n, 2) float64
+        Its end points.
+    pieces : int
+        Of surface that it sees.
+    """
+
+    odometry: Floats
+    ends: Floats
+    pieces: int
+
+
+@dataclass(eq=False)
+class Hypothesis:
+    """Where the robot may be.
+
+    Attributes
+    ----------
+    map_odometry : (3, 3) float64
+        The odometry's frame in the map.
+    covariance : (3, 3) float64
+        Of x, y and yaw of the sensor in the map at the last match.
+    matched : (3, 3) float64, optional
+        Odometry of that.
+    prior : float
+        Logarithm, before all viewpoints.
+    failed : int
+        Scans in a row that did not fit.
+    seen : list of list of float
+        Log-likelihoods of the scans of each viewpoint.
+    """
+
+    map_odometry: Floats
+    covariance: Floats
+    matched: Floats | None = None
+    prior: float = 0.0
+    failed: int = 0
+    seen: list[list[float]] = field(default_factory=list)
+
+    @property
+    def weight(self) -> float:
+        """Log-likelihood of all viewpoints."""
+        return self.prior + sum(float(np.mean(one)) for one in self.seen)
+
+    def away(self, other: Hypothesis, at: Floats) -> Floats:
+        """(3,): from this one's pose to another one's, with odometry at a pose; along the map's axes."""
+        mine, its = self.map_odometry @ at, other.map_odometry @ at
+        turn = its[:2, :2] @ mine[:2, :2].T
+        return np.array([*(its - mine)[:2, 2], math.atan2(turn[1, 0], turn[0, 0])])
+
+    def is_same(self, other: Hypothesis, at: Floats) -> bool:
+        """Whether another one is within three standard deviations, with odometry at a pose."""
+        away = self.away(other, at)
+        both = self.covariance + other.covariance + np.diag(np.square(SAME))
+        return float(away @ np.linalg.solve(both, away)) < 9.0
