@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import ndtree
 from ndtree.alignment.aligned_log import moved
-from ndtree.alignment.loops import Outline
+from ndtree.alignment.outline import Outline
 from ndtree.alignment.planar import between, composed, placed, pose_of, seen_from, turned
 from ndtree.alignment.sensor_scans import SensorScan, pose_in_log
 from ndtree.cli.commands import app
@@ -84,9 +84,65 @@ def test_poses_without_odometry_are_found(office):
     there = [moved(scan, np.zeros(3)) for scan in log]
     found = ndtree.align(Drifting(there, np.zeros((len(there), 3))))
     after = errors(found.poses, truth)
-    assert not found.has_odometry and "corridors may come out too short" in str(found)
     # A scan that sees nothing of those before is where it was: the sensor turns away, then starts to move.
+    assert not found.has_odometry and "lie where those before saw through, the first at 0.0 s" in str(found)
     assert after.max() < 0.7 and np.median(after) < 0.07
+
+
+def seen_in(walls, poses, reach=15.0, beams=360):
+    """Scans of wall segments (n, 2, 2) from poses."""
+    bearings = np.linspace(-np.pi, np.pi, beams, endpoint=False)
+    rng = np.random.default_rng(0)
+    starts, ways = walls[:, 0], walls[:, 1] - walls[:, 0]
+    for i, pose in enumerate(poses):
+        ahead = np.stack((np.cos(bearings + pose[2]), np.sin(bearings + pose[2])), axis=1)[:, None]
+        away = starts - pose[:2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            across = ahead[..., 0] * ways[:, 1] - ahead[..., 1] * ways[:, 0]
+            ranges = (away[:, 0] * ways[:, 1] - away[:, 1] * ways[:, 0]) / across
+            along = (away[:, 0] * ahead[..., 1] - away[:, 1] * ahead[..., 0]) / across
+        ranges = np.where((ranges > 0) & (along >= 0) & (along <= 1), ranges, np.inf).min(axis=1)
+        returned = ranges < reach
+        ranges = np.where(returned, ranges + rng.normal(0, 0.01, beams), reach)
+        yield ndtree.Scan(
+            pose[:2] + ranges[:, None] * ahead[:, 0],
+            pose[:2],
+            returned=returned,
+            stamp=0.1 * i,
+            heading=pose[2],
+        )
+
+
+def test_what_only_odometry_tells_is_said():
+    """A smooth corridor whose ends are out of sight."""
+    walls = np.array([[[-90.0, side], [90.0, side]] for side in (-1.0, 1.0)])
+    truth = np.column_stack((np.arange(0, 8, 0.1), np.zeros((80, 2))))
+    found = ndtree.align(Drifting(list(seen_in(walls, truth)), truth))
+    assert np.hypot(*(found.poses - truth)[:, :2].T).max() < 0.15
+    assert found.unfixed.sum() > 6 and any("only odometry says how far" in doubt for doubt in found.doubts)
+    # At a closed end, each scan says where it is.
+    end = np.array([[[10.0, -1.0], [10.0, 1.0]], [[4.0, 1.0], [4.0, 0.6]], [[6.0, 1.0], [6.0, 0.6]]])
+    found = ndtree.align(Drifting(list(seen_in(np.concatenate((walls, end)), truth)), truth))
+    assert found.unfixed.sum() < 1 and not found.doubts, found.doubts
+
+
+def test_odometry_that_stalls_and_catches_up_costs_nothing():
+    """It stands for eight scans while the sensor turns by 1.9 rad, and then is right at once."""
+    x, y = [0.0, 6.0, 6.0, 0.0], [0.0, 0.0, 5.0, 5.0]
+    corners = np.column_stack((x, y))
+    boxes = (
+        np.array([[2.0, 0.0], [2.6, 0.0], [2.6, 0.5], [2.0, 0.5]]),
+        np.array([[5, 3.5], [6, 3.5], [6, 4], [5, 4]]),
+    )
+    walls = np.concatenate([np.stack((one, np.roll(one, -1, axis=0)), axis=1) for one in (corners, *boxes)])
+    turn = np.concatenate((np.zeros(20), np.linspace(0, 1.9, 9)[1:], np.full(20, 1.9)))
+    step = 0.1 * np.column_stack((np.cos(turn), np.sin(turn)))
+    truth = np.column_stack((np.cumsum(step, axis=0) + np.array([1.5, 1.2]), turn))
+    odometry = truth.copy()
+    odometry[20:28] = odometry[19]
+    found = ndtree.align(Drifting(list(seen_in(walls, truth)), odometry))
+    assert np.hypot(*(found.poses - truth)[:, :2].T).max() < 0.05
+    assert found.through.max() < 0.05 and 0.9 < found.odometry_scale < 1.1 and not found.doubts, found.doubts
 
 
 def test_logs_without_a_heading_are_aligned_alike(office):
@@ -189,6 +245,7 @@ def test_the_command_writes_poses_map_and_picture(tmp_path, office):
     np.testing.assert_allclose(rows[:, 0], found.stamps, atol=1e-6)
     figures = json.loads((tmp_path / "figures.json").read_text())
     assert figures["scans"] == 80 and figures["loops"] == len(found.loops)
+    assert figures["doubts"] == found.doubts and figures["unfixed_way"] == pytest.approx(found.unfixed.sum())
     assert (tmp_path / "both.png").stat().st_size > 10_000
     mapped = run("map", source, "--align", "-o", tmp_path / "same.ndt")
     assert mapped.exit_code == 0, mapped.output

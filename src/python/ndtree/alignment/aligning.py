@@ -90,6 +90,9 @@ def align(
         lost=track.lost,
         has_odometry=moves,
         against=track.against,
+        unfixed=np.array(track.unfixed),
+        through=np.array(track.through),
+        odometry_scale=float(np.median(track.ratios)) if track.ratios else 1.0,
         seconds=time.perf_counter() - begin,
         _scans=track.scans,
     )

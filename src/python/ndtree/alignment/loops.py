@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ndtree._native._core import Matcher, solve_pose_graph
+from ndtree.alignment.outline import Outline
 from ndtree.alignment.planar import Floats, between, composed, placed, pose_of, thinned
-from ndtree.alignment.sensor_scans import SensorScan
 from ndtree.alignment.tracking import Track
 from ndtree.base.progress import Progress, no_progress
 
@@ -33,7 +33,6 @@ _LOOP_WAY = 0.5  # What a relation between submaps counts as a way [m].
 _SCORE = 0.4  # Of a submap that is found.
 _AGREE = 0.85  # Of points, that do not lie where others saw through.
 _FEWEST = 100  # Points that were compared.
-_MARGIN = 0.15  # Of ranges that are the same [m].
 _APART = 1.0  # Farther poses of the window are others [m].
 _WIDER = 4.0  # Covariance of a relation, times: points next to each other are wrong alike.
 _LEAST = np.diag([0.02, 0.02, 0.003]) ** 2  # Added to it: submaps are bent a little.
@@ -49,33 +48,6 @@ class Loop:
     newer: int
     relation: Floats
     information: Floats
-
-
-class Outline:
-    """How far a scan saw, by bearing."""
-
-    def __init__(self, scan: SensorScan) -> None:
-        bearings = np.arctan2(scan.free[:, 1], scan.free[:, 0])
-        order = np.argsort(bearings, kind="stable")
-        self._bearings = bearings[order]
-        self._ranges = np.hypot(scan.free[:, 0], scan.free[:, 1])[order]
-        gaps = np.diff(self._bearings)
-        self._widest = 2.5 * float(np.median(gaps)) if len(gaps) else 0.0
-
-    def judge(self, points: Floats) -> tuple[int, int]:
-        """How many points of this scan's frame lie where it saw a surface, and where it saw through."""
-        if len(self._bearings) < 4:
-            return 0, 0
-        ranges = np.hypot(points[:, 0], points[:, 1])
-        bearings = np.arctan2(points[:, 1], points[:, 0])
-        after = np.searchsorted(self._bearings, bearings)
-        inside = (after > 1) & (after < len(self._bearings) - 1)
-        after, ranges = after[inside], ranges[inside]
-        inside = self._bearings[after] - self._bearings[after - 1] <= self._widest
-        after, ranges = after[inside], ranges[inside]
-        around = np.stack([self._ranges[after + i] for i in (-2, -1, 0, 1)])
-        low, high = around.min(axis=0) - _MARGIN, around.max(axis=0) + _MARGIN
-        return int(np.count_nonzero((ranges > low) & (ranges < high))), int(np.count_nonzero(ranges <= low))
 
 
 class Graph:

@@ -22,6 +22,11 @@ from ndtree.logs.core.log import Log
 _CELL = 0.05  # Of the grid on which walls are counted [m].
 _MOST_LOST = (3, 0.01)  # Scans that may have no match, a few or this fraction,
 _MOST_CONTRADICTED = 0.1  # and of loops that others may contradict.
+_MOST_UNFIXED = 1.0  # Way without anything that tells it: of 10 % of it, the error is two cells [m].
+_STANDS = 0.5  # Poses within this may be those of a corridor that looks the same everywhere [m].
+_SCALES = (0.7, 1.4)  # Of odometry.
+_MOST_THROUGH = 0.15  # Fraction of a scan's points.
+_THICKER = 1.1  # Cells of walls, by chance.
 _FAR = 20.0  # End points that are drawn [m].
 
 
@@ -53,6 +58,12 @@ class Alignment:
         Whether the log's poses said how the sensor moved.
     against : list of Step
         Scans that were matched where odometry does not have them.
+    unfixed : (n,) float64
+        How far each scan moved in directions in which it does not tell where it is [m].
+    through : (k,) float64
+        Fraction of each key scan's points that lie where the key scans before saw through.
+    odometry_scale : float
+        How far a step went for what odometry says, in the median; -1 where that counts backwards.
     seconds : float
         What it took.
     """
@@ -68,6 +79,9 @@ class Alignment:
     lost: int
     has_odometry: bool
     against: list[Step]
+    unfixed: Floats
+    through: Floats
+    odometry_scale: float
     seconds: float
     _scans: list[SensorScan] = field(default_factory=list)
 
@@ -90,9 +104,16 @@ class Alignment:
     @property
     def unconfirmed(self) -> list[int]:
         """Scans matched against odometry that fit elsewhere nearly as well, and that no loop confirms."""
-        ends = [(self.key_scans[loop.older], self.key_scans[loop.newer]) for loop in self.loops]
-        steps = [step.scan for step in self.against if not step.is_sure]
-        return [scan for scan in steps if not any(older < scan <= newer for older, newer in ends)]
+        is_in_loop = self._is_in_loop
+        return [step.scan for step in self.against if not step.is_sure and not is_in_loop[step.scan]]
+
+    @property
+    def _is_in_loop(self) -> Any:
+        """(n,) bool: whether a loop goes around the motion to each scan."""
+        inside = np.zeros(len(self.poses), bool)
+        for loop in self.loops:
+            inside[self.key_scans[loop.older] + 1 : self.key_scans[loop.newer] + 1] = True
+        return inside
 
     @property
     def doubts(self) -> list[str]:
@@ -100,8 +121,25 @@ class Alignment:
         doubts = []
         if self.lost > max(_MOST_LOST[0], _MOST_LOST[1] * len(self.poses)):
             doubts.append(f"{number_of(self.lost, 'scan')} matched nothing")
-        if not self.has_odometry:
-            doubts.append("without odometry, corridors may come out too short")
+        unfixed = np.where(self._is_in_loop, 0.0, self.unfixed)
+        if unfixed.sum() > _MOST_UNFIXED:
+            first = self.stamps[int(np.argmax(np.cumsum(unfixed) > 0.5 * _MOST_UNFIXED))]
+            by = "only odometry says" if self.has_odometry else "nothing says"
+            doubts.append(
+                f"{by} how far the sensor moved for {unfixed.sum():.1f} m, as along a corridor, "
+                f"the first at {first:.1f} s"
+            )
+        if not self.has_odometry and np.ptp(self.poses[:, :2], axis=0).max() < _STANDS:
+            doubts.append("no odometry says that the sensor stood, and it is found to have stood")
+        low, high = _SCALES
+        if not low < abs(self.odometry_scale) < high:
+            doubts.append(f"scans say {self.odometry_scale:.2f} times the way that odometry says")
+        broken = np.flatnonzero(self.through > _MOST_THROUGH)
+        if len(broken):
+            doubts.append(
+                f"points of {number_of(len(broken), 'scan')} lie where those before saw through, "
+                f"the first at {self.stamps[self.key_scans[broken[0]]]:.1f} s"
+            )
         unsure = self.unconfirmed
         if unsure:
             steps = number_of(len(unsure), "step")
@@ -113,7 +151,7 @@ class Alignment:
                 f"{self.contradicted} of {number_of(len(self.loops), 'loop')} contradict the others"
             )
         before, after = self.cells
-        if after > 1.02 * before:
+        if after > _THICKER * before:
             doubts.append(f"walls take more cells than before ({after} instead of {before})")
         return doubts
 
@@ -142,6 +180,9 @@ class Alignment:
             "lost": self.lost,
             "has_odometry": self.has_odometry,
             "against_odometry": [[step.scan, step.is_sure] for step in self.against],
+            "unfixed_way": float(self.unfixed.sum()),
+            "seen_through": float(self.through.max()),
+            "odometry_scale": self.odometry_scale,
             "cells": {"before": before, "after": after},
             "doubts": self.doubts,
             "seconds": self.seconds,

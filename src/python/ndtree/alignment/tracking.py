@@ -3,19 +3,22 @@
 
 Strategy: a scan is matched with a sliding map of the last key scans. How the sensor moved is a mixture:
 nearly always as odometry says; at times odometry stalls, jumps or slips, and then the sensor moved about as
-before, or anyhow. Each is a window that is searched, the last two only where odometry's leaves doubt, and
-the pose with the largest posterior is taken. That anyhow counts only if no other pose of its window fits
-nearly as well. A scan that is far enough from the last key scan becomes one, with a relation to it.
+before, or anyhow; and odometry that was late catches up: from where it last agreed, it is right again. Each
+is a window that is searched, those but the first only where odometry leaves doubt, and the pose with the
+largest posterior is taken, to which beams count that pass through what the last key scans saw. That anyhow
+counts only if no other pose of its window fits nearly as well. A scan that is far enough from the last key
+scan becomes one, with a relation to it.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ndtree._native._core import Matcher
+from ndtree.alignment.outline import Outline
 from ndtree.alignment.planar import Floats, between, composed, placed, pose_of, thinned, turned
 from ndtree.alignment.sensor_scans import SensorScan
 
@@ -49,7 +52,11 @@ _AS_BEFORE, _ANYHOW = math.log(0.01), math.log(0.001)  # How often it moves so, 
 _PIECE = 0.2  # End points on one piece of surface of this size are wrong alike: it counts once [m].
 _POOR = 0.75  # Of the score of scans before: below it, the wide window is looked at, too.
 _UNIQUE = 0.9  # Of the score of a pose that was found there, which no other may have.
+_THROUGH = 3.0  # Log-likelihood that a piece costs that lies where others saw through.
+_COMPARED = 4  # Key scans whose outlines are compared.
 _LOST = 0.3  # Fewer points on surfaces are no match.
+_MOVES = 0.01  # Shorter steps do not tell odometry's scale [m].
+_OPEN = 0.5  # Of odometry's variance: what leaves more of it does not tell.
 _REMEMBERED = 30  # Scans whose scores are compared.
 _FEWEST = 10  # Points of a scan that says something.
 _MAP_SCANS = 60  # Key scans of the sliding map,
@@ -95,6 +102,11 @@ class Track:
     covariances: list[Floats] = field(default_factory=list)  # Of these.
     lost: int = 0  # Scans that did not match.
     against: list[Step] = field(default_factory=list)  # Odometry.
+    unfixed: list[float] = field(default_factory=list)  # Way of each scan that only odometry tells [m].
+    through: list[float] = field(
+        default_factory=list
+    )  # Of each key scan: points where those before saw through.
+    ratios: list[float] = field(default_factory=list)  # Of ways that scans say, to those of odometry.
 
 
 class Tracker:
@@ -117,9 +129,14 @@ class Tracker:
         self._has_odometry = has_odometry
         self._matcher: Matcher | None = None
         self._map: list[Floats] = []  # End points of key scans where they were.
+        self._outlines: list[Outline] = []  # Of the key scans.
         self._scores: list[float] = []
         self._last: SensorScan | None = None
         self._lasted = 0.0  # Time from the scan before it [s].
+        self._last_but_one: Floats | None = None  # Pose in the log of the scan before it.
+        self._agreed: tuple[Floats, Floats] | None = (
+            None  # Where odometry was right: pose, and that in the log.
+        )
         self._is_matched = True  # Whether that was.
         self._is_regular = True  # Whether the time to this one is about as long.
         self._step = np.zeros(3)  # What the last scan moved.
@@ -131,14 +148,21 @@ class Tracker:
         if self._last is None:
             self._last = scan
             track.poses.append(scan.pose)
+            track.unfixed.append(0.0)
             self._keep(scan, scan.pose, 0.0)
             return
         step = between(self._last.pose, scan.pose) if self._has_odometry else self._step
         lasted, self._lasted = self._lasted, scan.stamp - self._last.stamp
         self._is_regular = self._lasted <= _LONGER * lasted or lasted <= 0.0
-        self._last = scan
+        self._last_but_one, self._last = self._last.pose, scan
         pose, covariance, score = self._matched(scan, track.poses[-1], step)
         self._step = between(track.poses[-1], pose)
+        moved = pose[:2] - track.poses[-1][:2]
+        place = self._motion.sigmas(step, scan.has_heading)[0]
+        track.unfixed.append(_unfixed(moved, covariance[:2, :2], place, self._has_odometry))
+        told = float(step[:2] @ step[:2])
+        if self._has_odometry and told > _MOVES**2:
+            track.ratios.append(float(step[:2] @ self._step[:2]) / told)
         track.poses.append(pose)
         key = track.poses[track.keys[-1]]
         relation = between(key, pose)
@@ -168,19 +192,44 @@ class Tracker:
         is_against = self._has_odometry and _is_outside(best.pose, guess, window)
         if best.score < usual or best.inliers < _LOST or is_against:
             anyhow = self._anyhow(scan, best.pose, pieces)
-            if anyhow is not None:
-                best = max(best, anyhow, key=_posterior)
-            if (
-                self._has_odometry and best.score < usual
-            ):  # It sees what was not seen before: only odometry knows.
-                best = by_odometry
+            for other in (self._caught_up(scan, pieces), anyhow):
+                best = best if other is None else self._likelier(scan, pieces, best, other)
+            # It sees what was not seen before: only odometry knows, unless beams contradict it.
+            if self._has_odometry and best.score < usual:
+                best = replace(best, posterior=by_odometry.posterior)
+                best = self._likelier(scan, pieces, by_odometry, best)
             if self._has_odometry and _is_outside(best.pose, guess, window):
                 track.against.append(Step(len(track.poses), anyhow is not None))
+        if self._has_odometry and not _is_outside(best.pose, guess, window):
+            self._agreed = best.pose, scan.pose
         self._is_matched = best.inliers >= _LOST
         if not self._is_matched:
             track.lost += 1
             return guess, np.diag(sigmas**2), best.score
         return best.pose, best.covariance, best.score
+
+    def _likelier(self, scan: SensorScan, pieces: int, one: Hypothesis, other: Hypothesis) -> Hypothesis:
+        """Of two hypotheses, by their posteriors and by how many beams contradict the scans before."""
+        gained = pieces * _THROUGH * (self._through(scan, one.pose) - self._through(scan, other.pose))
+        return other if other.posterior + gained > one.posterior else one
+
+    def _caught_up(self, scan: SensorScan, pieces: int) -> Hypothesis | None:
+        """The best pose around where odometry has it from where it last agreed."""
+        if self._agreed is None or self._agreed[1] is self._last_but_one:
+            return None
+        since = between(self._agreed[1], scan.pose)
+        sigmas = self._motion.sigmas(since, scan.has_heading)
+        return self._near(scan, composed(self._agreed[0], since), sigmas, pieces, _AS_BEFORE)
+
+    def _through(self, scan: SensorScan, pose: Floats) -> float:
+        """Fraction of a scan's points at a pose that lie where the last key scans saw through."""
+        keys = self.track.keys[-_COMPARED:]
+        judged = [
+            outline.judge(placed(between(self.track.poses[key], pose), scan.points))
+            for key, outline in zip(keys, self._outlines[-_COMPARED:])
+        ]
+        same, through = (sum(counts) for counts in zip(*judged))
+        return through / max(same + through, 1)
 
     def _near(
         self, scan: SensorScan, guess: Floats, sigmas: Floats, pieces: int, weight: float = 0.0
@@ -219,13 +268,25 @@ class Tracker:
 
     def _keep(self, scan: SensorScan, pose: Floats, way: float) -> None:
         track = self.track
+        track.through.append(self._through(scan, pose) if track.keys else 0.0)
         track.keys.append(len(track.poses) - 1)
         track.scans.append(scan)
         track.way.append(way)
         self._map.append(placed(pose, scan.points))
+        self._outlines.append(Outline(scan))
         if len(self._map) > _MAP_SCANS:  # Only the last are looked at.
             self._map[-_MAP_SCANS - 1] = np.zeros((0, 2))
         self._matcher = None
+
+
+def _unfixed(moved: Floats, covariance: Floats, sigma: float, has_odometry: bool) -> float:
+    """How far a scan moved in directions in which its place is about as sure as odometry has it [m].
+
+    Without odometry: how far it may have moved more, where it is less sure than by a usual odometry.
+    """
+    variances, axes = np.linalg.eigh(covariance)
+    is_open = variances > _OPEN * (sigma if has_odometry else Motion.still) ** 2
+    return float(np.linalg.norm((moved @ axes)[is_open] if has_odometry else np.sqrt(variances[is_open])))
 
 
 def _posterior(hypothesis: Hypothesis) -> float:
