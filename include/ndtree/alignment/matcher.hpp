@@ -232,11 +232,11 @@ class Matcher {
     std::vector<GridPose<D>> scored;  // Not near one that was found.
     GridPose<D> best;
     while (found.size() < most) {
-      const bool is_settled =
+      const bool is_final =
           queue.empty() || (queue.top().pose.score < best.score &&
                             (near == nullptr || !found.empty() || !near->wants(queue.top().pose, best)));
       // Where nothing is likely, one pose is as good as another.
-      if (is_settled || (queue.top().pose.score == 0 && best.score == 0)) {
+      if (is_final || (queue.top().pose.score == 0 && best.score == 0)) {
         if (best.score == GridPose<D>::kNone) break;
         found.push_back(best);
         if (best.score == 0) break;

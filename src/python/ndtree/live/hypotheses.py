@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Poses where a robot may be, and what beams say for and against each.
+"""Poses where a robot may be, and how its beams weigh them.
 
 The likelihood of a scan is that of its beams: each is compared with where the map ends a ray from the same
 pose. One that ends there is as expected; one that passes through what is occupied contradicts the pose most,

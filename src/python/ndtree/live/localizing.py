@@ -53,15 +53,13 @@ PROBED, TELLS, FLAT = 0.1, 0.15, 2.0
 #: Points that are matched at most, of a scan while it is tracked, and in all of the map.
 TRACKED, LOST = 400, 90
 #: All of the map is searched on a grid this much coarser than its smallest cells; then on the fine one, in
-#: a window of this number of the coarse grid's steps, and turned by this [rad]. So many poses are looked
-#: at.
+#: a window of this number of the coarse grid's steps, and turned by this [rad]. The last is the number of poses.
 COARSER, STEPS, TURN, MOST = 4.0, 2.0, 0.15, 8
 #: A scan fits that is likelier in the map than out of it, or whose mean log-likelihood is no more than
-#: this below the median of the last scans that fitted, at most so many; where there were none, that of a
-#: given guess.
+#: this below the median of the last scans that fitted, at most this number of them.
 WORSE, REMEMBERED = 0.3, 30
 #: Others are asked for where a scan's log-likelihood is this much below the usual, or its score this much;
-#: after a search in vain not for as many scans as since the last one, twice, up to so many.
+#: after a search without success not for twice as many scans as before it, at most for this number.
 ASKS, USUAL, RESTS = 8.0, 0.93, 16
 #: And where a scan narrows a standard deviation of more than this [m] by this factor: other poses may have
 #: fitted.
@@ -74,9 +72,9 @@ LEAST_KNOWN = 0.5
 #: Logarithms: of how often a robot is carried elsewhere between two scans; and of how many poses there are
 #: in a map, of which any may fit by chance.
 CARRIED, ANYWHERE = 9.0, 14.0
-#: What is seen from a way [m] or a turn [rad] on is seen anew. A robot that was never found is found after
-#: so many viewpoints, if they fit as well as this in the mean; or where it stands, after so many scans
-#: that fit as well as this.
+#: A viewpoint begins after a way [m] or a turn [rad]. A robot that was never found is found after this
+#: number of viewpoints, if their mean log-likelihood is at least this; or where it stands, after this
+#: number of scans that are at least this likely.
 ANEW, VIEWPOINTS, KNOWN, STANDS, WELL = (0.25, 0.25), 8, -0.3, 10, -0.1
 
 
