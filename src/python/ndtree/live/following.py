@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A hypothesis moved on by odometry and a scan: prior, likelihood, posterior."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ndtree._native._core import Matcher, OccupancyMap, pose_matrix
+from ndtree.live.hypotheses import Evidence, Floats, Hypothesis, ScanEvidence
+
+#: Standard deviations of a guess of where it is [m, m, rad].
+GUESS = 0.3, 0.3, 0.15
+#: Window around the predicted pose, at least [m, rad]; else this number of its standard deviations, and at
+#: most.
+LEAST, SIGMAS, WIDEST = (0.15, 0.06), 3.0, (1.0, 0.5)
+#: Standard deviations of odometry: at a standstill, by chance for a way of 1 m or a turn of 1 rad, where
+#: they grow with its root [m, rad]; and as a share of what it moved since the last match.
+STILL, WALK, SHARE = (0.005, 0.003), (0.06, 0.03), 0.1
+#: A step this many times longer than the longest of the last STEPS_BEFORE, and this much [m], is a jump of
+#: odometry: how far it went is open.
+JUMP, JUMPS_BY, STEPS_BEFORE = 2.0, 0.2, 10
+#: A pose of the window's grid is taken instead of the predicted one if its score is larger by this factor.
+CLEARLY = 1.03
+#: A pose of a wider window is taken instead if its log-likelihood is larger by this.
+CLEARER = 7.0
+#: Odometry's standard deviations above this [m] are narrowed only where beams confirm it: three of the
+#: narrowed ones away, at least this far [m], the logarithm of their likelihood is lower by this.
+PROBED, TELLS, FLAT = 0.1, 0.15, 2.0
+#: A scan that narrows a standard deviation of more than this [m] by this factor may fit elsewhere, too.
+OPEN, NARROWS = 0.35, 0.2
+
+
+class Follower:
+    """Moves hypotheses with odometry, to where scans have them.
+
+    Parameters
+    ----------
+    m : OccupancyMap
+        2-D; it is not changed.
+
+    Attributes
+    ----------
+    matcher : Matcher
+    evidence : ScanEvidence
+    before : (3, 3) float64, optional
+        Odometry of the last scan.
+    jumped : float
+        How far odometry jumped since a scan fitted [m].
+    """
+
+    def __init__(self, m: OccupancyMap) -> None:
+        self.matcher: Matcher = m.matcher()
+        self.evidence = ScanEvidence(m)
+        self.before: Floats | None = None
+        self.jumped = 0.0
+        self._steps: deque[float] = deque(maxlen=STEPS_BEFORE)  # Of odometry [m].
+
+    def note(self, at: Floats) -> None:
+        """Remember how far odometry moved, and whether it jumped."""
+        if self.before is not None:
+            step = float(np.hypot(*(inverse(self.before) @ at)[:2, 2]))
+            if self._steps and step > JUMP * max(self._steps) + JUMPS_BY:
+                self.jumped += step
+            else:
+                self._steps.append(step)
+        self.before = at
+
+    def follow(
+        self, one: Hypothesis, ends: Floats, at: Floats, fits: Callable[[Evidence], bool]
+    ) -> tuple[Any, Evidence, bool]:
+        """Match a scan near where odometry has a hypothesis, and move that there if it fits.
+
+        Parameters
+        ----------
+        one : Hypothesis
+            It is changed.
+        ends : (n, 2) float64
+            End points in the sensor's frame [m].
+        at : (3, 3) float64
+            Odometry.
+        fits : callable
+            Whether evidence is that of a right pose.
+
+        Returns
+        -------
+        Match, Evidence, bool
+            The last is true if the scan narrowed what odometry left open, so that other poses may fit, too.
+        """
+        guess = one.map_odometry @ at
+        prior = np.diag(np.square(GUESS)) if one.matched is None else self._predicted(one, at)
+        sigmas = np.sqrt(np.diag(prior))
+        near = max(LEAST[0], SIGMAS * max(sigmas[:2])), max(LEAST[1], SIGMAS * sigmas[2])
+        match = self.match(ends, guess, (0.0, 0.0), prior)
+        found = self.match(ends, guess, (min(near[0], WIDEST[0]), min(near[1], WIDEST[1])), prior)
+        # Of flat likelihoods, the search gives any: it counts where it is clearly the better one.
+        if self.matcher.score(ends, found.pose) > CLEARLY * self.matcher.score(ends, match.pose):
+            match = found
+        pose, covariance = told_by(
+            guess, prior, match.pose, match.covariance, lambda at: self.evidence.of(at, ends).total
+        )
+        before, after = (math.sqrt(np.linalg.eigvalsh(c[:2, :2])[1]) for c in (prior, covariance))
+        evidence = self.evidence.of(pose, ends)
+        if not fits(evidence):  # It may have moved anyhow.
+            wide = self.match(ends, guess, WIDEST)
+            found_there = self.evidence.of(wide.pose, ends)
+            if fits(found_there) and found_there.total > evidence.total + CLEARER:
+                match, evidence = wide, found_there
+                pose, covariance = np.asarray(wide.pose), np.asarray(wide.covariance)
+        if fits(evidence):
+            one.map_odometry, one.covariance = pose @ inverse(at), covariance
+            one.matched, one.failed = at, 0
+        else:
+            one.failed += 1
+        return match, evidence, before > OPEN and after < NARROWS * before
+
+    def match(
+        self, ends: Floats, guess: Floats, window: tuple[float, float], prior: Floats | None = None
+    ) -> Any:
+        """The best pose of a small window, by the covariance of its middle if there is one."""
+        if prior is None:  # Anywhere in the window.
+            prior = np.diag([window[0] ** 2 / 3, window[0] ** 2 / 3, window[1] ** 2 / 3])
+        information = np.linalg.inv(prior)
+        information = 0.5 * (information + information.T)
+        return self.matcher.match(
+            ends, guess, window=(window[0], window[0], window[1]), information=information, second=False
+        )
+
+    def _predicted(self, one: Hypothesis, at: Floats) -> Floats:
+        """The covariance of where odometry has the sensor, by that of the last match."""
+        assert one.matched is not None
+        moved = inverse(one.matched) @ at
+        step, turn = float(np.hypot(*moved[:2, 2])), abs(math.atan2(moved[1, 0], moved[0, 0]))
+        way = (one.map_odometry @ at - one.map_odometry @ one.matched)[:2, 2]
+        lever = np.eye(3)
+        lever[:2, 2] = -way[1], way[0]
+        place = STILL[0] ** 2 + WALK[0] ** 2 * step + (SHARE * step) ** 2 + self.jumped**2
+        yaw = STILL[1] ** 2 + WALK[1] ** 2 * (step + turn) + (SHARE * turn) ** 2
+        predicted: Floats = lever @ one.covariance @ lever.T + np.diag([place, place, yaw])
+        if step > 0.0:  # The scale of wheels is wrong alike in all steps: along the way, deviations add up.
+            ahead = np.array([way[0], way[1], 0.0]) / step
+            before = math.sqrt(max(0.0, float(ahead @ one.covariance @ ahead)))
+            predicted += 2.0 * before * SHARE * step * np.outer(ahead, ahead)
+        return predicted
+
+
+def told_by(
+    guess: Floats, prior: Floats, pose: Floats, covariance: Floats, likelihood: Callable[[Floats], float]
+) -> tuple[Floats, Floats]:
+    """A pose and its covariance without what a scan says by chance.
+
+    What scans from about one place say wrongly, all say alike: it is no knowledge, however many they are. So
+    directions in which one scan leaves more than half of the prior's variance keep the prior's mean and
+    variance; and so do those that are open beforehand, if poses three standard deviations away are about as
+    likely.
+
+    Parameters
+    ----------
+    guess, prior : (3, 3) float64
+        The pose and its covariance before the scan.
+    pose, covariance : (3, 3) float64
+        The same with it.
+    likelihood : callable
+        Of the scan's beams at a pose, as a logarithm.
+    """
+    root = np.linalg.cholesky(prior)
+    inward = np.linalg.inv(root)
+    left, axes = np.linalg.eigh(inward @ covariance @ inward.T)
+    is_open = left > 0.5
+    outward = root @ axes
+    for k in range(3):
+        sigma = math.hypot(*outward[:2, k])
+        if not is_open[k] and sigma > PROBED:
+            off = max(3.0 * math.sqrt(left[k]), TELLS / sigma) * outward[:, k]
+            beside = max(likelihood(shifted(pose, off)), likelihood(shifted(pose, -off)))
+            is_open[k] = beside > likelihood(pose) - FLAT
+    if not is_open.any():
+        return pose, covariance
+    turn = pose[:2, :2] @ guess[:2, :2].T
+    moved = np.array([*(pose - guess)[:2, 2], math.atan2(turn[1, 0], turn[0, 0])])
+    kept = outward @ np.where(is_open, 0.0, axes.T @ inward @ moved)
+    return shifted(guess, kept), outward @ np.diag(np.where(is_open, 1.0, left)) @ outward.T
+
+
+def shifted(pose: Floats, motion: Floats) -> Floats:
+    """A pose moved by x, y and turned by yaw, along and about the map's axes."""
+    c, s = math.cos(motion[2]), math.sin(motion[2])
+    result = pose.copy()
+    result[:2, :2] = np.array([[c, -s], [s, c]]) @ pose[:2, :2]
+    result[:2, 2] += motion[:2]
+    return result
+
+
+def matrix_of(pose: ArrayLike) -> Floats:
+    """(3, 3) of x, y and yaw, or of a matrix; ValueError if it is no pose."""
+    return pose_matrix(pose, dim=2)
+
+
+def inverse(pose: Floats) -> Floats:
+    """Of a rigid motion of the plane."""
+    back = np.eye(3)
+    back[:2, :2] = pose[:2, :2].T
+    back[:2, 2] = -pose[:2, :2].T @ pose[:2, 2]
+    return back
