@@ -182,7 +182,7 @@ class Tracker:
         pieces = len(thinned(scan.points, _PIECE))
         by_odometry = best = self._near(scan, guess, sigmas, pieces)
         window = np.minimum(_SIGMAS * sigmas, _LARGEST)
-        goes_on = self._has_odometry and self._is_regular and self._is_matched
+        goes_on = self._has_odometry and self._is_regular and self._is_matched and len(track.poses) > 1
         if goes_on and _is_outside(step, self._step, window):
             free = NO_ODOMETRY.sigmas(self._step, True)
             as_before = self._near(scan, composed(last, self._step), free, pieces, _AS_BEFORE)

@@ -241,7 +241,7 @@ def _map_tiled(
 ) -> None:
     """A map in tiles of a log, or of several as one."""
     log, config = wanted.config(log)
-    about = {"format": log.format, "uses": log.uses, "skipped": skipped(log)}
+    about = {"format": log.format, "uses": log.uses, "notes": log.notes, "skipped": skipped(log)}
     figures = {**about, **map_into_tiles(log, output, config, tile_size, max_resident)}
     if not is_stdout(json_file):
         print_tiled(figures, config, output)

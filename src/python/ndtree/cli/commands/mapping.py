@@ -77,6 +77,7 @@ class Mapped:
             "log": self.log.name,
             "format": self.log.format,
             "uses": self.log.uses,
+            "notes": self.log.notes,
             "chosen": None if self.config.look is None else self.config.look.figures(),
             "scans": self.scans,
             "beams": self.report,
