@@ -192,8 +192,11 @@ class Tracker:
         is_against = self._has_odometry and _is_outside(best.pose, guess, window)
         if best.score < usual or best.inliers < _LOST or is_against:
             anyhow = self._anyhow(scan, best.pose, pieces)
-            for other in (self._caught_up(scan, pieces), anyhow):
-                best = best if other is None else self._likelier(scan, pieces, best, other)
+            if anyhow is not None:
+                best = self._likelier(scan, pieces, best, anyhow)
+            late = self._caught_up(scan, pieces) if best.score < usual or best.inliers < _LOST else None
+            if late is not None:
+                best = self._likelier(scan, pieces, best, late)
             # It sees what was not seen before: only odometry knows, unless beams contradict it.
             if self._has_odometry and best.score < usual:
                 best = replace(best, posterior=by_odometry.posterior)
