@@ -13,7 +13,7 @@ scan becomes one, with a relation to it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -197,10 +197,9 @@ class Tracker:
             late = self._caught_up(scan, pieces) if best.score < usual or best.inliers < _LOST else None
             if late is not None:
                 best = self._likelier(scan, pieces, best, late)
-            # It sees what was not seen before: only odometry knows, unless beams contradict it.
+            # It sees what was not seen before: only odometry knows.
             if self._has_odometry and best.score < usual:
-                best = replace(best, posterior=by_odometry.posterior)
-                best = self._likelier(scan, pieces, by_odometry, best)
+                best = by_odometry
             if self._has_odometry and _is_outside(best.pose, guess, window):
                 track.against.append(Step(len(track.poses), anyhow is not None))
         if self._has_odometry and not _is_outside(best.pose, guess, window):
