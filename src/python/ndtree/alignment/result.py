@@ -134,7 +134,8 @@ class Alignment:
         low, high = _SCALES
         if not low < abs(self.odometry_scale) < high:
             doubts.append(f"scans say {self.odometry_scale:.2f} times the way that odometry says")
-        broken = np.flatnonzero(self.through > _MOST_THROUGH)
+        is_confirmed = self._is_in_loop[self.key_scans]
+        broken = np.flatnonzero((self.through > _MOST_THROUGH) & ~is_confirmed)
         if len(broken):
             doubts.append(
                 f"points of {number_of(len(broken), 'scan')} lie where those before saw through, "
