@@ -104,8 +104,15 @@ class BeamImage {
   /// next. 0 where no neighbour on that axis ends on it: a rod, or a surface so oblique that beams cannot
   /// tell. All are 0 if no beam aslant ends on it, either: two rods that cross.
   /// @param tolerance of ranges of one surface [m], besides its slope.
-  /// @param most at which to stop [m].
+  /// @param most at which to stop, and how far apart beams on one surface are at most [m].
   [[nodiscard]] Offset size_of_surface(std::size_t beam, float tolerance, float most);
+
+  enum class Seen : std::uint8_t { nothing, end, passed };
+  /// The state of a direction whose beams are far apart: `passed` if all within a radius passed farther
+  /// than `farther`, and the nearest in each quarter around it by more than a surface recedes up to there;
+  /// `end` if one within the radius ends between, and none before.
+  /// @param radius as an offset. @param nearer, farther [m].
+  [[nodiscard]] Seen look(const Point& direction, float radius, float nearer, float farther) const;
 
   /// Whether beams that surely passed farther than `least` are so dense around a direction that each
   /// rectangle of a size holds one of them, if its border is at least `core` away from the direction.
@@ -118,7 +125,9 @@ class BeamImage {
   static constexpr int kFinest = D == 3 ? 512 : 4096;
   static constexpr float kFarthest = 12.0F;  // Pixels: neighbours are not sought farther away.
   static constexpr float kSlope = 2.0F;      // Of range by width, of surfaces that count: 63 degrees.
-  static constexpr int kMostSteps = 16;      // Along one side of a surface.
+  // Of range by width, of a surface between beams: one side of a right angle is no steeper.
+  static constexpr float kSteepest = 1.0F;
+  static constexpr int kMostSteps = 16;  // Along one side of a surface.
 
   struct Frame {
     Point forward;
@@ -143,10 +152,24 @@ class BeamImage {
   template <class Use>
   void for_each_near(const Frame& frame, float reach, const Use& use) const;
   void find_beside(std::size_t beam);
-  /// The beam beside another one that ends on the same surface; kNone.
-  [[nodiscard]] std::int32_t beside_on_surface(std::int32_t beam, std::size_t sector, float tolerance);
-  [[nodiscard]] static bool is_without(const std::vector<Offset>& points, const Offset& size,
-                                       const Offset& core);
+  /// The beam beside another one that ends on the same surface; kNone, also if it is more than `most` away.
+  [[nodiscard]] std::int32_t beside_on_surface(std::int32_t beam, std::size_t sector, float tolerance,
+                                               float most);
+  /// Beams around a direction, so few that each is compared with each.
+  struct FewOffsets {
+    static constexpr std::size_t kMost = 64;
+    std::array<Offset, kMost> all;
+    std::size_t count = 0;  ///< More than kMost: some were left out.
+
+    void add(const Offset& one) {
+      if (count < kMost) all[count] = one;
+      ++count;
+    }
+    [[nodiscard]] bool is_complete() const { return count <= kMost; }
+    [[nodiscard]] const Offset* begin() const { return all.data(); }
+    [[nodiscard]] const Offset* end() const { return all.data() + std::min(count, kMost); }
+  };
+  [[nodiscard]] static bool is_without(const FewOffsets& points, const Offset& size, const Offset& core);
 
   std::vector<Beam> beams_;
   std::array<bool, Faces::kFaces> has_beams_{};
@@ -284,7 +307,8 @@ void BeamImage<D>::find_beside(std::size_t beam) {
 }
 
 template <int D>
-std::int32_t BeamImage<D>::beside_on_surface(std::int32_t beam, std::size_t sector, float tolerance) {
+std::int32_t BeamImage<D>::beside_on_surface(std::int32_t beam, std::size_t sector, float tolerance,
+                                             float most) {
   const auto index = static_cast<std::size_t>(beam);
   if (beams_[index].beside[sector] == kNotSought) find_beside(index);
   const std::int32_t other = beams_[index].beside[sector];
@@ -292,7 +316,7 @@ std::int32_t BeamImage<D>::beside_on_surface(std::int32_t beam, std::size_t sect
   const Beam& one = beams_[index];
   const Beam& two = beams_[static_cast<std::size_t>(other)];
   const float apart = (two.direction - one.direction).norm() * std::min(one.sure, two.sure);
-  return std::abs(one.sure - two.sure) <= tolerance + kSlope * apart ? other : kNone;
+  return apart <= most && std::abs(one.sure - two.sure) <= tolerance + kSlope * apart ? other : kNone;
 }
 
 template <int D>
@@ -302,12 +326,12 @@ typename BeamImage<D>::Offset BeamImage<D>::size_of_surface(std::size_t beam, fl
   const float range = beams_[beam].sure;
   std::array<std::int32_t, 2 * kSides> first;
   for (std::size_t sector = 0; sector < 2 * kSides; ++sector)
-    first[sector] = beside_on_surface(static_cast<std::int32_t>(beam), sector, tolerance);
+    first[sector] = beside_on_surface(static_cast<std::int32_t>(beam), sector, tolerance, most);
   if constexpr (D == 3) {
     bool is_area = false;
     for (const std::size_t i : {0U, 1U})
       for (const std::size_t j : {2U, 3U})
-        is_area = is_area || (first[i] != kNone && beside_on_surface(first[i], j, tolerance) != kNone);
+        is_area = is_area || (first[i] != kNone && beside_on_surface(first[i], j, tolerance, most) != kNone);
     if (!is_area) return size;
   }
   for (std::size_t sector = 0; sector < 2 * kSides; ++sector) {
@@ -319,7 +343,7 @@ typename BeamImage<D>::Offset BeamImage<D>::size_of_surface(std::size_t beam, fl
           std::abs(offset(frame, beams_[static_cast<std::size_t>(last)].direction)[sector / 2]) * range;
       step = now - width;
       width = now;
-      last = beside_on_surface(last, sector, tolerance);
+      last = beside_on_surface(last, sector, tolerance, most);
     }
     size[sector / 2] += width + 0.25F * step;
   }
@@ -327,11 +351,42 @@ typename BeamImage<D>::Offset BeamImage<D>::size_of_surface(std::size_t beam, fl
 }
 
 template <int D>
-bool BeamImage<D>::is_without(const std::vector<Offset>& points, const Offset& size, const Offset& core) {
+typename BeamImage<D>::Seen BeamImage<D>::look(const Point& direction, float radius, float nearer,
+                                               float farther) const {
+  const Frame frame = frame_of(direction);
+  for (float pixels = 1.5F; pixels <= kFarthest; pixels *= 2.0F) {
+    const float reach = std::max(pixels * pixel_width(), radius);
+    std::array<float, 2 * kSides> nearest;
+    nearest.fill(std::numeric_limits<float>::infinity());
+    std::array<float, 2 * kSides> sure{};
+    float least = std::numeric_limits<float>::infinity();  // Of the beams within the radius.
+    for_each_near(frame, reach, [&](std::int32_t beam, const Offset& to) {
+      const float passed = beams_[static_cast<std::size_t>(beam)].sure;
+      const std::size_t axis = kSides == 2 && std::abs(to[kSides - 1]) > std::abs(to[0]) ? 1 : 0;
+      float square = 0.0F;
+      for (const float one : to) square = unfused(one * one) + square;
+      if (square < radius * radius) least = std::min(least, passed);
+      const std::size_t sector = 2 * axis + (to[axis] > 0.0F ? 1 : 0);
+      const float beyond = passed - kSteepest * farther * std::sqrt(square);
+      if (square < nearest[sector] || (square == nearest[sector] && beyond < sure[sector])) {
+        nearest[sector] = square;
+        sure[sector] = beyond;
+      }
+    });
+    if (least < nearer) return Seen::nothing;
+    if (least <= farther) return Seen::end;
+    if (*std::max_element(nearest.begin(), nearest.end()) > reach * reach) continue;
+    return *std::min_element(sure.begin(), sure.end()) > farther ? Seen::passed : Seen::nothing;
+  }
+  return Seen::nothing;
+}
+
+template <int D>
+bool BeamImage<D>::is_without(const FewOffsets& points, const Offset& size, const Offset& core) {
   constexpr std::size_t kUp = kSides - 1;
   // Each rectangle that is as far to the left as possible, or has a point on its left border.
-  for (std::size_t i = 0; i <= (D == 3 ? points.size() : 0); ++i) {
-    const float left = i < points.size() && D == 3 ? points[i][0] : core[0] - size[0];
+  for (std::size_t i = 0; i <= (D == 3 ? points.count : 0); ++i) {
+    const float left = i < points.count && D == 3 ? points.all[i][0] : core[0] - size[0];
     if (left > -core[0]) continue;
     float above = size[kUp] - core[kUp];
     float below = -above;
@@ -348,14 +403,12 @@ bool BeamImage<D>::is_without(const std::vector<Offset>& points, const Offset& s
 template <int D>
 bool BeamImage<D>::surely_meets(const Point& direction, const Offset& size, const Offset& core,
                                 float least) const {
-  constexpr std::size_t kMost = 64;  // Beams that is_without() takes.
   for (const float one : size)
     if (!(one > 0.0F)) return false;
   const float largest = *std::max_element(size.begin(), size.end());
   const Frame frame = frame_of(direction);
-  std::vector<Offset> passing;
   for (float reach = 2.0F * pixel_width();; reach *= 1.5F) {
-    passing.clear();
+    FewOffsets passing;
     bool is_in_core = false;
     for_each_near(frame, std::min(reach, largest), [&](std::int32_t beam, const Offset& to) {
       if (!(beams_[static_cast<std::size_t>(beam)].sure > least)) return;
@@ -366,11 +419,11 @@ bool BeamImage<D>::surely_meets(const Point& direction, const Offset& size, cons
         is_central = is_central && std::abs(to[k]) < core[k];
       }
       is_in_core = is_in_core || is_central;
-      if (is_inside) passing.push_back(to);
+      if (is_inside) passing.add(to);
     });
     if (is_in_core) return true;
-    if (passing.size() <= kMost && !is_without(passing, size, core)) return true;
-    if (passing.size() > kMost || reach >= largest) return false;
+    if (passing.is_complete() && !is_without(passing, size, core)) return true;
+    if (!passing.is_complete() || reach >= largest) return false;
   }
 }
 

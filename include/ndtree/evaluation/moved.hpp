@@ -11,14 +11,11 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
-#include <numeric>
-#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "ndtree/core/beta.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/lanes.hpp"
 #include "ndtree/core/option.hpp"
@@ -28,32 +25,11 @@
 #include "ndtree/core/types.hpp"
 #include "ndtree/core/unfused.hpp"
 #include "ndtree/evaluation/beam_image.hpp"
-#include "ndtree/evaluation/cell_numbers.hpp"
+#include "ndtree/evaluation/moved_posterior.hpp"
 #include "ndtree/evaluation/range_pyramid.hpp"
+#include "ndtree/evaluation/surface_cells.hpp"
 
 namespace ndtree {
-
-/// How sure a scan must be that a place is empty.
-struct MovedOptions {
-  double cell_size = 0.05;             ///< Points of one cell have one answer [m].
-  double range_sigma = 0.03;           ///< Standard deviation of a range r is this [m], pose errors included,
-  double range_sigma_quadratic = 0.0;  ///< plus this times r² [1/m].
-  double noise_sigmas = 2.0;           ///< Of a range, that a point and a beam each may be wrong by.
-  double error_rate = 0.2;             ///< Fraction of the scans that see through what stands, at most.
-  int most_scans = 12;  ///< Scans in a row that see through and outweigh any that found it before.
-
-  /// @throws std::invalid_argument naming the first option that is out of bounds.
-  void validate() const {
-    require_option(cell_size > 0.0 && std::isfinite(cell_size), "cell_size", cell_size, "> 0 m and finite");
-    require_option(range_sigma >= 0.0 && std::isfinite(range_sigma), "range_sigma", range_sigma,
-                   ">= 0 m and finite");
-    require_option(range_sigma_quadratic >= 0.0 && std::isfinite(range_sigma_quadratic),
-                   "range_sigma_quadratic", range_sigma_quadratic, ">= 0 1/m and finite");
-    require_option(noise_sigmas > 0.0 && noise_sigmas <= 100.0, "noise_sigmas", noise_sigmas, "in (0, 100]");
-    require_option(error_rate > 0.0 && error_rate < 0.5, "error_rate", error_rate, "in (0, 0.5)");
-    require_option(most_scans >= 1 && most_scans <= 1000, "most_scans", most_scans, "in [1, 1000]");
-  }
-};
 
 /// Evidence that space where beams ended was empty at other times.
 ///
@@ -69,34 +45,14 @@ struct MovedOptions {
 /// is never seen through, nor is ground so oblique that neighbouring beams end far apart. Nor does a scan
 /// whose own beams end in a cell see through it.
 ///
-/// Let v scans have seen through a cell, and h found a surface there, in r rows of scans between which others
-/// saw through. If something stands there, mostly a fraction of the scans of at most e = error_rate sees
-/// through it; but of a part t of what stands any fraction does: fences, foliage, glass. And scans see
-/// through what stands at any time, by chance, so that of all orders of v and h scans none is more probable.
-/// What moved was there without a break, and after a stay comes back with a probability of q. With both
-/// equally likely before, and fractions uniform,
-///
-///     P(moved) = m / (m + s),  m = (1 - I_e(v + 1, h + 1)) / (1 - e) q^(r - 1) / p(r),
-///     s = (1 - t) I_e(v + 1, h + 1) / e + t,  p(r) = C(h - 1, r - 1) C(v + 1, r) / C(v + h, h),
-///
-/// I being the incomplete beta function, and p(r) the fraction of orders with r rows. That is 1/2 without any
-/// scan, less without one that saw through, and less the more found it or the more often it was found again.
-///
-/// Once `most_scans` in a row have seen through, h counts for no more than these outweigh: what stood for
-/// long and left goes.
-///
-/// The same log gives the same answers to the last bit, whatever the number of threads.
+/// What scans say of a cell together is in MovedPosterior. The same log gives the same answers to the last
+/// bit, whatever the number of threads.
 template <int D>
 class MovedEvidence {
  public:
   /// @throws std::invalid_argument as MovedOptions::validate().
   explicit MovedEvidence(const MovedOptions& options)
-      : options_(validated(options)), below_(options.error_rate), log_factorials_(kFactorials, 0.0) {
-    for (std::size_t n = 2; n < kFactorials; ++n)
-      log_factorials_[n] = log_factorials_[n - 1] + std::log(static_cast<double>(n));
-    const auto passes = static_cast<std::uint32_t>(options.most_scans);
-    while (probability(passes, outweighed_ + 1, 1) > 0.5F) ++outweighed_;
-  }
+      : options_(options), posterior_(options), cells_(options.cell_size) {}
 
   /// The first pass: where returned beams end. Beams of a length of 0, longer than `max_range` or with a
   /// number that is not finite have no end point. O(beams).
@@ -111,151 +67,80 @@ class MovedEvidence {
 
   /// That what returned at points was not part of what stands; 0.5 where no beam ended. O(n).
   void probabilities(const double* points, std::size_t n, float* out) const {
-    typename CellNumbers<D>::Cursor cursor;
+    // Points beside each other are in the same cells, and most cells have one of few tallies.
+    constexpr std::size_t kRemembered = 4096;
+    std::vector<std::pair<MovedTally, float>> remembered(std::min(n, kRemembered), {MovedTally(), 0.5F});
+    typename SurfaceCells<D>::Cursor cursor;
     for_each_paced(n, 2, [&](std::size_t i) {
-      const std::uint32_t number = numbers_
-                                       ? numbers_->find(Eigen::Map<const Vector<D>>(points + i * D), cursor)
-                                       : CellNumbers<D>::kNone;
-      if (number == CellNumbers<D>::kNone) {
-        out[i] = 0.5F;
-        return;
+      const std::uint32_t number = cells_.find(Eigen::Map<const Vector<D>>(points + i * D), cursor);
+      out[i] = 0.5F;
+      if (number == SurfaceCells<D>::kNone || !workers_) return;
+      const MovedTally& tally = tallies_[number];
+      const std::size_t place =
+          (tally.through * 641U + tally.found * 29U + tally.stays * 7U + tally.unsure) % remembered.size();
+      auto& [before, probability] = remembered[place];
+      if (before.through != tally.through || before.found != tally.found || before.stays != tally.stays ||
+          before.unsure != tally.unsure) {
+        before = tally;
+        probability = posterior_(tally);
       }
-      const Tally tally = workers_ ? tallies_[number] : Tally();
-      out[i] = probability(tally.through, tally.found, tally.stays);
+      out[i] = probability;
     });
   }
-  /// Of a cell that `through` scans saw through, and in which `found` found a surface, in `stays` rows of
-  /// scans without one that saw through. @pre stays <= found, and > 0 if found > 0.
-  [[nodiscard]] float probability(std::uint32_t through, std::uint32_t found, std::uint32_t stays) const {
-    if (through == 0 && found == 0) return 0.5F;
-    const double below = std::clamp(below_(through + 1.0, found + 1.0), 0.0, 1.0);
-    double moved = (1.0 - below) / (1.0 - options_.error_rate);
-    const double stands = (1.0 - kThin) * below / options_.error_rate + kThin;
-    if (found > 0)
-      moved *= std::exp((stays - 1.0) * std::log(kReturns) + log_choices(through + found, found) -
-                        log_choices(found - 1, stays - 1) - log_choices(through + 1, stays));
-    return static_cast<float>(moved / (moved + stands));
+
+  /// What scans said of the cell of a point; nothing where no beam ended.
+  [[nodiscard]] MovedTally tally(const Vector<D>& point) const {
+    typename SurfaceCells<D>::Cursor cursor;
+    const std::uint32_t number = cells_.find(point, cursor);
+    return number == SurfaceCells<D>::kNone || !workers_ ? MovedTally() : tallies_[number];
   }
 
   [[nodiscard]] const MovedOptions& options() const { return options_; }
-  [[nodiscard]] std::size_t num_cells() const { return numbers_ ? numbers_->size() : 0; }
+  [[nodiscard]] std::size_t num_cells() const { return cells_.size(); }
 
  private:
   using Point = Eigen::Matrix<float, D, 1>;
-  static constexpr std::size_t kFanOut = 8;
-  static constexpr std::size_t kWidths = 12;
+  static constexpr std::size_t kFanOut = CellBalls<D>::kFanOut;
   static constexpr std::size_t kSides = D - 1;
-  static constexpr float kMostWidth = 8.0F;  // Of a surface, in cells: all wider ones are alike.
-  static constexpr std::size_t kFactorials = 1024;
-  static constexpr std::uint8_t kMostMeasured = 24;  // Surfaces in a cell: more change its width little.
-  // Fitted on simulated worlds in which nothing moves, and in which one thing does:
-  static constexpr double kThin = 0.1;            // Of what stands, that any fraction of scans sees through.
-  static constexpr double kReturns = 0.3;         // Of stays in a cell, that another one follows.
-  static constexpr double kNarrower = 1.0 / 3.0;  // Of a cell's surfaces, that look narrower than they are.
+  // Of ranges beside each other on one surface: three standard deviations of their difference.
+  static constexpr float kOneSurface = 4.24264069F;
   static constexpr float kCore = 0.25F;  // Of a width: least distance of a surface's middle from its border.
 
-  struct Cell {
-    Point mean = Point::Zero();  // Of the points in it, relative to base_ [m].
-    float sigma = 0.0F;          // Of their ranges, on average [m].
-    std::uint32_t points = 0;
-    std::uint32_t scan = 0;  // The last with a surface that was measured: a scan's other ones look alike.
-    std::uint8_t measured = 0;
-    // By axis, numbers of points on surfaces of widths, see width_of().
-    std::array<std::array<std::uint8_t, kWidths>, kSides> widths{};
-  };
-  /// Balls around kFanOut cells or balls each, by the order of the tree; a few behind the last are empty.
-  struct Balls {
-    std::array<std::vector<float>, std::size_t{D}> centers;
-    std::vector<float> radius;
-    std::vector<float> margin;  // The largest of their cells.
-    std::size_t size = 0;
-  };
-
-  /// What scans said of a cell.
-  struct Tally {
-    std::uint32_t through = 0;   // Scans that saw through it,
-    std::uint32_t streak = 0;    // of these the last in a row,
-    std::uint32_t found = 0;     // and scans that found a surface there,
-    std::uint32_t stays = 0;     // in how many rows without one that saw through.
-    std::uint32_t own_scan = 0;  // The last with a beam that ended in it.
-
-    void find() {
-      stays += found == 0 || streak > 0 ? 1 : 0;
-      ++found;
-      streak = 0;
-    }
-  };
-
-  static const MovedOptions& validated(const MovedOptions& options) {
-    options.validate();
-    return options;
-  }
   [[nodiscard]] double sigma_at(double range) const {
     return options_.range_sigma + unfused(options_.range_sigma_quadratic * range) * range;
   }
-  [[nodiscard]] Point relative(const Vector<D>& point) const {
-    return (point - base_).template cast<float>();
+  [[nodiscard]] Point direction_of(std::size_t i, float distance) const {
+    Point way;
+    for (std::size_t k = 0; k < D; ++k)
+      way[static_cast<int>(k)] = means_[k][i] - origin_[static_cast<int>(k)];
+    return way / distance;
+  }
+  /// count() where beams are farther apart than what must be in view.
+  void ask_beams(std::size_t i, float distance) {
+    if (tallies_[i].own_scan == looked_) return;
+    using Seen = typename BeamImage<D>::Seen;
+    const Seen seen = image_.look(direction_of(i, distance), in_view_ / distance,
+                                  std::max(distance - margins_[i], 0.0F), distance + margins_[i]);
+    if (seen != Seen::nothing) count(i, seen == Seen::passed, distance);
   }
   /// Counts what the scan says of a cell in which none of its own beams ended.
   void count(std::size_t i, bool is_passed, float distance) {
-    Tally& tally = tallies_[i];
+    MovedTally& tally = tallies_[i];
     if (tally.own_scan == looked_) return;
     if (!is_passed) {
       tally.find();
       return;
     }
-    Point way;
-    for (std::size_t k = 0; k < D; ++k)
-      way[static_cast<int>(k)] = means_[k][i] - origin_[static_cast<int>(k)];
     typename BeamImage<D>::Offset size;
     typename BeamImage<D>::Offset core;
     for (std::size_t k = 0; k < kSides; ++k) {
       size[k] = sizes_[k][i] / distance;
       core[k] = kCore * size[k];
     }
-    if (!image_.surely_meets(way / distance, size, core, distance + margins_[i])) return;
-    ++tally.through;
-    if (++tally.streak >= static_cast<std::uint32_t>(options_.most_scans)) {
-      tally.found = std::min(tally.found, outweighed_);
-      tally.stays = std::min(tally.stays, outweighed_);
-    }
-  }
-  [[nodiscard]] double log_factorial(std::uint32_t n) const {
-    return n < log_factorials_.size() ? log_factorials_[n] : std::lgamma(n + 1.0);
-  }
-  /// In how many ways some of several can be chosen; of more than there are, as one.
-  [[nodiscard]] double log_choices(std::uint32_t of, std::uint32_t chosen) const {
-    if (chosen > of) return 0.0;
-    return log_factorial(of) - log_factorial(chosen) - log_factorial(of - chosen);
-  }
-  /// By how much a beam must pass the middle of a cell's points [m].
-  [[nodiscard]] float margin_of(const Cell& cell) const {
-    return static_cast<float>(options_.cell_size) + static_cast<float>(options_.noise_sigmas) * cell.sigma;
-  }
-  /// Widths of surfaces by half octaves, from a quarter of a cell on; 0: less.
-  [[nodiscard]] std::size_t width_class(float width) const {
-    std::size_t found = 0;
-    while (found + 1 < kWidths && width >= least_width(found + 1)) ++found;
-    return found;
-  }
-  [[nodiscard]] float least_width(std::size_t of_class) const {
-    constexpr std::array<float, 2> kHalfOctaves{1.0F, 1.41421354F};
-    if (of_class == 0) return 0.0F;
-    return static_cast<float>(options_.cell_size) * 0.25F * kHalfOctaves[(of_class - 1) % 2] *
-           static_cast<float>(1U << (of_class - 1) / 2);
-  }
-  /// Counts a surface of a size in a cell.
-  void count_size(Cell& cell, const typename BeamImage<D>::Offset& size) const {
-    for (std::size_t k = 0; k < kSides; ++k) ++cell.widths[k][width_class(size[k])];
-  }
-  /// Of what a cell's points are on, along an axis [m]: at most a fraction of kNarrower looks narrower.
-  [[nodiscard]] float width_of(const Cell& cell, std::size_t axis) const {
-    std::uint32_t below = 0;
-    for (std::size_t i = 0; i < kWidths; ++i) {
-      below += cell.widths[axis][i];
-      if (static_cast<double>(below) > kNarrower * static_cast<double>(cell.measured)) return least_width(i);
-    }
-    return least_width(kWidths - 1);
+    if (image_.surely_meets(direction_of(i, distance), size, core, distance + margins_[i]))
+      posterior_.pass(tally);
+    else
+      ++tally.unsure;
   }
   void plant(std::size_t threads);
   /// Calls `use(first, last)` for beams from one origin: those of a sweep in motion whose origins are within
@@ -276,30 +161,27 @@ class MovedEvidence {
   void find_own(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last, double max_range);
   void look_from();
   /// Whether a scan cannot say anything of a ball's cells.
-  [[nodiscard]] bool is_hidden(const Balls& balls, std::size_t number) const;
+  [[nodiscard]] bool is_hidden(const CellBalls<D>& balls, std::size_t number) const;
   /// Asks the scan about the cells of a ball that is not hidden.
   void visit(std::size_t level, std::size_t number);
 #ifdef NDTREE_HAS_EIGHTS
   /// is_hidden() of eight balls, a bit each.
-  NDTREE_BY_EIGHTS [[nodiscard]] unsigned hidden_by_eights(const Balls& balls, std::size_t first) const;
+  NDTREE_BY_EIGHTS [[nodiscard]] unsigned hidden_by_eights(const CellBalls<D>& balls,
+                                                           std::size_t first) const;
   /// What visit() does for the cells [i, end) of a ball of level 0.
   NDTREE_BY_EIGHTS void ask_by_eights(std::size_t i, std::size_t end);
   bool by_eights_ = Simd::width() >= 8;
 #endif
 
   MovedOptions options_;
-  QuickIncompleteBeta below_;              // Of error_rate.
-  std::vector<double> log_factorials_;     // Of numbers below kFactorials.
-  std::uint32_t outweighed_ = 0;           // Scans that found a surface, by most_scans that saw through.
-  Vector<D> base_ = Vector<D>::Zero();     // Near the first end point, so that floats are exact enough.
-  std::optional<CellNumbers<D>> numbers_;  // From the first end point on.
-  std::vector<Cell> cells_;                // By number; none after plant().
+  MovedPosterior posterior_;
+  SurfaceCells<D> cells_;
   // After plant(), of cells in the order of the tree, and a few behind the last:
-  std::array<std::vector<float>, std::size_t{D}> means_;  // Of their points, relative to base_ [m].
+  std::array<std::vector<float>, std::size_t{D}> means_;  // Of their points, relative [m].
   std::vector<float> margins_;                            // By how much a beam must pass them [m].
-  std::array<std::vector<float>, kSides> sizes_;          // Of what they are on, see width_of() [m].
-  std::vector<Tally> tallies_;
-  std::vector<Balls> balls_;  // Level 0 holds cells, each other one balls of the level below.
+  std::array<std::vector<float>, kSides> sizes_;          // Of what they are on [m].
+  std::vector<MovedTally> tallies_;
+  std::vector<CellBalls<D>> balls_;
   std::size_t task_level_ = 0;
   std::uint32_t scans_ = 0;   // That were added,
   std::uint32_t looked_ = 0;  // and that were asked.
@@ -321,7 +203,7 @@ template <int D>
 void MovedEvidence<D>::add_from(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last,
                                 double max_range) {
   Pace pace;
-  typename CellNumbers<D>::Cursor cursor;
+  typename SurfaceCells<D>::Cursor cursor;
   see(scan, first, last, max_range);
   ++scans_;
   std::size_t seen = 0;
@@ -331,93 +213,34 @@ void MovedEvidence<D>::add_from(const ScanView<D>& scan, Eigen::Index first, Eig
     if (range == 0.0) continue;
     const std::size_t beam = seen++;
     if (!scan.is_returned(i) || range > max_range) continue;
-    const Vector<D> end = scan.endpoint(i);
-    if (!numbers_) {
-      base_ = end;
-      numbers_.emplace(options_.cell_size, base_);
-    }
-    const std::uint32_t number = numbers_->put(end, cursor);
-    if (number == CellNumbers<D>::kNone)
-      throw std::invalid_argument("beam " + std::to_string(i) + ": ends more than a million cells of " +
-                                  describe_number(options_.cell_size) + " m from the log's first end point");
-    if (number == cells_.size()) cells_.emplace_back();
-    Cell& cell = cells_[number];
-    ++cell.points;
-    const float part = 1.0F / static_cast<float>(cell.points);
-    const Point point = relative(end);
-    for (int k = 0; k < D; ++k) cell.mean[k] = unfused((point[k] - cell.mean[k]) * part) + cell.mean[k];
     const auto sigma =
         static_cast<float>(scan.range_sigma != nullptr ? scan.range_sigma[i] : sigma_at(range));
-    cell.sigma = unfused((sigma - cell.sigma) * part) + cell.sigma;
-    if (cell.scan == scans_ || cell.measured == kMostMeasured) continue;
-    cell.scan = scans_;
-    ++cell.measured;
-    count_size(cell, image_.size_of_surface(beam, static_cast<float>(options_.noise_sigmas) * sigma,
-                                            kMostWidth * static_cast<float>(options_.cell_size)));
+    const std::uint32_t number = cells_.add(scan.endpoint(i), sigma, cursor);
+    if (number == SurfaceCells<D>::kNone)
+      throw std::invalid_argument("beam " + std::to_string(i) + ": ends more than a million cells of " +
+                                  describe_number(options_.cell_size) + " m from the log's first end point");
+    if (!cells_.wants_size(number, scans_)) continue;
+    cells_.measure(number, image_.size_of_surface(beam, kOneSurface * sigma, cells_.largest_size()));
   }
 }
 
 template <int D>
 void MovedEvidence<D>::plant(std::size_t threads) {
-  // Cells in Morton order: eight in a row are near each other, and so are eight of these.
+  cells_.sort();
   const std::size_t n = cells_.size();
-  std::vector<std::uint64_t> place(n, 0);
-  constexpr int kBits = 21;
-  for (std::size_t i = 0; i < n; ++i)
-    for (int k = 0; k < D; ++k) {
-      const auto shifted =
-          static_cast<std::uint64_t>(numbers_->cell(static_cast<std::uint32_t>(i))[k] + (1 << (kBits - 1)));
-      for (int bit = 0; bit < kBits; ++bit) place[i] |= (shifted >> bit & 1U) << (bit * D + k);
-    }
-  std::vector<std::uint32_t> order(n);
-  std::iota(order.begin(), order.end(), 0U);
-  std::sort(order.begin(), order.end(),
-            [&](std::uint32_t a, std::uint32_t b) { return place[a] < place[b]; });
-  std::vector<Cell> sorted(n);
-  std::vector<std::uint32_t> now(n);
-  for (std::size_t i = 0; i < n; ++i) {
-    sorted[i] = cells_[order[i]];
-    now[order[i]] = static_cast<std::uint32_t>(i);
-  }
-  cells_ = std::move(sorted);
-  if (numbers_) numbers_->renumber(now);
-  for (std::size_t width = kFanOut; n > 0; width *= kFanOut) {
-    Balls& level = balls_.emplace_back();
-    for (std::size_t begin = 0; begin < n; begin += width) {
-      const std::size_t end = std::min(n, begin + width);
-      Point lower = cells_[begin].mean;
-      Point upper = lower;
-      float margin = 0.0F;
-      for (std::size_t i = begin; i < end; ++i) {
-        lower = lower.cwiseMin(cells_[i].mean);
-        upper = upper.cwiseMax(cells_[i].mean);
-        margin = std::max(margin, margin_of(cells_[i]));
-      }
-      const Point center = 0.5F * (lower + upper);
-      for (std::size_t k = 0; k < D; ++k) level.centers[k].push_back(center[static_cast<int>(k)]);
-      level.radius.push_back(0.5F * (upper - lower).norm());
-      level.margin.push_back(margin);
-    }
-    level.size = level.radius.size();
-    const std::size_t padded = (level.size + kFanOut - 1) / kFanOut * kFanOut;
-    for (std::vector<float>& center : level.centers) center.resize(padded, 0.0F);
-    level.radius.resize(padded, 0.0F);
-    level.margin.resize(padded, 0.0F);
-    if (level.size <= kFanOut) break;
-  }
   const std::size_t padded = (n + kFanOut - 1) / kFanOut * kFanOut;
-  for (std::size_t k = 0; k < D; ++k) {
-    means_[k].assign(padded, 0.0F);
-    for (std::size_t i = 0; i < n; ++i) means_[k][i] = cells_[i].mean[static_cast<int>(k)];
-  }
-  margins_.assign(padded, 0.0F);
+  for (std::vector<float>& mean : means_) mean.assign(padded, 0.0F);
   for (std::vector<float>& size : sizes_) size.assign(padded, 0.0F);
+  margins_.assign(padded, 0.0F);
   for (std::size_t i = 0; i < n; ++i) {
-    margins_[i] = margin_of(cells_[i]);
-    for (std::size_t k = 0; k < kSides; ++k) sizes_[k][i] = width_of(cells_[i], k);
+    for (std::size_t k = 0; k < D; ++k) means_[k][i] = cells_.mean(i)[static_cast<int>(k)];
+    for (std::size_t k = 0; k < kSides; ++k) sizes_[k][i] = cells_.width(i, k);
+    margins_[i] =
+        static_cast<float>(options_.cell_size) + static_cast<float>(options_.noise_sigmas) * cells_.sigma(i);
   }
+  balls_ = CellBalls<D>::around(cells_, margins_);
+  cells_.forget();
   tallies_.assign(n, {});
-  cells_ = {};
   workers_ = std::make_unique<Workers>(threads);
   constexpr std::size_t kTasksPerThread = 8;
   task_level_ = balls_.empty() ? 0 : balls_.size() - 1;
@@ -446,7 +269,7 @@ void MovedEvidence<D>::look(const ScanView<D>& scan, double max_range, std::size
     see(scan, first, last, max_range);
     ++looked_;
     find_own(scan, first, last, max_range);
-    origin_ = relative(scan.origin(first));
+    origin_ = cells_.relative(scan.origin(first));
     pyramid_.build(origin_, image_);
     look_from();
   });
@@ -476,13 +299,13 @@ void MovedEvidence<D>::see(const ScanView<D>& scan, Eigen::Index first, Eigen::I
 template <int D>
 void MovedEvidence<D>::find_own(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last,
                                 double max_range) {
-  typename CellNumbers<D>::Cursor cursor;
+  typename SurfaceCells<D>::Cursor cursor;
   for (Eigen::Index i = first; i < last; ++i) {
     if (!scan.is_returned(i)) continue;
     const double range = range_in_image(scan, i);
     if (range == 0.0 || range > max_range) continue;
-    const std::uint32_t number = numbers_->find(scan.endpoint(i), cursor);
-    if (number == CellNumbers<D>::kNone || tallies_[number].own_scan == looked_) continue;
+    const std::uint32_t number = cells_.find(scan.endpoint(i), cursor);
+    if (number == SurfaceCells<D>::kNone || tallies_[number].own_scan == looked_) continue;
     tallies_[number].own_scan = looked_;
     tallies_[number].find();
   }
@@ -497,7 +320,7 @@ void MovedEvidence<D>::look_from() {
 }
 
 template <int D>
-bool MovedEvidence<D>::is_hidden(const Balls& balls, std::size_t number) const {
+bool MovedEvidence<D>::is_hidden(const CellBalls<D>& balls, std::size_t number) const {
   Point center;
   for (std::size_t k = 0; k < D; ++k) center[static_cast<int>(k)] = balls.centers[k][number];
   const Point way = center - origin_;
@@ -512,7 +335,7 @@ template <int D>
 void MovedEvidence<D>::visit(std::size_t level, std::size_t number) {
   const std::size_t first = kFanOut * number;
   if (level > 0) {
-    const Balls& inner = balls_[level - 1];
+    const CellBalls<D>& inner = balls_[level - 1];
     const std::size_t count = std::min(kFanOut, inner.size - first);
 #ifdef NDTREE_HAS_EIGHTS
     if (by_eights_) {
@@ -543,12 +366,14 @@ void MovedEvidence<D>::visit(std::size_t level, std::size_t number) {
     const float margin = margins_[i];
     const float passed = pyramid_.surely_passed(mean, distance, in_view_, std::max(distance - margin, 0.0F));
     if (passed >= 0.0F) count(i, passed > distance + margin, distance);
+    if (passed == RangePyramid<D>::kSparse) ask_beams(i, distance);
   }
 }
 
 #ifdef NDTREE_HAS_EIGHTS
 template <int D>
-NDTREE_BY_EIGHTS unsigned MovedEvidence<D>::hidden_by_eights(const Balls& balls, std::size_t first) const {
+NDTREE_BY_EIGHTS unsigned MovedEvidence<D>::hidden_by_eights(const CellBalls<D>& balls,
+                                                             std::size_t first) const {
   std::array<EightFloats, std::size_t{D}> center;
   EightFloats square = 0.0F;
   for (std::size_t k = 0; k < D; ++k) {
@@ -577,10 +402,13 @@ NDTREE_BY_EIGHTS void MovedEvidence<D>::ask_by_eights(std::size_t i, std::size_t
                                                     EightMask::first(end - i));
   const unsigned beyond = (passed > distance + margin).set();
   unsigned answers = (passed >= 0.0F).set();
+  unsigned sparse = (passed == RangePyramid<D>::kSparse).set();
   std::array<float, 8> distances{};
   distance.store(distances.data());
   for (std::size_t k = 0; answers != 0; answers >>= 1U, ++k)
     if ((answers & 1U) != 0) count(i + k, (beyond >> k & 1U) != 0, distances[k]);
+  for (std::size_t k = 0; sparse != 0; sparse >>= 1U, ++k)
+    if ((sparse & 1U) != 0) ask_beams(i + k, distances[k]);
 }
 #endif
 

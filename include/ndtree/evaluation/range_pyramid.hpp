@@ -28,10 +28,12 @@ namespace ndtree {
 /// where all of its pixel's parts are one, but pixels wider than kWidestGap also where one part is, so that
 /// nothing is said across a gap between beams that are far apart, or did not measure.
 ///
-/// A point is in view of a level if beams surround it there: of the 3^(D-1) pixels around its direction, each
-/// side has one with a beam, and most have. Then the least of their distances says how far the space around
-/// the point was surely passed. Around an edge of the cube, where pixels of two faces do not line up, all
-/// that a pixel meets count. Coordinates are relative to any base near the scan [m].
+/// A point is in view if beams surround it on the finest level whose pixels are as wide as what must be seen
+/// around it: of the 3^(D-1) pixels around its direction, each side has one with a beam, and most have. Then
+/// the least of their distances says how far the space around the point was surely passed; where beams are
+/// farther apart, BeamImage::look() asks them one by one. Around an edge of the cube, where pixels of two
+/// faces do not line up, all that a pixel meets count. Coordinates are relative to any base near the scan
+/// [m].
 template <int D>
 class RangePyramid {
  public:
@@ -40,8 +42,11 @@ class RangePyramid {
   /// Of the beams of an origin. O(beams + pixels of the faces with beams).
   void build(const Point& origin, const BeamImage<D>& beams);
 
-  /// Up to where beams around a point surely passed [m], negative if the point is not surrounded by beams, or
-  /// if that is less than `least`.
+  /// What surely_passed() says where beams are farther apart than what must be in view: ask them one by one.
+  static constexpr float kSparse = -2.0F;
+
+  /// Up to where beams around a point surely passed [m]; -1 if that is less than `least`, or there are none;
+  /// kSparse if pixels as wide as the radius do not surround the point with beams, but wider ones do.
   /// @param distance of the point from the origin [m]. @param radius of what must be in view around it [m].
   [[nodiscard]] float surely_passed(const Point& point, float distance, float radius, float least) const;
 
@@ -334,14 +339,16 @@ float RangePyramid<D>::surely_passed(const Point& point, float distance, float r
   if (!has_beams_[static_cast<std::size_t>(face)]) return -1.0F;
   // Along a side: then a pixel is as wide as the radius, at the point's depth.
   const float most_pixels = 2.0F * std::abs(way[face / 2]) / radius;
+  bool is_sparse = false;
   for (const Level& level : levels_) {
     if (static_cast<float>(level.side) > most_pixels) continue;
     Pixel at;
     for (std::size_t k = 0; k < kSides; ++k) at[k] = Faces::pixel_on_side(place[k], level.side);
     const float found = around_[level.first + Faces::pixel(face, at, level.side)];
-    if (std::abs(found) < least) return -1.0F;  // Coarser levels see no farther.
-    if (!std::signbit(found)) return found;
+    if (!is_sparse && std::abs(found) < least) return -1.0F;
+    if (!std::signbit(found)) return is_sparse ? kSparse : found;
     if (level.side <= kWidestGap) return -1.0F;
+    is_sparse = true;
   }
   return -1.0F;
 }
@@ -430,6 +437,7 @@ NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightFloats RangePyramid<D>::surely_passed
   const EightDirections to = directions_of(points);
   const EightInts& face = to.face;
   EightMask open = wanted & (distance > radius) & to.has_beams;
+  EightMask sparse = EightMask::none();
   EightFloats passed = -1.0F;
   const EightFloats most_pixels = 2.0F * to.depth / radius;
   for (const Level& level : levels_) {
@@ -441,9 +449,10 @@ NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightFloats RangePyramid<D>::surely_passed
       pixel = pixel * level.side + select(at > level.side - 1, level.side - 1, max_of(at, 0));
     }
     const EightFloats found = gathered(around_.data() + level.first, pixel, here);
-    const EightMask is_beyond = here & (abs_of(found) >= least);
+    const EightMask is_beyond = here & (sparse | (abs_of(found) >= least));
     const EightMask is_seen = bits_of(found) > -1;
-    passed = select(is_beyond & is_seen, found, passed);
+    passed = select(is_beyond & is_seen, select(sparse, kSparse, found), passed);
+    sparse = sparse | is_beyond.without(is_seen);
     open = level.side <= kWidestGap ? open.without(here)
                                     : open.without(here.without(is_beyond.without(is_seen)));
   }

@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// How probable it is that what returned from a cell moved, by the scans that saw through it and that did
+/// not.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "ndtree/core/beta.hpp"
+#include "ndtree/core/option.hpp"
+
+namespace ndtree {
+
+/// How sure a scan must be that a place is empty.
+struct MovedOptions {
+  double cell_size = 0.05;             ///< Points of one cell have one answer [m].
+  double range_sigma = 0.03;           ///< Standard deviation of a range r is this [m], pose errors included,
+  double range_sigma_quadratic = 0.0;  ///< plus this times r² [1/m].
+  double noise_sigmas = 2.0;           ///< Of a range, that a point and a beam each may be wrong by.
+  double error_rate = 0.2;             ///< Fraction of the scans that see through what stands, at most.
+  int most_scans = 12;  ///< Scans in a row that see through and outweigh any that found it before.
+
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  void validate() const {
+    require_option(cell_size > 0.0 && std::isfinite(cell_size), "cell_size", cell_size, "> 0 m and finite");
+    require_option(range_sigma >= 0.0 && std::isfinite(range_sigma), "range_sigma", range_sigma,
+                   ">= 0 m and finite");
+    require_option(range_sigma_quadratic >= 0.0 && std::isfinite(range_sigma_quadratic),
+                   "range_sigma_quadratic", range_sigma_quadratic, ">= 0 1/m and finite");
+    require_option(noise_sigmas > 0.0 && noise_sigmas <= 100.0, "noise_sigmas", noise_sigmas, "in (0, 100]");
+    require_option(error_rate > 0.0 && error_rate < 0.5, "error_rate", error_rate, "in (0, 0.5)");
+    require_option(most_scans >= 1 && most_scans <= 1000, "most_scans", most_scans, "in [1, 1000]");
+  }
+};
+
+/// What scans said of a cell.
+struct MovedTally {
+  std::uint32_t through = 0;   ///< Scans that saw through it,
+  std::uint32_t streak = 0;    ///< of these the last in a row,
+  std::uint32_t found = 0;     ///< and scans that found a surface there,
+  std::uint32_t stays = 0;     ///< in how many rows without one that saw through.
+  std::uint32_t unsure = 0;    ///< Scans that passed it with beams too far apart to surely meet it.
+  std::uint32_t own_scan = 0;  ///< The last with a beam that ended in it.
+
+  void find() {
+    stays += found == 0 || streak > 0 ? 1 : 0;
+    ++found;
+    streak = 0;
+  }
+};
+
+/// Let v scans have seen through a cell, and h found a surface there, in r rows of scans between which others
+/// saw through. If something stands there, mostly a fraction of the scans of at most e = error_rate sees
+/// through it; but of a part t of what stands any fraction does: fences, foliage, glass. And scans see
+/// through what stands at any time, by chance, so that of all orders of v and h scans none is more probable.
+/// What moved was there without a break, and after a stay comes back with a probability of q. With both
+/// equally likely before, and fractions uniform,
+///
+///     P(moved) = m / (m + s),  m = (1 - I_e(v + 1, h + 1)) / (1 - e) q^(r - 1) / p(r),
+///     s = (1 - t) I_e(v + 1, h + 1) / e + t,  p(r) = C(h - 1, r - 1) C(v + 1, r) / C(v + h, h),
+///
+/// I being the incomplete beta function, and p(r) the fraction of orders with r rows. That is 1/2 without any
+/// scan, less without one that saw through, and less the more found it or the more often it was found again.
+///
+/// Once `most_scans` in a row have seen through, h counts for no more than these outweigh: what stood for
+/// long and left goes.
+class MovedPosterior {
+ public:
+  /// @throws std::invalid_argument as MovedOptions::validate().
+  explicit MovedPosterior(const MovedOptions& options)
+      : error_rate_(validated(options).error_rate),
+        most_scans_(static_cast<std::uint32_t>(options.most_scans)),
+        below_(error_rate_),
+        log_factorials_(kFactorials, 0.0) {
+    for (std::size_t n = 2; n < kFactorials; ++n)
+      log_factorials_[n] = log_factorials_[n - 1] + std::log(static_cast<double>(n));
+    while (operator()(most_scans_, outweighed_ + 1, 1) > 0.5F) ++outweighed_;
+  }
+
+  /// Of a cell that `through` scans saw through, and in which `found` found a surface, in `stays` rows of
+  /// scans without one that saw through. @pre stays <= found, and > 0 if found > 0.
+  [[nodiscard]] float operator()(std::uint32_t through, std::uint32_t found, std::uint32_t stays) const {
+    if (through == 0 && found == 0) return 0.5F;
+    const double below = std::clamp(below_(through + 1.0, found + 1.0), 0.0, 1.0);
+    double moved = (1.0 - below) / (1.0 - error_rate_);
+    const double stands = (1.0 - kThin) * below / error_rate_ + kThin;
+    if (found > 0)
+      moved *= std::exp((stays - 1.0) * std::log(kReturns) + log_choices(through + found, found) -
+                        log_choices(found - 1, stays - 1) - log_choices(through + 1, stays));
+    return static_cast<float>(moved / (moved + stands));
+  }
+  /// At least 0.5, so that nothing is said, where more scans passed with beams too far apart than may see
+  /// through what stands.
+  [[nodiscard]] float operator()(const MovedTally& tally) const {
+    const float probability = operator()(tally.through, tally.found, tally.stays);
+    const bool is_open = tally.unsure > error_rate_ * (static_cast<double>(tally.unsure) + tally.found);
+    return is_open ? std::max(probability, 0.5F) : probability;
+  }
+  /// Counts a scan that saw through.
+  void pass(MovedTally& tally) const {
+    ++tally.through;
+    if (++tally.streak < most_scans_) return;
+    tally.found = std::min(tally.found, outweighed_);
+    tally.stays = std::min(tally.stays, outweighed_);
+  }
+
+ private:
+  static constexpr std::size_t kFactorials = 1024;
+  // Fitted by tools/bench/moved-fit on simulated worlds in which nothing moves, or one thing does:
+  static constexpr double kThin = 0.2;      // Of what stands, that any fraction of scans sees through.
+  static constexpr double kReturns = 0.15;  // Of stays in a cell, that another one follows.
+
+  static const MovedOptions& validated(const MovedOptions& options) {
+    options.validate();
+    return options;
+  }
+  [[nodiscard]] double log_factorial(std::uint32_t n) const {
+    return n < log_factorials_.size() ? log_factorials_[n] : std::lgamma(n + 1.0);
+  }
+  /// In how many ways some of several can be chosen; of more than there are, as one.
+  [[nodiscard]] double log_choices(std::uint32_t of, std::uint32_t chosen) const {
+    if (chosen > of) return 0.0;
+    return log_factorial(of) - log_factorial(chosen) - log_factorial(of - chosen);
+  }
+
+  double error_rate_;
+  std::uint32_t most_scans_;
+  QuickIncompleteBeta below_;           // Of error_rate.
+  std::vector<double> log_factorials_;  // Of numbers below kFactorials.
+  std::uint32_t outweighed_ = 0;        // Scans that found a surface, by most_scans that saw through.
+};
+
+}  // namespace ndtree
