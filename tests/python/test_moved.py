@@ -85,8 +85,8 @@ def test_evidence_finds_what_moves_and_one_scan_finds_nothing(office):
         removed.append(points.moved(scan)[returned])
         truth.append(office.moved(i)[returned])
     scores = moved_scores(np.concatenate(removed), np.concatenate(truth))
-    assert scores.static_accuracy > 0.97
-    assert scores.dynamic_accuracy > 0.75
+    assert scores.static_accuracy > 0.99
+    assert scores.dynamic_accuracy > 0.72
     alone = ndtree.MovedEvidence(dim=2, range_sigma=0.02)
     scan = office[20]
     for use in (alone.add, alone.look):
@@ -95,7 +95,35 @@ def test_evidence_finds_what_moves_and_one_scan_finds_nothing(office):
     assert (answers > 0.5).mean() < 0.01  # Beams that returned from nowhere.
 
 
-def test_a_map_alone_knows_too(office):
+@pytest.mark.parametrize("after", [10, 20, 200])
+def test_scans_are_judged_when_later_ones_have_come(office, after):
+    delayed = ndtree.DelayedMoved(dim=2, after=after, range_sigma=0.02)
+    told = []
+    for number, scan in enumerate(office):
+        told += delayed.add(scan)
+        assert number + 1 - 2 * after < len(told) <= max(0, number + 1 - after)
+    told += delayed.finish()
+    assert len(told) == len(office) and list(delayed.finish()) == []
+    assert all(np.array_equal(one.endpoints, scan.endpoints) for (one, _), scan in zip(told, office))
+    truth = [office.moved(i)[scan.returned] for i, scan in enumerate(office)]
+    said = [probability[scan.returned] > 0.5 for scan, probability in told]
+    scores = moved_scores(np.concatenate(said), np.concatenate(truth))
+    assert scores.static_accuracy > 0.99
+    assert scores.dynamic_accuracy > 0.7
+    if after > len(office):  # Then all is judged by all.
+        whole = MovedPoints(office, {"range_sigma": 0.02}, np.inf, "free").look()
+        for scan, probability in told:
+            np.testing.assert_array_equal(probability, whole.probability(scan))
+
+
+def test_a_delay_of_no_scan_is_refused():
+    with pytest.raises(ValueError, match="after = 0"):
+        ndtree.DelayedMoved(dim=2, after=0)
+    with pytest.raises(ValueError, match="cell_size"):
+        ndtree.DelayedMoved(dim=2, cell_size=-1.0)
+
+
+def test_a_map_alone_says_nothing_of_a_cell_in_which_a_beam_ended(office):
     m = ndtree.AdaptiveMap(dim=2, range_sigma=0.02)
     for scan in office:
         scan.insert_into(m)
@@ -111,8 +139,7 @@ def test_a_map_alone_knows_too(office):
     truth = np.concatenate([office.moved(i)[office[i].returned] for i in range(len(office))])
     ends = np.concatenate([one.endpoints[one.returned] for one in office])
     scores = moved_scores(m.moved(ends) > 0.5, truth)
-    assert scores.static_accuracy > 0.95
-    assert scores.dynamic_accuracy > 0.5
+    assert scores.static_accuracy > 0.998
 
 
 def test_insert_tells_what_moved_by_the_map_before(office):
@@ -133,8 +160,8 @@ def test_insert_tells_what_moved_by_the_map_before(office):
         truth.append(office.moved(i)[counts])
     assert m == plain == one_thread
     scores = moved_scores(np.concatenate(said), np.concatenate(truth))
-    assert scores.static_accuracy > 0.93
-    assert scores.dynamic_accuracy > 0.6  # Without the future: where it was seen free before.
+    assert scores.static_accuracy > 0.98
+    assert scores.dynamic_accuracy > 0.4  # Without the future: where it was seen free before.
     for kind in (ndtree.FixedMap(dim=2), *([ndtree.OctoMap(dim=2)] if ndtree.has_octomap else [])):
         scan.insert_into(kind)
         expected = kind.moved(scan.endpoints.reshape(1, -1, 2))

@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from ndtree.base.certificate import Certificate
     from ndtree.base.scan import Scan
     from ndtree.evaluation.comparison import Comparison, compare
+    from ndtree.evaluation.delayed import DelayedMoved
     from ndtree.evaluation.map_comparison import MapComparison, compare_maps
     from ndtree.logs import Log, read, simulate
     from ndtree.maps.conversion import convert
@@ -87,6 +88,7 @@ __all__ = [
     "Comparison",
     "CompressReport",
     "Config",
+    "DelayedMoved",
     "DistanceField",
     "FirstLook",
     "FixedMap",
@@ -146,6 +148,7 @@ _MODULES = {
     "Certificate": "ndtree.base.certificate",
     "Comparison": "ndtree.evaluation.comparison",
     "Config": "ndtree.tuning.config",
+    "DelayedMoved": "ndtree.evaluation.delayed",
     "FirstLook": "ndtree.tuning.first_look",
     "Log": "ndtree.logs",
     "MapComparison": "ndtree.evaluation.map_comparison",
