@@ -22,7 +22,7 @@ sys.path.insert(0, str(TOOLS))
 
 import ndtree
 from ndtree.tuning import first_look
-from trial import worlds
+from trial import moving, worlds
 from trial.capabilities import CAPABILITIES, Trial
 from trial.maps import Truth, judge_map, mapped
 from trial.outcome import DOUBTED, RIGHT, WRONG, Outcome, limit
@@ -226,3 +226,19 @@ def test_the_committed_table_counts_its_rows(name: str) -> None:
         assert np.array_equal(np.sum(list(entry[kind].values()), axis=0), entry["counts"])
     assert sum(entry["counts"]) == entry["trials"] and len(entry["wrong"]) == entry["counts"][-1]
     assert table_of([]) == {}
+
+
+@pytest.mark.parametrize(
+    ("of_moving", "of_standing", "verdict"),
+    [
+        (0.9, 0.1, RIGHT), (0.5, 0.1, DOUBTED), (0.45, 0.1, DOUBTED), (0.2, 0.1, WRONG),
+        (0.9, 0.5, DOUBTED), (0.9, 0.9, WRONG), (0.2, 0.5, WRONG),
+    ],
+)  # fmt: skip
+def test_a_probability_of_one_half_claims_nothing(of_moving, of_standing, verdict) -> None:
+    case = Trial.of("moved", 4, "room", "person").case()
+    r, cell, _ = moving._recorded(case)
+    outcome = Outcome()
+    probability = np.where(r.moving, of_moving, of_standing)
+    moving._judge_moved(probability, r, Truth(case.world, r, cell, case.rng), outcome)
+    assert outcome.verdict == verdict, outcome

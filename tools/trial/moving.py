@@ -12,7 +12,7 @@ import ndtree
 from trial import faults
 from trial.command import run
 from trial.maps import Truth, count_near, judge_lost, judge_map, mapped, mover_of
-from trial.outcome import Case, Outcome
+from trial.outcome import Case, Outcome, limit
 from trial.robots import Recording, poses_along, record, sensor_of
 
 
@@ -28,14 +28,22 @@ def _recorded(case: Case) -> tuple[Recording, float, int | None]:
     return r, cell, last
 
 
-def _judge_removed(removed: np.ndarray, r: Recording, truth: Truth, outcome: Outcome) -> None:
-    """`removed` has an entry for each beam of each scan."""
+def _judge_moved(probability: np.ndarray, r: Recording, truth: Truth, outcome: Outcome) -> None:
+    """`probability` has an entry for each beam of each scan.
+
+    A point whose probability is about one half is not said to stand: it is kept, and doubted.
+    """
     hit = np.isfinite(r.ranges)
+    removed, stands = hit & (probability > 0.5), probability < 0.5 - limit("no claim")
     ends = truth.origins[:, None] + truth.directions * np.where(hit, r.exact, 0.0)[..., None]
     standing = hit & ~r.moving
     if standing.sum() >= 200:
         outcome.expect("standing removed", 100 * removed[standing].mean())
         outcome.drawn["standing removed"] = ends[standing & removed]
+        undecided = 100 * (~removed & ~stands)[standing].mean()
+        outcome.figures["standing undecided"] = round(float(undecided), 2)
+        if undecided > limit("standing undecided") and not outcome.faults:
+            outcome.words.append(f"does not tell of {undecided:.0f} % of what stands")
     scan, beam = np.nonzero(r.moving)
     if len(scan) < 20:
         return
@@ -52,7 +60,11 @@ def _judge_removed(removed: np.ndarray, r: Recording, truth: Truth, outcome: Out
     )
     counted = chosen[clear & (passed >= np.minimum(found + 1, 12))]
     if len(counted) >= 20:
-        kept = ~removed[scan[counted], beam[counted]]
+        kept, said = ~removed[scan[counted], beam[counted]], stands[scan[counted], beam[counted]]
+        if not outcome.faults and 100 * said.mean() <= limit("moved kept") < 100 * kept.mean():
+            outcome.words.append(f"does not tell of {100 * (kept & ~said).mean():.0f} % of what moved")
+        if 100 * said.mean() > limit("moved kept"):
+            outcome.words.clear()
         outcome.expect("moved kept", 100 * kept.mean())
         outcome.drawn["moved kept"] = points[counted][kept]
 
@@ -71,11 +83,8 @@ def moved_trial(case: Case) -> tuple[Recording, Outcome]:
     r, cell, _ = _recorded(case)
     outcome, truth = Outcome(), Truth(case.world, r, cell, case.rng)
     m = mapped(r, cell, is_fixed=case.is_fixed)
-    removed = np.zeros(r.ranges.shape, bool)
-    for i in range(len(r)):
-        points, _, returned = r.beams(i)
-        removed[i] = (np.asarray(m.moved(points)) > 0.5) & returned
-    _judge_removed(removed, r, truth, outcome)
+    probability = np.array([np.asarray(m.moved(r.beams(i)[0])) for i in range(len(r))])
+    _judge_moved(probability, r, truth, outcome)
     outcome.drawn["map"] = m
     return r, outcome
 
@@ -98,8 +107,8 @@ def clean_trial(case: Case) -> tuple[Recording, Outcome]:
             outcome.refused = done.error
             return r, outcome
         with np.load(target) as marked:
-            removed = (marked["moved"] > 0.5).reshape(r.ranges.shape)
-    _judge_removed(removed & np.isfinite(r.ranges), r, truth, outcome)
+            probability = marked["moved"].reshape(r.ranges.shape)
+    _judge_moved(probability, r, truth, outcome)
     return r, outcome
 
 

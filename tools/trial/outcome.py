@@ -26,6 +26,16 @@ TOLERANCES: dict[str, tuple[float, str, str]] = {
     "told in a row": (10.0, "scans", "a second at 10 Hz, in which a step of odometry may be noticed"),
     "standing removed": (0.2, "% of standing points", "a map without its fences is no map"),
     "moved kept": (10.0, "% of moving points that a later scan passes", "nobody's noise is as large"),
+    "no claim": (
+        0.1,
+        "of a probability, from one half",
+        "odds of 2 to 3 say neither that it stands nor that it moved",
+    ),
+    "standing undecided": (
+        20.0,
+        "% of standing points",
+        "who says of a fifth that it may go says too little",
+    ),
     "grid": (1.0, "% of columns", "a robot that drives by it"),
 }
 

@@ -6,8 +6,10 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cstddef>
+#include <type_traits>
 #include <vector>
 
+#include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/scan.hpp"
@@ -32,15 +34,27 @@ struct MovedMargin {
   }
 };
 
+/// The probability that a point's own cell is occupied, as probability_moved() takes it: at least 0.5 while a
+/// cell with evidence remembers a beam that ended in it. Most beams pass a rod's cell, and a larger cell that
+/// is free holds rods and edges; counts do not tell these from what left, until the cell has changed.
+template <class Cell>
+[[nodiscard]] float probability_standing(const Cell& cell) {
+  const auto probability = static_cast<float>(cell.probability());
+  if constexpr (std::is_same_v<Cell, EvidenceCell>)
+    if (cell.hits() > 0) return std::max(probability, 0.5F);
+  return probability;
+}
+
 /// That what returned at points is not part of what stands: one minus the probability that the point's cell
 /// is occupied, or a cell beside it, where that is more. Beside it are the cells at a distance of `reach` and
 /// of half of it along each axis, both ways. Of what is unknown, and of a cell that may hold something thin,
 /// nothing can be said, whatever is beside it: 0.5. O(n).
 /// @param points D numbers each [m].
-/// @param probability_at called as (points, n, out): writes the probability that each is occupied.
-template <int D, class ProbabilityAt>
+/// @param standing_at called as (points, n, out): writes probability_standing() of each.
+/// @param probability_at likewise: writes the probability that each is occupied.
+template <int D, class StandingAt, class ProbabilityAt>
 void probability_moved(const double* points, std::size_t n, const MovedMargin& margin,
-                       const ProbabilityAt& probability_at, float* out) {
+                       const StandingAt& standing_at, const ProbabilityAt& probability_at, float* out) {
   constexpr std::size_t kAtOnce = 4096;
   constexpr std::size_t kDim = D;
   std::vector<double> beside;
@@ -51,7 +65,7 @@ void probability_moved(const double* points, std::size_t n, const MovedMargin& m
     const std::size_t count = std::min(kAtOnce, n - first);
     const double* const here = points + first * kDim;
     float* const results = out + first;
-    probability_at(here, count, results);
+    standing_at(here, count, results);
     free.clear();
     for (std::size_t i = 0; i < count; ++i) {
       if (results[i] < margin.thin) {
@@ -77,9 +91,9 @@ void probability_moved(const double* points, std::size_t n, const MovedMargin& m
 
 /// Probability that the end point of each beam of a scan moved; 0.5 for beams that do not return within
 /// `max_range`.
-template <int D, class ProbabilityAt>
+template <int D, class StandingAt, class ProbabilityAt>
 std::vector<float> probability_moved(const ScanView<D>& scan, double max_range, const MovedMargin& margin,
-                                     const ProbabilityAt& probability_at) {
+                                     const StandingAt& standing_at, const ProbabilityAt& probability_at) {
   std::vector<double> points;
   std::vector<std::size_t> beams;
   for (Eigen::Index i = 0; i < scan.size; ++i) {
@@ -89,7 +103,7 @@ std::vector<float> probability_moved(const ScanView<D>& scan, double max_range, 
     points.insert(points.end(), beam.endpoint.data(), beam.endpoint.data() + D);
   }
   std::vector<float> of_returned(beams.size());
-  probability_moved<D>(points.data(), beams.size(), margin, probability_at, of_returned.data());
+  probability_moved<D>(points.data(), beams.size(), margin, standing_at, probability_at, of_returned.data());
   std::vector<float> moved(static_cast<std::size_t>(scan.size), 0.5F);
   for (std::size_t i = 0; i < beams.size(); ++i) moved[beams[i]] = of_returned[i];
   return moved;

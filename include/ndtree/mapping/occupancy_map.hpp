@@ -371,13 +371,18 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
 
   /// Of each beam the probability that it returns from what moves, by the map as it is.
   [[nodiscard]] std::vector<float> moved_before(const ScanView<D>& scan, double max_range) const {
-    const auto probability_at = [&](const double* points, std::size_t n, float* out) {
-      for (std::size_t i = 0; i < n; ++i) {
-        const auto leaf = tree_.find_leaf(Vector<D>(Eigen::Map<const Vector<D>>(points + i * D)));
-        out[i] = leaf ? static_cast<float>(leaf->cell().probability()) : 0.5F;
-      }
+    const auto asking = [&](const auto& answer) {
+      return [&](const double* points, std::size_t n, float* out) {
+        for (std::size_t i = 0; i < n; ++i) {
+          const auto leaf = tree_.find_leaf(Vector<D>(Eigen::Map<const Vector<D>>(points + i * D)));
+          out[i] = leaf ? answer(leaf->cell()) : 0.5F;
+        }
+      };
     };
-    return probability_moved(scan, max_range, MovedMargin::of(options_), probability_at);
+    const auto standing = [](const auto& cell) { return probability_standing(cell); };
+    const auto probability = [](const auto& cell) { return static_cast<float>(cell.probability()); };
+    return probability_moved(scan, max_range, MovedMargin::of(options_), asking(standing),
+                             asking(probability));
   }
 
   InsertReport integrate(const ScanView<D>& scan, double max_range, int threads,

@@ -184,9 +184,13 @@ template <class Map>
       out[i] = static_cast<float>(cell.probability());
     });
   };
+  const auto standing_at = [&map](const double* some, std::size_t n, float* out) {
+    for_each_cell_at(map, some, n,
+                     [out](std::size_t i, const auto& cell) { out[i] = probability_standing(cell); });
+  };
   std::vector<float> moved(static_cast<std::size_t>(points.cols()));
-  probability_moved<D>(points.data(), moved.size(), MovedMargin::of(map.options()), probability_at,
-                       moved.data());
+  probability_moved<D>(points.data(), moved.size(), MovedMargin::of(map.options()), standing_at,
+                       probability_at, moved.data());
   return moved;
 }
 

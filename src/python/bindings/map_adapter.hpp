@@ -84,6 +84,10 @@ class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
       out[i] = static_cast<float>(cell.probability());
     });
   }
+  void standing(const double* points, std::size_t n, float* out) const final {
+    for_each_cell_at(cells(), points, n,
+                     [out](std::size_t i, const auto& cell) { out[i] = probability_standing(cell); });
+  }
   void hit_rate(const double* points, std::size_t n, double interval, const HitRateArrays& out) const final {
     const HitRateModel model(options());
     Pace pace;

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "ndtree/evaluation/moved.hpp"
 
+#include <algorithm>
+#include <array>
 #include <cstddef>
+#include <cstdint>
 #include <limits>
-#include <mutex>
 #include <string>
 #include <type_traits>
 #include <variant>
@@ -13,6 +15,7 @@
 #include "ndtree/cell/moved_points.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "python_map.hpp"
+#include "shared_lock.hpp"
 
 namespace ndtree::python {
 
@@ -20,10 +23,11 @@ using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "n
 
 namespace {
 
-/// Evidence in 2 or 3 dimensions; one call at a time.
+/// Evidence in 2 or 3 dimensions that threads share: one adds or looks, or any number ask. A call that waits
+/// hears signals, one of a signal's handler is refused, and a fork waits, as with PythonMap.
 struct AnyMovedEvidence {
   std::variant<MovedEvidence<2>, MovedEvidence<3>> evidence;
-  std::mutex mutex;
+  mutable SharedLock lock;
 
   AnyMovedEvidence(int dim, const MovedOptions& options) : evidence(make(dim, options)) {}
 
@@ -41,7 +45,8 @@ struct AnyMovedEvidence {
   void with(const BeamArrays& beams, Use&& use) {
     const BeamPointers pointers = beams.pointers();
     const Released released;
-    const std::lock_guard<std::mutex> lock(mutex);
+    const CallInProgress call;
+    const SharedLock::Holder holder(lock, SharedLock::Use::change);
     if (auto* const flat = std::get_if<0>(&evidence))
       use(*flat, pointers.view<2>());
     else
@@ -62,19 +67,45 @@ void look(AnyMovedEvidence& any, const py::object& points, const py::object& ori
   any.with(beams, [&](auto& evidence, const auto& scan) { evidence.look(scan, max_range, workers); });
 }
 
-py::array_t<float> probability(AnyMovedEvidence& any, const py::object& object) {
+py::array_t<float> probability(const AnyMovedEvidence& any, const py::object& object) {
   const DoubleArray points = as_points(object, "points", any.dim());
   py::array_t<float> out(points.shape(0));
   const auto n = static_cast<std::size_t>(points.shape(0));
   const double* const data = points.data();
   float* const results = out.mutable_data();
   const Released released;
-  const std::lock_guard<std::mutex> lock(any.mutex);
+  const CallInProgress call;
+  const SharedLock::Holder holder(any.lock, SharedLock::Use::look);
   std::visit([&](const auto& evidence) { evidence.probabilities(data, n, results); }, any.evidence);
   return out;
 }
 
-/// The map as probability_moved() asks it.
+py::array_t<std::uint32_t> counts(const AnyMovedEvidence& any, const py::object& object) {
+  const DoubleArray points = as_points(object, "points", any.dim());
+  constexpr py::ssize_t kCounts = 4;
+  py::array_t<std::uint32_t> out({points.shape(0), kCounts});
+  const auto n = static_cast<std::size_t>(points.shape(0));
+  const double* const data = points.data();
+  std::uint32_t* const results = out.mutable_data();
+  const Released released;
+  const CallInProgress call;
+  const SharedLock::Holder holder(any.lock, SharedLock::Use::look);
+  std::visit(
+      [&]<int D>(const MovedEvidence<D>& evidence) {
+        for (std::size_t i = 0; i < n; ++i) {
+          const MovedTally tally = evidence.tally(Eigen::Map<const Vector<D>>(data + i * D));
+          const std::array<std::uint32_t, kCounts> row{tally.through, tally.found, tally.stays, tally.unsure};
+          std::copy(row.begin(), row.end(), results + i * row.size());
+        }
+      },
+      any.evidence);
+  return out;
+}
+
+// The map as probability_moved() asks it.
+auto standing_of(const MapInterface& map) {
+  return [&map](const double* points, std::size_t n, float* out) { map.standing(points, n, out); };
+}
 auto probabilities_of(const MapInterface& map) {
   return [&map](const double* points, std::size_t n, float* out) { map.probability(points, n, out); };
 }
@@ -95,7 +126,7 @@ void with_dim(const MapInterface& map, const Use& use) {
 std::vector<float> moved_before(const MapInterface& map, const BeamPointers& beams, double max_range) {
   std::vector<float> moved;
   with_dim(map, [&](auto dim) {
-    moved = probability_moved(beams.view<dim>(), max_range, MovedMargin::of(map.options()),
+    moved = probability_moved(beams.view<dim>(), max_range, MovedMargin::of(map.options()), standing_of(map),
                               probabilities_of(map));
   });
   return moved;
@@ -128,6 +159,7 @@ void bind_moved(py::module_& module) {
       .def("look", &look, "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(),
            "max_range"_a = std::numeric_limits<double>::infinity(), "range_sigma"_a = py::none(),
            "threads"_a = 0, doc::MovedEvidence_look)
+      .def("counts", &counts, "points"_a, doc::MovedEvidence_counts)
       .def("probability", &probability, "points"_a, doc::MovedEvidence_probability);
 
   auto map_class = py::reinterpret_borrow<py::class_<PythonMap>>(module.attr("OccupancyMap"));
@@ -141,7 +173,8 @@ void bind_moved(py::module_& module) {
         const auto n = static_cast<std::size_t>(points.shape(0));
         map.read([&](const MapInterface& m) {
           with_dim(m, [&](auto dim) {
-            probability_moved<dim>(data, n, MovedMargin::of(m.options()), probabilities_of(m), results);
+            probability_moved<dim>(data, n, MovedMargin::of(m.options()), standing_of(m), probabilities_of(m),
+                                   results);
           });
         });
         return out;

@@ -148,11 +148,11 @@ class MovedEvidence:
     whether it saw these places empty: whether the beams around a place pass it by a cell and by the noise of both
     ranges. Then probability() answers.
 
-    Let v scans have seen through a cell, and h found a surface there. Of the scans that look at something that
-    stands, a fraction of at most e = `error_rate` sees through it; of something that moved, a greater one. With both
-    equally likely before, and the fraction uniform within each, the probability that it moved is m / (m + s), with
-    m = (1 - I_e(v + 1, h + 1)) / (1 - e), s = I_e(v + 1, h + 1) / e and the incomplete beta function I: 0.5 where no
-    scan says anything, below that where all found it.
+    Let v scans have seen through a cell, and h found a surface there, in r rows between which others saw through. Of
+    the scans that look at something that stands, a fraction of at most e = `error_rate` mostly sees through it, and any
+    fraction of thin things; of something that moved a greater one, and it was there without a break. Bayes' rule gives
+    the probability: 0.5 where no scan can tell, as none does whose beams are too far apart to meet what was there;
+    below that where scans found it, and none saw through.
 
     Parameters
     ----------
@@ -231,6 +231,21 @@ class MovedEvidence:
         ------
         ValueError
             If shapes do not fit together.
+        """
+    def counts(self, points: ArrayLike) -> NDArray[np.uint32]:
+        """What scans said of the cells of points, from which probability() follows.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n, 4) uint32
+            How many scans saw through the cell, how many found a surface there, in how many rows between which others
+            saw through, and how many passed with beams too far apart to tell; 0 where no beam ended. After a dozen
+            scans in a row that see through, what was found before counts no more than these outweigh.
         """
     def probability(self, points: ArrayLike) -> NDArray[np.float32]:
         """That what returned at points was not part of what stands.
@@ -1248,8 +1263,9 @@ class OccupancyMap:
         """Probability that what returned at points is not part of what stands, by the map's evidence.
 
         A point in free space moved, or came there by an error, unless an occupied cell is as near as half a smallest
-        cell and three standard deviations of a range. Of a cell that may hold something thinner than it
-        (partial_probability) a map cannot tell: 0.5. `MovedEvidence` asks the scans themselves, and is more often right.
+        cell and three standard deviations of a range. While the cell of an adaptive map remembers that a beam ended in
+        it, the map cannot tell whether something thin stands there or something left: 0.5 at most. So it tells of points
+        that are not in it yet, and of others only where it has changed since; `MovedEvidence` asks the scans themselves.
 
         Parameters
         ----------
