@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 import ndtree
 from ndtree.cli.commands import app
 from ndtree.evaluation.moved import MovedPoints, moved_scores
+from ndtree.evaluation.pose_tilt import PoseTilt
 from ndtree.logs.folders.cloud_files import points_of_file
 from ndtree.logs.folders.cloud_rows import write_cloud, write_rows
 
@@ -121,6 +122,35 @@ def test_a_delay_of_no_scan_is_refused():
         ndtree.DelayedMoved(dim=2, after=0)
     with pytest.raises(ValueError, match="cell_size"):
         ndtree.DelayedMoved(dim=2, cell_size=-1.0)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 0.3, 1.0])
+def test_the_tilt_of_poses_is_measured_on_the_ground(degrees):
+    rng = np.random.default_rng(3)
+    down, around = (
+        x.ravel() for x in np.meshgrid(np.radians(np.arange(3.0, 40, 1)), np.radians(np.arange(0, 360, 2)))
+    )
+    way = np.stack([np.cos(down) * np.cos(around), np.cos(down) * np.sin(around), -np.sin(down)], 1)
+    scans = []
+    for i in range(40):
+        origin = np.array([0.2 * i, 0.0, 1.5])
+        points = way * (1.5 / -way[:, 2:])
+        is_box = (np.abs(points[:, 1]) < 4) & (points[:, 0] + origin[0] > 9)  # And a wall on it.
+        points[is_box] *= 0.5
+        angle = np.radians(degrees) * rng.normal()
+        c, s = np.cos(angle), np.sin(angle)
+        turned = np.stack(
+            [c * points[:, 0] + s * points[:, 2], points[:, 1], c * points[:, 2] - s * points[:, 0]], 1
+        )
+        scans.append(ndtree.Scan(origin + turned + rng.normal(0, 0.005, turned.shape), origin))
+    tilt = PoseTilt.of(scans)
+    assert np.degrees(tilt.tilt) == pytest.approx(degrees, abs=0.05 + 0.25 * degrees)
+    assert tilt.is_notable == (degrees > 0)
+    assert tilt.height < 0.02
+    assert PoseTilt.of(scans[:3]) == PoseTilt()
+    expected = "poses pitch by about" if degrees else ""
+    assert expected in str(tilt)
+    assert (tilt.sigma(np.array([10.0])) > 0.04).all() == (degrees > 0)
 
 
 def test_a_map_alone_says_nothing_of_a_cell_in_which_a_beam_ended(office):

@@ -102,7 +102,7 @@ def clean_trial(case: Case) -> tuple[Recording, Outcome]:
         done = run(
             "clean", log, "-o", target, "--mark", *_options(r, cell), "--json", Path(folder) / "f.json"
         )
-        outcome.words = done.doubts
+        outcome.words, outcome.may_doubt = done.doubts, case.fault == "pitch"
         if done.status:
             outcome.refused = done.error
             return r, outcome
@@ -122,7 +122,7 @@ def static_trial(case: Case) -> tuple[Recording, Outcome]:
         done = run(
             "map", log, "-o", target, "--static", *_options(r, cell), "--json", Path(folder) / "f.json"
         )
-        outcome.words = done.doubts
+        outcome.words, outcome.may_doubt = done.doubts, case.fault == "pitch"
         if done.status:
             outcome.refused = done.error
             return r, outcome

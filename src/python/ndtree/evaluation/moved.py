@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,12 @@ from numpy.typing import NDArray
 from ndtree._native import _core
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
+from ndtree.evaluation.pose_tilt import PoseTilt
 from ndtree.logs import Log
 from ndtree.logs.core.log import SizedLog
 
+#: Scans at the begin of a log from which the tilt of its poses is measured.
+_TILT_SCANS = 100
 #: Points moved if that is more probable than not: 0.5 is said where no scan can tell.
 THRESHOLD = 0.5
 
@@ -45,6 +49,8 @@ class MovedPoints:
         settings = {**_core.default_options(), **self.options}
         self._margin = settings["min_cell_size"]
         self._sigma = settings["range_sigma"], settings["range_sigma_quadratic"]
+        #: Of the log's poses, from look() on; it widens the noise of ranges.
+        self.tilt = PoseTilt()
         self._evidence = _core.MovedEvidence(
             dim=self.log.dim,
             cell_size=settings["min_cell_size"],
@@ -66,6 +72,8 @@ class MovedPoints:
             If the log is damaged, or a scan cannot be used; it is named.
         """
         show = no_progress if progress is None else progress
+        if self.log.dim == 3:
+            self.tilt = PoseTilt.of(islice(self.log, _TILT_SCANS))
         for what, use in (("collecting points", self._evidence.add), ("seeing through", self._evidence.look)):
             total = len(self.log) if isinstance(self.log, SizedLog) else 0
             for number, scan in enumerate(self.log):
@@ -91,7 +99,13 @@ class MovedPoints:
             )
 
     def _with_sigma(self, scan: Scan) -> Scan:
-        return scan.with_sigma(dict(zip(("range_sigma", "range_sigma_quadratic"), self._sigma)))
+        scan = scan.with_sigma(dict(zip(("range_sigma", "range_sigma_quadratic"), self._sigma)))
+        if not self.tilt.is_notable:
+            return scan
+        length = np.linalg.norm(scan.endpoints.astype(np.float64) - scan.origin, axis=1)
+        length[~np.isfinite(length)] = 0.0
+        sigma = self._sigma[0] + self._sigma[1] * length**2 if scan.range_sigma is None else scan.range_sigma
+        return replace(scan, range_sigma=sigma + self.tilt.sigma(length))
 
     def probability(self, scan: Scan) -> NDArray[np.float32]:
         """That each point of a scan moved; 0.5 for beams that returned from nowhere."""

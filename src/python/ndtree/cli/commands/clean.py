@@ -79,6 +79,7 @@ def clean(
         "points": cleaned.points,
         "moved": cleaned.moved,
         "unknown": cleaned.unknown,
+        "poses": points.tilt.figures(),
         "seconds": time.perf_counter() - begin,
         "looking_seconds": looked,
         "skipped": skipped(source),
@@ -97,6 +98,8 @@ def clean(
         moved = f"{number_of(cleaned.moved, 'point')} moved ({100 * share:.1f} %)"
         unsure = f"; {cleaned.unknown} others were seen too rarely to tell" if cleaned.unknown else ""
         print(f"  {moved}{unsure}")
+        if points.tilt.is_notable:
+            print(f"  {marked(str(points.tilt))}")
         if cleaned.truth:
             scores = moved_scores(np.concatenate(cleaned.removed), truth)
             print(f"  compared with the log's array 'moving': {scores}")

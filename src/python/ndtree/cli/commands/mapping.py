@@ -51,10 +51,11 @@ class Standing:
         return cut
 
     def figures(self) -> dict[str, Any]:
-        return {"points": self.moved, "seconds": self.seconds}
+        return {"points": self.moved, "seconds": self.seconds, "poses": self.points.tilt.figures()}
 
     def __str__(self) -> str:
-        return f"{self.moved} points moved and were left out, found in {self.seconds:.3f} s"
+        tilt = f"; {self.points.tilt}" if self.points.tilt.is_notable else ""
+        return f"{self.moved} points moved and were left out, found in {self.seconds:.3f} s{tilt}"
 
 
 @dataclass(frozen=True)

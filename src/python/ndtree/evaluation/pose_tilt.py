@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""By how much poses in space tilt and rise by mistake, from the ground that neighbouring scans share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.base.scan import Scan
+
+_COLUMN = 0.5  # Edge of the columns whose lowest points are compared [m].
+_LEAST_COLUMNS = 20  # That two scans share.
+_LEAST_SPREAD = 0.7  # Of these around the sensor, on each axis [m]: else a tilt and a rise look alike.
+_STEP = 0.5  # Of heights of one column, from which on it is not the ground [m].
+_OUTLIER = 0.02  # Of heights, from which on they count less [m].
+_MOST_POINTS = 20_000  # Of a scan that are looked at.
+_LEAST_PAIRS = 5
+#: Tilts below this are within the error of the measurement [rad].
+NOTABLE = np.radians(0.1)
+
+
+@dataclass(frozen=True)
+class PoseTilt:
+    """How wrong the poses of a log are, beside the noise of its ranges.
+
+    Parameters
+    ----------
+    tilt : float
+        Standard deviation of roll and pitch together [rad].
+    height : float
+        Standard deviation of z [m].
+    """
+
+    tilt: float = 0.0
+    height: float = 0.0
+
+    @property
+    def is_notable(self) -> bool:
+        return bool(self.tilt > NOTABLE)
+
+    def sigma(self, length: NDArray[np.float64]) -> NDArray[np.float64]:
+        """By how much the ends of beams are displaced [m]; 0 unless it is notable."""
+        return self.tilt * length + self.height if self.is_notable else np.zeros(len(length))
+
+    def figures(self) -> dict[str, float]:
+        return {"tilt_degrees": float(np.degrees(self.tilt)), "height": self.height}
+
+    def __str__(self) -> str:
+        return f"poses pitch by about {np.degrees(self.tilt):.1f} degrees: what that explains is kept"
+
+    @classmethod
+    def of(cls, scans: Iterable[Scan]) -> PoseTilt:
+        """Measure it: a plane through the differences in height of the columns that two scans in a row share.
+
+        The poses of a pair are wrong independently, so that the variance of one is half of that of their
+        difference. Medians over pairs, so that a step of the ground or a sharp turn does not count.
+
+        Parameters
+        ----------
+        scans : iterable of Scan
+            In space, in the order of their times. Without ground in five pairs: no tilt.
+        """
+        planes = np.array(list(_differences(scans)))
+        if len(planes) < _LEAST_PAIRS:
+            return cls()
+        spread = 1.4826 * np.median(np.abs(planes), axis=0) / np.sqrt(2)
+        return cls(float(np.hypot(spread[0], spread[1])), float(spread[2]))
+
+
+def _differences(scans: Iterable[Scan]) -> Iterator[NDArray[np.float64]]:
+    """Of scans in a row, slopes along x and y and the rise between their grounds."""
+    before: tuple[NDArray[np.int64], NDArray[np.float64]] | None = None
+    for scan in scans:
+        columns, lowest = _ground(scan)
+        if before is not None:
+            _, one, two = np.intersect1d(columns, before[0], assume_unique=True, return_indices=True)
+            here = lowest[one, :2] - np.atleast_2d(scan.origin)[0, :2]
+            rise = lowest[one, 2] - before[1][two, 2]
+            same = np.abs(rise) < _STEP
+            here, rise = here[same], rise[same]
+            if len(rise) >= _LEAST_COLUMNS and (here.std(axis=0) > _LEAST_SPREAD).all():
+                yield _plane(here, rise)
+        before = columns, lowest
+
+
+def _ground(scan: Scan) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Keys of columns, ascending, and the lowest point in each."""
+    ends = scan.endpoints if scan.returned is None else scan.endpoints[scan.returned]
+    ends = np.asarray(ends, np.float64)[:: max(1, len(ends) // _MOST_POINTS)]
+    ends = ends[np.isfinite(ends).all(axis=1)]
+    cells = np.floor(ends[:, :2] / _COLUMN).astype(np.int64)
+    keys = cells[:, 0] * (1 << 32) + cells[:, 1]
+    order = np.lexsort((ends[:, 2], keys))
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = np.diff(keys[order]) != 0
+    return keys[order][first], ends[order][first]
+
+
+def _plane(here: NDArray[np.float64], rise: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Slopes and rise at the sensor, by least squares that are reweighted: posts and edges count little."""
+    rows = np.c_[here, np.ones(len(here))]
+    weight = np.ones(len(here))
+    for _ in range(8):
+        plane = np.linalg.lstsq(rows * weight[:, None], rise * weight, rcond=None)[0]
+        weight = 1 / np.sqrt(1 + ((rise - rows @ plane) / _OUTLIER) ** 2)
+    return np.asarray(plane)
