@@ -99,7 +99,7 @@ def clean(
         unsure = f"; {cleaned.unknown} others were seen too rarely to tell" if cleaned.unknown else ""
         print(f"  {moved}{unsure}")
         if points.tilt.is_notable:
-            print(f"  {marked(str(points.tilt))}")
+            print(f"  {points.tilt}")
         if cleaned.truth:
             scores = moved_scores(np.concatenate(cleaned.removed), truth)
             print(f"  compared with the log's array 'moving': {scores}")
