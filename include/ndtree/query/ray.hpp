@@ -5,14 +5,18 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
 
+#include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/hit_rate.hpp"
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/summary.hpp"
+#include "ndtree/core/log_odds.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/beam_traversal.hpp"
 
@@ -20,45 +24,89 @@ namespace ndtree {
 
 namespace detail {
 
+/// Least log-odds of a smallest cell that is free but known to hold something: see
+/// EvidenceRefinement::keep_partial(). Infinite for maps that keep no such cells.
+template <class Map>
+[[nodiscard]] float least_partial_log_odds(const Map& map) {
+  constexpr double kRounding = 1e-4;  // Of a cell's log-odds.
+  if constexpr (std::is_same_v<typename Map::Tree::Cell, EvidenceCell>)
+    if (map.options().partial_probability > 0.0)
+      return static_cast<float>(log_odds(map.options().partial_probability) - kRounding);
+  return std::numeric_limits<float>::infinity();
+}
+
+/// Where a ray meets a surface: at the first leaf that is occupied, or that is free but holds something and
+/// has unknown space behind it. Of the cells that a grazed wall passes through, beams beside it make some
+/// free; no beam has gone on from there into the unknown, so the wall is in between.
 template <int D>
-struct FirstOccupied : BeamVisitor {
-  std::optional<double> t;
+class FirstSurface : public BeamVisitor {
+ public:
+  /// @param least_partial see least_partial_log_odds().
+  FirstSurface(float least_partial, bool stops_at_unknown)
+      : least_partial_(least_partial), stops_at_unknown_(stops_at_unknown) {}
+
+  std::optional<double> t;  ///< Where the ray enters the leaf that it ends at.
   CellIndex<D> leaf_index;
+  CellState state = CellState::unknown;  ///< Of what it meets there.
+  double t_inside = 0.0;                 ///< Up to there the ray was in the map.
+  std::optional<double> t_first;         ///< Where it entered the map.
+
   template <class Ref>
   bool passes_over(const Ref& parent) {
-    return !Summary::of(*parent.node).may_contain(CellState::occupied);
+    if (stops_at_unknown_) return false;
+    const Summary all = Summary::of(*parent.node);
+    if (!all.is_valid() || all.may_contain(CellState::occupied)) return false;
+    if (all.may_contain(CellState::free) ? all.max_log_odds() >= least_partial_ : t_partial_.has_value())
+      return false;
+    t_partial_.reset();
+    return true;
   }
-  template <class Ref>
-  bool leaf(const Ref& leaf, double t_enter, double) {
-    if (leaf.cell().state() != CellState::occupied) return true;
-    t = t_enter;
-    leaf_index = leaf.index;
-    return false;
-  }
-};
-
-/// The first leaf that is not free.
-template <int D>
-struct FirstNotFree : BeamVisitor {
-  std::optional<double> t;  // Where the ray enters it.
-  CellIndex<D> leaf_index;
-  CellState state = CellState::unknown;
-  double t_inside = 0.0;  // Up to there the ray was in the map.
-  bool entered = false;
-  double t_first = 0.0;
-
   template <class Ref>
   bool leaf(const Ref& leaf, double t_enter, double t_exit) {
-    if (!entered) t_first = t_enter;
-    entered = true;
+    constexpr std::uint32_t kLeastHits = 2;
+    if (!t_first) t_first = t_enter;
     t_inside = t_exit;
-    state = leaf.cell().state();
-    if (state == CellState::free) return true;
-    t = t_enter;
+    const auto& cell = leaf.cell();
+    state = cell.state();
+    if (state == CellState::free) {
+      t_partial_.reset();
+      if (cell.log_odds() >= least_partial_ && cell.hits() >= kLeastHits) {
+        t_partial_ = t_enter;
+        leaf_index = leaf.index;
+      }
+      return true;
+    }
+    if (state == CellState::unknown && t_partial_) return meet(CellState::occupied, *t_partial_);
+    if (state == CellState::unknown && !stops_at_unknown_) return true;
     leaf_index = leaf.index;
+    return meet(state, t_enter);
+  }
+  /// To be called at the end. @param t_end of the ray: it may have left the map before.
+  void finish(double t_end) {
+    if (!t && t_partial_ && t_inside < t_end) meet(CellState::occupied, *t_partial_);
+  }
+
+ private:
+  bool meet(CellState what, double at) {
+    t = at;
+    state = what;
     return false;
   }
+
+  float least_partial_;
+  bool stops_at_unknown_;
+  std::optional<double> t_partial_;  // Of the leaf before, if it holds something.
 };
+
+template <class Map>
+[[nodiscard]] FirstSurface<Map::kDim> first_surface(const Map& map, const Vector<Map::kDim>& origin,
+                                                    const Vector<Map::kDim>& direction, double t_end,
+                                                    bool stops_at_unknown) {
+  FirstSurface<Map::kDim> first(least_partial_log_odds(map), stops_at_unknown);
+  traverse_beam(map.tree(), origin, direction, 0.0, t_end, first);
+  first.finish(t_end);
+  return first;
+}
 
 /// A surface is at most this many smallest cells behind where a ray enters its first occupied cell:
 /// where few beams have ended, half of those that come would end farther behind than the surface is.
@@ -161,27 +209,22 @@ template <class Map>
     const bool estimates = aim == RayAim::surface && state == CellState::occupied;
     return (estimates ? detail::surface_behind(map, origin, direction, t, length) : t) * length;
   };
-  if (!stops_at_unknown) {
-    detail::FirstOccupied<D> first;
-    traverse_beam(map.tree(), origin, direction, 0.0, max_range / length, first);
-    if (!first.t) return std::nullopt;
-    const CellState state = CellState::occupied;
-    return RayEnd<D>{distance_to(*first.t, state), state, map.tree().box(first.leaf_index)};
-  }
-  detail::FirstNotFree<D> first;
   const double t_end = max_range / length;
-  traverse_beam(map.tree(), origin, direction, 0.0, t_end, first);
-  if (!first.entered || first.t_first > 0.0) return RayEnd<D>{0.0, CellState::unknown, std::nullopt};
+  const auto first = detail::first_surface(map, origin, direction, t_end, stops_at_unknown);
+  if (stops_at_unknown && !(first.t_first && *first.t_first <= 0.0))
+    return RayEnd<D>{0.0, CellState::unknown, std::nullopt};
   if (first.t)
     return RayEnd<D>{distance_to(*first.t, first.state), first.state, map.tree().box(first.leaf_index)};
   const double inside = first.t_inside * length;
-  if (!(first.t_inside < t_end && inside < max_range)) return std::nullopt;  // t_end * length may be less.
+  if (!stops_at_unknown || !(first.t_inside < t_end && inside < max_range))  // t_end * length may be less.
+    return std::nullopt;
   return RayEnd<D>{inside, CellState::unknown, std::nullopt};
 }
 
 /// Distance [m] from `origin` to where the surface is likely to be in the first occupied leaf that the ray
-/// enters within `max_range` [m]; none if there is none. Unknown space does not stop a ray. The direction may
-/// have any length but zero.
+/// enters within `max_range` [m]; none if there is none. Unknown space does not stop a ray; but where it goes
+/// into the unknown from a cell that holds something (options().partial_probability), that cell counts as
+/// occupied. The direction may have any length but zero.
 /// @param aim cell: instead, to where the ray enters that leaf, 0 if it starts in one; at most 3/4 of a
 /// smallest cell shorter.
 /// @throws std::invalid_argument if origin or direction is not finite, the direction zero or max_range not >
@@ -193,8 +236,7 @@ template <class Map>
   const Vector<Map::kDim> direction = detail::of_usual_length<Map::kDim>(towards);
   const double length = direction.norm();
   detail::check_ray(origin.allFinite() && direction.allFinite(), length, max_range);
-  detail::FirstOccupied<Map::kDim> first;
-  traverse_beam(map.tree(), origin, direction, 0.0, max_range / length, first);
+  const auto first = detail::first_surface(map, origin, direction, max_range / length, false);
   if (!first.t) return std::nullopt;
   return (aim == RayAim::cell ? *first.t : detail::surface_behind(map, origin, direction, *first.t, length)) *
          length;
