@@ -16,8 +16,9 @@ namespace ndtree {
 
 struct CoverageOptions {
   /// Fraction of each part (CellParts: half, quadrant, octant) to be seen for a cell to be observed, half of
-  /// that for parts that are smallest cells; 0: any beam is enough. (Whether an observed cell is *covered* is
-  /// another question: CoverageVerdict.)
+  /// that for parts that are smallest cells, and more of cells larger than 2 N smallest ones: what is left
+  /// out of a part is no deeper. 0: any beam is enough. (Whether an observed cell is *covered* is another
+  /// question: CoverageVerdict.)
   double covered_share = 0.5;
   /// Cells whose edge is longer than this many min_cell_size split to show what was seen.
   double coverage_cells = 2.0;
@@ -156,11 +157,11 @@ struct CoverageVerdict {
 /// When a cell may be called free as a whole. A beam through a corner has seen the corner; its
 /// evidence must not become the state of the unseen rest.
 ///
-/// A part of a cell, see CellParts, is *seen* once one scan has seen covered_share of it, and none of its
+/// A part of a cell, see CellParts, is *seen* once one scan has seen least_seen() of it, and none of its
 /// children is missing. A cell is observed once all its parts were seen, by one scan or by several. A
 /// smallest cell is observed as soon as any beam passes it, so one with an edge of two smallest cells asks
-/// for less: half of covered_share, of half of its parts. One with an edge of N smallest cells is observed
-/// once any part was seen, if the beams are so far apart that fewer than two would pass a smallest cell.
+/// for less: half of covered_share, of half of its parts. Half of its parts is enough, too, for one with an
+/// edge of N smallest cells if the beams are so far apart that fewer than two would pass a smallest cell.
 /// Until then the cell stores which parts were seen. Thresholds for parts and missing children are scaled by
 /// ScanCoverage::mean_share(); that for a covered cell is not.
 ///
@@ -185,7 +186,7 @@ class CoverageModel {
   /// @param size as in judge().
   template <int N, int D>
   [[nodiscard]] bool is_certain(const ScanCoverage<N, D>& scan, double size) const {
-    return all_seen(scan, std::max(least_seen(size), covered<N>(size)));
+    return all_seen(scan, std::max(least_seen<N>(size), covered<N>(size)));
   }
   /// Whether a cell with these seen parts is observed. @param size as in judge().
   template <int N, int D>
@@ -203,7 +204,7 @@ class CoverageModel {
                                       double beams, bool adds_nothing = false) const {
     using Parts = CellParts<N, D>;
     constexpr std::int64_t kOne = ScanCoverage<N, D>::kOne;
-    const double least_seen = this->least_seen(size);
+    const double least_seen = this->least_seen<N>(size);
     const double beams_for_child = scan.beams_for_child();
     const double mean_share = scan.mean_share();
     const std::int64_t missing_below = units_from<N, D>(
@@ -231,9 +232,9 @@ class CoverageModel {
       verdict.parts |= static_cast<std::uint32_t>(is_seen) << p & ~with_missing;
     }
     // Beams so far apart that fewer than two would pass a smallest cell.
-    const bool are_few = size < N + 0.5 && beams_for_child < 2.0 && verdict.parts != 0;
+    const bool are_few = size < N + 0.5 && beams_for_child < 2.0;
     const bool may_split = size > least_to_split_;
-    const bool has_enough = are_few || are_enough<N, D>(verdict.parts, size);
+    const bool has_enough = are_enough<N, D>(verdict.parts, are_few ? kOfTwo : size);
     const bool is_missing =
         least < missing_below || (!has_enough && beams > kBeamsOfPart * (Parts::kCount / 2));
     verdict.shows_more = (is_missing && may_split) || (!has_enough && adds_nothing);
@@ -258,10 +259,13 @@ class CoverageModel {
     return are_seen;
   }
   /// True if the cell has an edge of two smallest cells.
-  [[nodiscard]] static bool is_of_two(double size) { return size < 2.5; }
-  /// The least seen fraction of a part, and of a child that is not missing.
+  [[nodiscard]] static bool is_of_two(double size) { return size < kOfTwo + 0.5; }
+  /// The least seen fraction of a part, and of a child that is not missing: of a cell of 2 N smallest ones
+  /// covered_share; of larger ones what is left out has the same depth.
+  template <int N>
   [[nodiscard]] double least_seen(double size) const {
-    return is_of_two(size) ? 0.5 * covered_share_ : covered_share_;
+    return is_of_two(size) ? 0.5 * covered_share_
+                           : 1.0 - (1.0 - covered_share_) * std::min(1.0, 2.0 * N / size);
   }
   /// Seen fraction of each child of a covered cell: all but one smallest cell in depth.
   template <int N>
@@ -271,6 +275,7 @@ class CoverageModel {
 
   static constexpr double kRounding = 1.0 - 1e-4;  // Of ways through cells.
   static constexpr double kBeamsOfPart = 8.0;
+  static constexpr double kOfTwo = 2.0;
 
   double covered_share_;
   double least_to_split_;
