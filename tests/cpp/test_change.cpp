@@ -85,7 +85,8 @@ TEST(Change, ALongStreakOutweighsOldEvidenceAndAShortOneDoesNot) {
                       {"a wall with some passes is gone", 300, 100, false, 12, 12},
                       {"half of the beams always passed", 200, 200, false, 13, 25},
                       {"a door closes", 0, 500, true, 12, 12},
-                      {"little was known: evidence is faster", 3, 0, false, 5, 11}};
+                      {"little was known", 3, 0, false, 3, 11},
+                      {"it stood for five scans of three beams", 15, 0, false, 3, 5}};
   int cases = 0;
   const MapOptions options = options_with(1e-5);
   const EvidenceModel model(options, options);
@@ -108,7 +109,27 @@ TEST(Change, ALongStreakOutweighsOldEvidenceAndAShortOneDoesNot) {
     }
     ++cases;
   }
-  EXPECT_EQ(cases, 5);
+  EXPECT_EQ(cases, 6);
+}
+
+TEST(Change, PassesThatDoNotLookEmptyAreNoStreak) {
+  const MapOptions options = options_with(1e-5);
+  const EvidenceModel model(options, options);
+  EvidenceCell cell;
+  model.update(cell, hits(100));
+  for (std::uint32_t i = 0; i < 40; ++i) {
+    model.update_passed(cell, passes(1), false);
+    ASSERT_EQ(cell.streak(), 1u) << "of the hits";
+    ASSERT_TRUE(cell.streak_is_of_hits());
+  }
+  ASSERT_EQ(cell.state(), CellState::occupied);
+  ASSERT_EQ(cell.misses(), 40u);
+  for (std::uint32_t i = 1; i <= 11; ++i) {
+    model.update_passed(cell, passes(3), true);
+    ASSERT_EQ(cell.streak(), i);
+    ASSERT_EQ(cell.misses(), 42u + i) << "of a streak, each scan but the first counts once";
+  }
+  EXPECT_EQ(cell.state(), CellState::occupied);
 }
 
 TEST(Change, ACellThatIsHitAndPassedIsNoChange) {
@@ -200,6 +221,30 @@ std::size_t num_occupied(const AdaptiveMap<2, 2>& map, double x_min, double x_ma
   for (double x = x_min; x < x_max; x += 0.05)
     for (double y = y_min; y < y_max; y += 0.05) n += state(map, Vector<2>(x, y)) == CellState::occupied;
   return n;
+}
+
+TEST(Change, AWallMeasuredFromAPoseThatIsALittleWrongStays) {
+  // What stands right behind the cells of a wall may be that wall.
+  for (const double behind : {0.1, 1.0}) {
+    SCOPED_TRACE(behind);
+    AdaptiveMap<2, 2> map(options_with(1e-5));
+    const auto wall = [](double x) {
+      Scan<2> scan;
+      scan.origins = Vector<2>(0.02, 0.03);
+      scan.endpoints.resize(2, 81);
+      for (int i = 0; i < 81; ++i) scan.endpoints.col(i) = Vector<2>(x, 0.01 * (i - 40));
+      return scan;
+    };
+    for (int i = 0; i < 20; ++i) map.insert(wall(2.02));
+    const std::size_t before = num_occupied(map, 2.0, 2.05, -0.3, 0.3);
+    ASSERT_GE(before, 10u);
+    for (int i = 0; i < 20; ++i) map.insert(wall(2.02 + behind));
+    const std::size_t left = num_occupied(map, 2.0, 2.05, -0.3, 0.3);
+    if (behind < 0.15)
+      EXPECT_EQ(left, before);
+    else
+      EXPECT_EQ(left, 0u);
+  }
 }
 
 TEST(Change, WalkingPeopleLeaveNoGhostsAndDoNotShatterTheMap) {

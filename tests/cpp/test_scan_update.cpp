@@ -241,6 +241,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   std::uint64_t for_grazing_ends = 0;
   std::uint64_t partly_seen = 0;
   std::uint64_t kept_occupied = 0;
+  std::uint64_t unclear_passes = 0;
   std::uint64_t stayed_apart = 0;
   for (const Row& row : rows)
     for (const double grid : {0.0, kUnit / 4.0}) {
@@ -287,6 +288,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       for_grazing_ends += flat.for_grazing_ends;
       partly_seen += flat.partly_seen;
       kept_occupied += flat.kept_occupied;
+      unclear_passes += flat.unclear_passes;
       stayed_apart += flat.stayed_apart;
     }
   EXPECT_EQ(scans, 11 * 2 * 12);
@@ -294,6 +296,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   EXPECT_GE(for_grazing_ends, D == 1 ? 0u : N <= 3 ? 5u : 2u);
   EXPECT_GE(partly_seen, D == 1 ? 0u : N == 2 ? 30u : 5u);
   EXPECT_GE(kept_occupied, D < 4 ? 50u : 5u);
+  EXPECT_GE(unclear_passes, 5u);
   EXPECT_GE(stayed_apart, N == 2 && D <= 2 ? 5u : 0u);
   EXPECT_GE(splits, 30u);
   EXPECT_GE(merges, 5u);

@@ -23,6 +23,7 @@ struct PassedEvidence {
   static constexpr std::uint32_t ends_before = 0;  ///< See ScanEvidence.
 
   [[nodiscard]] static bool is_free_alone() { return true; }
+  [[nodiscard]] bool has_only_passed() const { return misses > 0; }
 };
 
 /// The evidence of one scan for one cell: sums, so that the order of beams does not matter.
@@ -45,6 +46,8 @@ struct ScanEvidence {
 
   /// Whether no beam is evidence for occupied space.
   [[nodiscard]] bool is_free_alone() const { return hits == 0 && occupied == 0; }
+  /// Whether beams passed the cell, and none ended in it.
+  [[nodiscard]] bool has_only_passed() const { return hits == 0 && misses > 0; }
   /// Adds the evidence of beams that passed the cell.
   void add(const PassedEvidence& passed) {
     free += passed.free;

@@ -35,7 +35,7 @@ class EvidenceModel {
   EvidenceModel(const EvidenceOptions& options, const SensorOptions& sensor)
       : memory_(options, sensor),
         sampling_(options, memory_),
-        change_(options),
+        change_(options, memory_),
         children_(options),
         noise_sigmas_(options.noise_sigmas),
         kept_(options.evidence_half_life > 0.0 ? std::exp2(-1.0 / options.evidence_half_life) : 1.0),
@@ -49,6 +49,12 @@ class EvidenceModel {
   NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const PassedEvidence& passed) const {
     return keeps_only_free_evidence(cell) ? update_free(cell, passed.free, passed.misses)
                                           : update_any(cell, ScanEvidence::of(passed));
+  }
+  /// update() of an occupied cell that all beams passed. @param clearly whether it looks empty; only such
+  /// scans count as a streak.
+  /// @returns true if the cell changed.
+  bool update_passed(EvidenceCell& cell, const ScanEvidence& scan, bool clearly) const {
+    return update_any(cell, scan, clearly);
   }
   /// update() of a cell that was to split but is predicted to re-merge, see RemergePrediction, or did
   /// re-merge.
@@ -96,9 +102,9 @@ class EvidenceModel {
     return (cell.misses() ^ after) > cell.misses() && after > cell.misses();
   }
 
-  // SamplingRate
-  [[nodiscard]] bool is_well_observed(const EvidenceCell& cell) const {
-    return sampling_.is_well_observed(cell);
+  // SamplingRate, ChangeDetection
+  [[nodiscard]] bool uses_small_sample(const EvidenceCell& cell) const {
+    return sampling_.is_well_observed(cell) && !ChangeDetection::is_doubted(cell);
   }
   [[nodiscard]] double sample_beams(bool uses_small_sample) const {
     return sampling_.sample_beams(uses_small_sample);
@@ -107,9 +113,7 @@ class EvidenceModel {
   [[nodiscard]] bool may_limit(std::uint32_t beams) const { return sampling_.may_limit(beams); }
 
   // ChangeDetection
-  [[nodiscard]] bool has_changed(const EvidenceCell& cell) const {
-    return change_.has_changed(cell, memory_);
-  }
+  [[nodiscard]] bool has_changed(const EvidenceCell& cell) const { return change_.has_changed(cell); }
 
   // ChildInitialisation. @param children_across see kChildrenAcross.
   [[nodiscard]] static bool has_evidence_for_children(const EvidenceCell& parent) {
@@ -213,10 +217,12 @@ class EvidenceModel {
     return replace(cell, now);
   }
   /// update() of any cell: detects change, fades, adds, fades to what the cell remembers.
-  NDTREE_ALWAYS_INLINE bool update_any(EvidenceCell& cell, const ScanEvidence& scan) const {
+  /// @param counts_scan whether the scan goes on with a streak, or ends it.
+  NDTREE_ALWAYS_INLINE bool update_any(EvidenceCell& cell, const ScanEvidence& scan,
+                                       bool counts_scan = true) const {
     EvidenceCell now = cell;
-    now.count_scan(scan.hits > 0, scan.misses > 0);
-    if (ChangeDetection::has_contradiction(now)) now = change_.after_contradiction(now, memory_);
+    if (counts_scan) now.count_scan(scan.hits > 0, scan.misses > 0);
+    if (ChangeDetection::has_contradiction(now)) now = change_.after_contradiction(now);
     std::int64_t occupied = now.occupied_evidence();
     std::int64_t free = now.free_evidence();
     if (!forgets_nothing()) {
@@ -227,7 +233,7 @@ class EvidenceModel {
     free += scan.free;
     memory_.fade(occupied, free);
     const std::uint32_t hits = now.hits() + scan.hits;
-    const std::uint32_t misses = now.misses() + scan.misses;
+    const std::uint32_t misses = now.misses() + ChangeDetection::counted_misses(now, scan);
     const float log_odds = memory_.log_odds_of(occupied, free);
     if (occupied > 0 || scan.hits > 0) {
       now.set_evidence(occupied, free, log_odds);

@@ -88,7 +88,8 @@ struct EvidenceRefinement {
   /// Whether scans whose beams all pass leave the cell as it is.
   [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const { return model.is_saturated(cell); }
   /// **The leaf decision**: what the evidence of a scan does to a leaf.
-  /// - A smallest cell is updated.
+  /// - A smallest cell is updated; how the beams passed one that is occupied is looked at if none ended
+  /// there.
   /// - A leaf splits if splits() says so, unless its children are predicted to re-merge: then it is updated
   ///   as if they had.
   /// - If beams ended right before an unknown leaf, how they met its border decides: see
@@ -101,7 +102,9 @@ struct EvidenceRefinement {
   template <class Scan>
   [[nodiscard]] NDTREE_ALWAYS_INLINE LeafAction action(const EvidenceCell& leaf, const Scan& scan,
                                                        int children_across, int levels_below) const {
-    if (levels_below == 0) return LeafAction::update;
+    if (levels_below == 0)
+      return leaf.state() == CellState::occupied && scan.has_only_passed() ? LeafAction::judge_passes
+                                                                           : LeafAction::update;
     if (splits(leaf, scan))
       return model.predicted_to_remerge(leaf, ScanEvidence::of(scan), children_across, levels_below)
                  ? LeafAction::update_without_split

@@ -41,6 +41,7 @@ class FlatScanMap {
   std::uint64_t partly_seen = 0;         ///< Updates of partly seen cells that did not split.
   std::uint64_t not_sampled = 0;         ///< Pairs of a cell and a crossing beam that it did not sample.
   std::uint64_t kept_occupied = 0;       ///< Updates after which partial_probability kept a cell occupied.
+  std::uint64_t unclear_passes = 0;      ///< Occupied cells that beams passed, but not clearly.
   std::uint64_t stayed_apart = 0;        ///< Merges that partial_probability forbade.
 
   /// One leaf for each level-0 cell of [first, last) on each axis. Beams must stay inside.
@@ -112,8 +113,13 @@ class FlatScanMap {
         ++splits;
       } else if (scan_evidence.beams > 0) {
         const EvidenceCell before = cell;
-        is_predicted_to_remerge ? model_.update_without_split(cell, scan_evidence)
-                                : model_.update(cell, scan_evidence);
+        if (is_predicted_to_remerge)
+          model_.update_without_split(cell, scan_evidence);
+        else if (next.level == -num_levels_ && cell.log_odds() > 0.0f && scan_evidence.hits == 0 &&
+                 scan_evidence.misses > 0)
+          unclear_passes += !update_passed(next, cell, scan_evidence, sample_beams);
+        else
+          model_.update(cell, scan_evidence);
         if (coverage.is_asked && (!was_observed || coverage.is_covered)) {
           cell.set_covered(coverage.is_covered);
           const int levels = coverage.is_covered ? std::max(0, next.level + num_levels_ - 1) : 0;
@@ -404,8 +410,27 @@ class FlatScanMap {
     }
     double blocked = 0.0;
     for (const auto& [face, of_face] : ends) blocked += of_face.first / static_cast<double>(of_face.second);
-    const bool contradicted = model_.is_saturated(cell) && blocked > options_.hit_given_free;
+    const bool contradicted = (model_.is_saturated(cell) && blocked > options_.hit_given_free) ||
+                              (cell.log_odds() > 0.0f && cell.streak() > 0 && !cell.streak_is_of_hits());
     return is_well_observed && !contradicted ? options_.sample_beams : learning;
+  }
+
+  /// Updates an occupied cell that all beams passed. @returns whether they did so clearly: some beam on half
+  /// an edge or more, and none that ends within two edges and three standard deviations behind it.
+  bool update_passed(const CellIndex<D>& index, EvidenceCell& cell, const ScanEvidence& scan,
+                     double sample_beams) const {
+    bool goes_through = false;
+    bool ends_near = false;
+    for (const FlatBeam& beam : beams_) {
+      float enter = 0.0f;
+      float exit = 0.0f;
+      if (!clip(beam, index, enter, exit) || !is_in_sample(beam, index, sample_beams)) continue;
+      const float near = unfused(2.0f * size_of(index)) + unfused(3.0f * beam.sigma);
+      ends_near = ends_near || (beam.returned && beam.range - exit < near);
+      goes_through = goes_through || exit - enter >= 0.5f * size_of(index);
+    }
+    model_.update_passed(cell, scan, goes_through && !ends_near);
+    return goes_through && !ends_near;
   }
 
   struct Coverage {
@@ -506,7 +531,10 @@ class FlatScanMap {
     const double mean_share = whole > 0.0 ? mean / whole : 1.0;
     const double smallest_cells = size / smallest();
     const double asked = smallest_cells < 2.5 ? 0.5 : 1.0;  // Of cells of two smallest ones, half.
-    const double of_child = mean_share * options_.covered_share * asked;
+    const double of_part_seen =
+        smallest_cells < 2.5 ? 0.5 * options_.covered_share
+                             : 1.0 - (1.0 - options_.covered_share) * std::min(1.0, 2.0 * N / smallest_cells);
+    const double of_child = mean_share * of_part_seen;
     const double beams_for_child = whole > 0.0 ? way / whole : 0.0;
     const double least =
         std::min(of_child, mean_share * (1.0 - std::sqrt(2.0 * (1.0 - 1e-4) / beams_for_child)));
@@ -536,8 +564,8 @@ class FlatScanMap {
       if ((result.parts & 1u << part) != 0) seen_children += of_part.second;
     }
     const auto count = static_cast<double>(children.size());
-    const bool are_few = beams_for_child < 2.0 && smallest_cells < N + 0.5 && seen_children > 0;
-    const bool has_enough = are_few || seen_children >= count * asked;
+    const bool are_few = beams_for_child < 2.0 && smallest_cells < N + 0.5;
+    const bool has_enough = seen_children >= count * (are_few ? 0.5 : asked);
     const double miss = std::round(-256.0 * static_cast<double>(log_odds_of(options_.probability_min)));
     const double beams = static_cast<double>(cell.free_evidence() + scan.free) / miss;
     const double parts_side_by_side = std::exp2(std::min(D, 4) - 1);

@@ -23,6 +23,16 @@
 
 namespace ndtree {
 
+/// How beams passed an occupied cell in which none of them ended.
+struct Passes {
+  bool any_goes_through = false;  ///< On a way of at least half the cell's edge.
+  bool any_ends_near = false;     ///< At most two of its edges, and three standard deviations, behind it.
+
+  /// Whether the cell looks empty. The surface behind it may be the one that was met in it before, measured
+  /// from a pose that is a little wrong; and beams that clip a corner have not seen the cell.
+  [[nodiscard]] bool are_clear() const { return any_goes_through && !any_ends_near; }
+};
+
 /// Strategy. Most beams clearly pass a leaf: a vector loop adds up their misses from entry and exit alone.
 /// Only for vectors with a beam that ends near the leaf are the ends looked up (add_near_end()). Evidence by
 /// where a beam's end point lies:
@@ -135,6 +145,22 @@ class LeafEvidence {
         return true;
     }
     return false;
+  }
+
+  /// Adds how the beams of a list passed a cell. O(beams).
+  NDTREE_NEVER_INLINE void add_passes(const CellIndex<D>& cell, const BeamList& list, Passes& passes) const {
+    constexpr float kNear = 2.0f;
+    constexpr float kThrough = 0.5f;
+    const CellCrossings<N, D> crossings(geometry_, beams_, cell);
+    const float edge = size_of(cell.level).cell;
+    for (std::size_t i = 0; i < list.size; ++i) {
+      const BeamEnd<D>& beam = beams_.end(list.beam[i]);
+      const auto [enter, exit] = crossings.of(list.beam[i]);
+      if (!(enter < exit)) continue;
+      const float near = unfused(kNear * edge) + unfused(kNoiseReach * beam.sigma);
+      passes.any_ends_near = passes.any_ends_near || (beam.is_returned() && beam.range - exit < near);
+      passes.any_goes_through = passes.any_goes_through || exit - enter >= kThrough * edge;
+    }
   }
 
   /// The evidence of one beam for leaves of one level, 0 or below, by the same rules as of vectors. It goes

@@ -56,6 +56,7 @@ namespace ndtree {
 /// What writes a cell:
 /// - EvidenceModel::update(), with a leaf's evidence: nearly always;
 /// - EvidenceModel::update_without_split(), where a split is predicted to re-merge, or its children did;
+/// - EvidenceModel::update_passed(), where all beams passed an occupied smallest cell;
 /// - EvidenceModel::update_partly_seen(), where too little of a cell was seen; set_covered(), which stores
 ///   whether all was;
 /// - EvidenceRefinement::keep_partial(), if partial_probability is set;
@@ -330,7 +331,7 @@ class alignas(kCacheLines) ScanWalk {
   NDTREE_ALWAYS_INLINE bool update_leaf(EvidenceCell& cell, int level, const Beams& beams,
                                         const Sampling& sampling, const ChildFractions* of_siblings) {
     const EvidenceModel& model = refinement_.model;
-    bool uses_small_sample = model.is_well_observed(cell);
+    bool uses_small_sample = model.uses_small_sample(cell);
     if (uses_small_sample && model.is_saturated(cell)) {
       if (beams.all_pass()) return false;
       uses_small_sample = explains_ends(beams);
@@ -443,7 +444,8 @@ class alignas(kCacheLines) ScanWalk {
   /// Splits a leaf. If beams ended right before it: splits it if a sampled one grazed the cells before its
   /// border, else goes on as if none had ended there. Or asks CoverageModel::judge() about one that beams
   /// have only passed. If it was never observed, it splits, is updated, or waits for scans that see its other
-  /// parts; else it is updated, and covered if this scan saw all of it.
+  /// parts; else it is updated, and covered if this scan saw all of it. An occupied smallest cell is updated,
+  /// knowing whether the beams passed it clearly.
   bool split_or_judge(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample,
                       const ScanEvidence& scan, LeafAction action, const Sampling& sampling) {
     if (action == LeafAction::split) return split(leaf, list, sample, scan, sampling);
@@ -461,6 +463,14 @@ class alignas(kCacheLines) ScanWalk {
                                  });
     }
     EvidenceCell& cell = leaf.cell();
+    if (action == LeafAction::judge_passes) {
+      Passes passes;
+      sample.for_each_part(beams_, list,
+                           [&](const BeamList& part) { evidence_.add_passes(leaf.index, part, passes); });
+      const bool changed =
+          counted(refinement_.model.update_passed(cell, scan, passes.are_clear()), scan.beams);
+      return (refinement_.partial_log_odds && refinement_.keep_partial(cell)) || changed;
+    }
     const CoverageVerdict seen = coverage_.judge(leaf.index, cell, list, sample, refinement_.coverage,
                                                  refinement_.model.beams_of(cell.free_evidence() + scan.free),
                                                  refinement_.model.remembers_no_more(cell, scan));
