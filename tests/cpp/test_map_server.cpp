@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
@@ -133,6 +134,63 @@ TEST(MapServer, SlicesTakeTheLayersThatTheyOverlap) {
   options.cell_size = 0.1;
   expect_pixels(map, map_server_image(map, options), 2, -3, 1);
   expect_pixels(map, map_server_image(map), 1, -40, 40);
+}
+
+TEST(MapServer, FarWallsAreNoThickerThanAsked) {
+  // Beams that end anywhere in a metre, with a noise that keeps cells of 0.4 m whole.
+  MapOptions map_options;
+  map_options.range_sigma = 0.3;
+  map_options.max_cell_size = 0.4;
+  AdaptiveMap<2, 2> map(map_options);
+  Random random(8);
+  for (int i = 0; i < 40; ++i) {
+    Scan<2> scan;
+    scan.origins = Vector<2>(0.02, 0.03);
+    scan.endpoints.resize(2, 200);
+    for (int k = 0; k < 200; ++k)
+      scan.endpoints.col(k) = Vector<2>(random.uniform(4.0, 5.2), random.uniform(-2.0, 2.0));
+    map.insert(scan);
+  }
+  const MapServerImage all = map_server_image(map);
+  const auto occupied_in_row = [](const MapServerImage& image, std::size_t row) {
+    const auto* const first = image.pixels.data() + row * image.width;
+    return std::count(first, first + image.width, MapServerImage::kOccupied);
+  };
+  int thick = 0;
+  for (const double depth : {0.05, 0.1, 0.25}) {
+    MapServerOptions options;
+    options.wall_depth = depth;
+    const MapServerImage image = map_server_image(map, options);
+    ASSERT_EQ(image.width, all.width);
+    const auto reach = static_cast<std::ptrdiff_t>(std::lround(depth / 0.05));
+    const auto free_near = [&](std::size_t row, std::size_t column) {
+      for (std::ptrdiff_t y = -reach; y <= reach; ++y)
+        for (std::ptrdiff_t x = -reach; x <= reach; ++x) {
+          const auto r = static_cast<std::size_t>(static_cast<std::ptrdiff_t>(row) + y);
+          const auto c = static_cast<std::size_t>(static_cast<std::ptrdiff_t>(column) + x);
+          if (r < all.height && c < all.width && all.pixels[r * all.width + c] == MapServerImage::kFree)
+            return true;
+        }
+      return false;
+    };
+    for (std::size_t row = 0; row < image.height; ++row) {
+      thick += occupied_in_row(all, row) > 8;
+      for (std::size_t column = 0; column < image.width; ++column) {
+        const std::uint8_t was = all.pixels[row * all.width + column];
+        const std::uint8_t is = image.pixels[row * all.width + column];
+        const double x = image.origin.x() + 0.05 * (static_cast<double>(column) + 0.5);
+        const double y = image.origin.y() + 0.05 * (static_cast<double>(image.height - 1 - row) + 0.5);
+        const auto leaf = map.tree().find_leaf(Vector<2>(x, y));
+        const bool is_large = leaf && leaf->index.level > map.tree().geometry().finest_level();
+        const bool stays = was != MapServerImage::kOccupied || !is_large || free_near(row, column);
+        ASSERT_EQ(is, stays ? was : MapServerImage::kUnknown) << depth << " " << row << " " << column;
+      }
+    }
+  }
+  EXPECT_GT(thick, 50);
+  MapServerOptions refused;
+  refused.wall_depth = 0.0;
+  EXPECT_THROW(static_cast<void>(map_server_image(map, refused)), std::invalid_argument);
 }
 
 TEST(MapServer, FilesByHand) {

@@ -29,6 +29,10 @@ struct MapServerOptions {
   std::optional<double> cell_size;  ///< Edge of a pixel [m]; the map's min_cell_size if left out.
   /// Of a 3-D map, only cells that overlap [first, second) in z [m]; all if left out.
   std::optional<std::pair<double, double>> height;
+  /// How far behind free space occupied cells larger than the smallest are drawn [m], if beams ended in them;
+  /// beyond they are unknown. The hits of a wall seen from afar scatter over several of them, one behind the
+  /// other. All of each if left out.
+  std::optional<double> wall_depth = std::nullopt;
 };
 
 /// A grey image, the upper row first, and where it lies. Pixels begin at whole numbers of cell_size from 0.
@@ -65,8 +69,58 @@ struct MapServerImage {
   }
 };
 
+namespace detail {
+
+/// Of pixels that only large occupied cells overlap (kLarge), those become occupied that have a free one
+/// within `reach` pixels along both axes, the others unknown. O(pixels).
+class WallFronts {
+ public:
+  static constexpr std::uint8_t kLarge = 1;
+
+  static void draw(MapServerImage& image, std::size_t reach) {
+    const WallFronts free(image);
+    for (std::size_t row = 0; row < image.height; ++row)
+      for (std::size_t column = 0; column < image.width; ++column) {
+        std::uint8_t& pixel = image.pixels[row * image.width + column];
+        if (pixel != kLarge) continue;
+        const std::size_t left = column - std::min(column, reach);
+        const std::size_t top = row - std::min(row, reach);
+        const std::size_t right = std::min(image.width - column - 1, reach) + column + 1;
+        const std::size_t bottom = std::min(image.height - row - 1, reach) + row + 1;
+        pixel =
+            free.count(left, top, right, bottom) > 0 ? MapServerImage::kOccupied : MapServerImage::kUnknown;
+      }
+  }
+
+ private:
+  /// Sums of free pixels above and to the left.
+  explicit WallFronts(const MapServerImage& image)
+      : columns_(image.width + 1), sums_(columns_ * (image.height + 1)) {
+    for (std::size_t row = 0; row < image.height; ++row)
+      for (std::size_t column = 0, in_row = 0; column < image.width; ++column) {
+        in_row += image.pixels[row * image.width + column] == MapServerImage::kFree;
+        sum(row + 1, column + 1) = sum(row, column + 1) + static_cast<std::uint32_t>(in_row);
+      }
+  }
+  [[nodiscard]] std::uint32_t& sum(std::size_t row, std::size_t column) {
+    return sums_[row * columns_ + column];
+  }
+  /// Free pixels in [left, right) x [top, bottom).
+  [[nodiscard]] std::uint32_t count(std::size_t left, std::size_t top, std::size_t right,
+                                    std::size_t bottom) const {
+    const auto at = [&](std::size_t row, std::size_t column) { return sums_[row * columns_ + column]; };
+    return at(bottom, right) - at(top, right) - at(bottom, left) + at(top, left);
+  }
+
+  std::size_t columns_;
+  std::vector<std::uint32_t> sums_;  // Up to 2^30.
+};
+
+}  // namespace detail
+
 /// The image of a 2-D map, or of a slice through a 3-D one: a pixel is occupied if some occupied cell
-/// overlaps it, else free if some free one does, else unknown. It is as large as what is known.
+/// overlaps it, else free if some free one does, else unknown. Of large occupied cells only what is near free
+/// space is drawn, see MapServerOptions::wall_depth. It is as large as what is known.
 /// @throws std::invalid_argument if an option is out of bounds or does not fit the map, if nothing is known
 ///   there, or if the image had more than 2^30 pixels.
 template <class Map>
@@ -88,8 +142,12 @@ template <class Map>
     bottom = CellsAlong::whole(options.height->first / unit);
     top = CellsAlong::whole(options.height->second / unit);
   }
+  const double depth = options.wall_depth.value_or(std::numeric_limits<double>::infinity());
+  if (!(depth > 0.0))
+    throw std::invalid_argument("wall_depth = " + describe_number(depth) + " m: must be > 0");
+  const bool draws_all = depth == std::numeric_limits<double>::infinity();
   const auto& geometry = map.tree().geometry();
-  // Calls visit(first x, last x, first y, last y, state) for what is known, in pixels about 0.
+  // Calls visit(first x, last x, first y, last y, pixel) for what is known, in pixels about 0.
   const auto for_each_known = [&](const auto& visit) {
     for_each_leaf(map.tree(), [&](const auto& leaf) {
       const CellState state = leaf.cell().state();
@@ -98,13 +156,17 @@ template <class Map>
       const auto& lower = leaf.index.lower;
       if constexpr (D == 3)
         if (!(static_cast<double>(lower[2]) < top && static_cast<double>(lower[2] + edge) > bottom)) return;
+      const bool is_large = edge > 1 && !draws_all && leaf.cell().hits() > 0;
+      const std::uint8_t drawn = state == CellState::free ? MapServerImage::kFree
+                                 : is_large               ? detail::WallFronts::kLarge
+                                                          : MapServerImage::kOccupied;
       visit(axis.first(lower[0]), axis.last(lower[0] + edge), axis.first(lower[1]),
-            axis.last(lower[1] + edge), state);
+            axis.last(lower[1] + edge), drawn);
     });
   };
   constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
   std::int64_t left = kMost, right = -kMost, low = kMost, high = -kMost;
-  for_each_known([&](std::int64_t x0, std::int64_t x1, std::int64_t y0, std::int64_t y1, CellState) {
+  for_each_known([&](std::int64_t x0, std::int64_t x1, std::int64_t y0, std::int64_t y1, std::uint8_t) {
     left = std::min(left, x0);
     right = std::max(right, x1);
     low = std::min(low, y0);
@@ -123,16 +185,16 @@ template <class Map>
   image.cell_size = pixel;
   image.origin = Vector<2>(static_cast<double>(left) * pixel, static_cast<double>(low) * pixel);
   image.pixels.assign(image.width * image.height, MapServerImage::kUnknown);
-  for_each_known([&](std::int64_t x0, std::int64_t x1, std::int64_t y0, std::int64_t y1, CellState state) {
+  for_each_known([&](std::int64_t x0, std::int64_t x1, std::int64_t y0, std::int64_t y1, std::uint8_t value) {
     for (std::int64_t y = y0; y < y1; ++y) {
       auto* const row = image.pixels.data() + static_cast<std::size_t>(high - 1 - y) * image.width;
       for (std::int64_t x = x0 - left; x < x1 - left; ++x)  // Occupied cells stay, whichever comes first.
-        if (state == CellState::occupied)
-          row[x] = MapServerImage::kOccupied;
-        else if (row[x] != MapServerImage::kOccupied)
-          row[x] = MapServerImage::kFree;
+        row[x] = row[x] == MapServerImage::kUnknown ? value : std::min(row[x], value);
     }
   });
+  if (!draws_all)
+    detail::WallFronts::draw(
+        image, static_cast<std::size_t>(std::clamp(std::floor(depth / pixel * (1.0 + 1e-9)), 1.0, 0x1p30)));
   return image;
 }
 

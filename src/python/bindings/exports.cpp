@@ -102,10 +102,12 @@ void write_ply_of(const std::filesystem::path& path, const py::object& points, c
 }
 
 MapServerOptions map_server_options(std::optional<double> cell_size,
-                                    std::optional<std::pair<double, double>> height) {
+                                    std::optional<std::pair<double, double>> height,
+                                    std::optional<double> wall_depth) {
   MapServerOptions options;
   options.cell_size = cell_size;
   options.height = height;
+  options.wall_depth = wall_depth;
   return options;
 }
 
@@ -156,19 +158,19 @@ void bind_exports(py::module_& module) {
       .def(
           "save_map_server",
           [](const PythonMap& map, const std::filesystem::path& path, std::optional<double> cell_size,
-             std::optional<std::pair<double, double>> height) {
+             std::optional<std::pair<double, double>> height, std::optional<double> wall_depth) {
             read_exports(map, [&](const MapExports& m) {
-              save_map_server(m.map_server_image(map_server_options(cell_size, height)), path);
+              save_map_server(m.map_server_image(map_server_options(cell_size, height, wall_depth)), path);
             });
           },
           "path"_a, py::kw_only(), "cell_size"_a = py::none(), "height"_a = py::none(),
-          doc::OccupancyMap_save_map_server)
+          "wall_depth"_a = py::none(), doc::OccupancyMap_save_map_server)
       .def(
           "map_server_image",
           [](const PythonMap& map, std::optional<double> cell_size,
-             std::optional<std::pair<double, double>> height) {
+             std::optional<std::pair<double, double>> height, std::optional<double> wall_depth) {
             MapServerImage image = read_exports(map, [&](const MapExports& m) {
-              return m.map_server_image(map_server_options(cell_size, height));
+              return m.map_server_image(map_server_options(cell_size, height, wall_depth));
             });
             const auto rows = static_cast<py::ssize_t>(image.height);
             const auto columns = static_cast<py::ssize_t>(image.width);
@@ -176,7 +178,7 @@ void bind_exports(py::module_& module) {
             return py::make_tuple(pixels.reshape({rows, columns}),
                                   py::make_tuple(image.origin.x(), image.origin.y()), image.cell_size);
           },
-          py::kw_only(), "cell_size"_a = py::none(), "height"_a = py::none(),
+          py::kw_only(), "cell_size"_a = py::none(), "height"_a = py::none(), "wall_depth"_a = py::none(),
           doc::OccupancyMap_map_server_image)
       .def(
           "save_ply",

@@ -1179,7 +1179,9 @@ class OccupancyMap:
         max_range : float
             How far to look, > 0 [m].
         unknown : str
-            "pass": unknown space does not stop a ray. "stop": it does, also where the ray leaves the map.
+            "pass": unknown space does not stop a ray, but right behind a cell that is free and known to hold
+            something, as along grazed walls: that cell counts as occupied. "stop": it does, also where the ray
+            leaves the map.
         at : str
             "surface": to where the surface is likely to be in that leaf, the end of half of the beams that come this way by the
             hit rates of this leaf and of those behind it. "cell": to where the ray enters it, at most 3/4 of a smallest cell nearer.
@@ -1219,7 +1221,9 @@ class OccupancyMap:
         max_range : float
             How far to look, > 0 [m].
         unknown : str
-            "pass": unknown space does not stop a ray. "stop": it does, also where the ray leaves the map.
+            "pass": unknown space does not stop a ray, but right behind a cell that is free and known to hold
+            something, as along grazed walls: that cell counts as occupied. "stop": it does, also where the ray
+            leaves the map.
         at : str
             "surface": to where the surface is likely to be in that leaf, the end of half of the beams that come this way by the
             hit rates of this leaf and of those behind it. "cell": to where the ray enters it, at most 3/4 of a smallest cell nearer.
@@ -1457,13 +1461,17 @@ class OccupancyMap:
             beyond 1e154.
         """
     def map_server_image(
-        self, *, cell_size: float | None = None, height: tuple[float, float] | None = None
+        self,
+        *,
+        cell_size: float | None = None,
+        height: tuple[float, float] | None = None,
+        wall_depth: float | None = None,
     ) -> tuple[NDArray[np.uint8], tuple[float, float], float]:
         """The image that save_map_server() writes.
 
         Parameters
         ----------
-        cell_size, height
+        cell_size, height, wall_depth
             As of save_map_server().
 
         Returns
@@ -1983,6 +1991,7 @@ class OccupancyMap:
         *,
         cell_size: float | None = None,
         height: tuple[float, float] | None = None,
+        wall_depth: float | None = None,
     ) -> None:
         """Write a map for navigation, as ROS's map_server and nav2 read it: .yaml, and .pgm beside it.
 
@@ -1996,6 +2005,10 @@ class OccupancyMap:
             Edge of a pixel [m]; left out, the map's smallest cell size.
         height : (low, high), optional
             Of a 3-D map, only cells that overlap low <= z < high [m]; left out, all.
+        wall_depth : float, optional
+            How far behind free space occupied cells larger than the smallest are drawn [m], if beams ended in
+            them; beyond they are unknown: the hits of a wall seen from afar scatter over several of them, one
+            behind the other. Left out, all of each is drawn.
 
         Raises
         ------

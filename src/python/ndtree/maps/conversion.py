@@ -21,6 +21,7 @@ def convert(
     format: str | None = None,
     cell_size: float | None = None,
     height: tuple[float, float] | None = None,
+    wall_depth: float | None = None,
     states: Sequence[str] | None = None,
     faces: bool = False,
 ) -> None:
@@ -46,6 +47,10 @@ def convert(
         counts of beams and layers; an .ot keeps its colours.
     height : (low, high), optional
         Of an image or an OccupancyGrid of a 3-D map: only cells that overlap low <= z < high [m].
+    wall_depth : float, optional
+        Of an image: how far behind free space occupied cells larger than the smallest are drawn [m], if beams
+        ended in them; beyond they are unknown. Left out, 2 range_sigma + min_cell_size: far walls become no
+        thicker than their noise. inf draws all of each.
     states : sequence of {"occupied", "free", "frontier"}, optional
         Which cells are written as points, mesh, VTK's cells or records; frontier is unknown space beside free
         cells. Left out, the occupied ones, and for .vtu and .npz the free ones, too.
@@ -68,6 +73,8 @@ def convert(
         options["cell_size"] = cell_size
     if height is not None:
         options["height"] = height
+    if wall_depth is not None:
+        options["wall_depth"] = wall_depth
     if states is not None:
         options["states"] = states
     if faces:

@@ -47,6 +47,13 @@ class _Call:
             metavar="LOW HIGH", help="Of an image of a 3-D map: cells within \\[m].", show_default=False
         ),
     ] = None
+    wall_depth: Annotated[
+        Optional[float],
+        typer.Option(
+            help="In an image, what of large occupied cells: up to so far behind free space \\[m].",
+            show_default=False,
+        ),
+    ] = None
     states: Annotated[
         Optional[str],
         typer.Option(help=f"Which cells, of {', '.join(CELL_STATES)}.", show_default=False),
@@ -69,6 +76,7 @@ def convert_(call: _Call) -> None:
     given: dict[str, Any] = {
         "cell_size": call.cell_size,
         "height": call.height,
+        "wall_depth": call.wall_depth,
         "states": call.states.split(",") if call.states is not None else None,
         "faces": call.faces or None,
     }

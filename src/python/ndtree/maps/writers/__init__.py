@@ -16,7 +16,7 @@ from ndtree.maps.writers.cells import STATES
 __all__ = ["FORMATS", "OPTIONS", "STATES", "MapFormat", "format_of", "write"]
 
 #: Keywords that formats may read.
-OPTIONS = ("cell_size", "height", "states", "faces")
+OPTIONS = ("cell_size", "height", "wall_depth", "states", "faces")
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,9 @@ def _save(m: OccupancyMap, path: Path) -> None:
 FORMATS = (
     MapFormat("ndtree", (".ndt",), (), _save),
     MapFormat("octomap", (".bt", ".ot"), ("cell_size",), octomap.write),
-    MapFormat("map_server", (".yaml", ".pgm", ".png"), ("cell_size", "height"), map_server.write),
+    MapFormat(
+        "map_server", (".yaml", ".pgm", ".png"), ("cell_size", "height", "wall_depth"), map_server.write
+    ),
     MapFormat(
         "rosbag", (".bag", ".mcap", ".db3"), ("cell_size", "height"), rosbag.write, rosbag.holds_maps_alone
     ),

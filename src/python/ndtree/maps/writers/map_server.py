@@ -16,12 +16,21 @@ def write(
     *,
     cell_size: float | None = None,
     height: tuple[float, float] | None = None,
+    wall_depth: float | None = None,
 ) -> None:
-    """See ``OccupancyMap.save_map_server()``; the image and the YAML file have the same name."""
+    """See ``OccupancyMap.save_map_server()``; the image and the YAML file have the same name.
+
+    Parameters
+    ----------
+    wall_depth : float, optional
+        Left out, two standard deviations of a range and a smallest cell: no wall is thicker than its noise.
+    """
+    if wall_depth is None and "range_sigma" in m.options:
+        wall_depth = 2 * m.options["range_sigma"] + m.options["min_cell_size"]
     yaml = path.with_suffix(".yaml")
     if path.suffix != ".png":
         require_kind(path.with_suffix(".pgm"))
-        m.save_map_server(yaml, cell_size=cell_size, height=height)
+        m.save_map_server(yaml, cell_size=cell_size, height=height, wall_depth=wall_depth)
         return
     try:
         from PIL import Image
@@ -31,7 +40,7 @@ def write(
         ) from None
     with tempfile.TemporaryDirectory() as folder:
         same = Path(folder, "map.yaml")
-        m.save_map_server(same, cell_size=cell_size, height=height)
+        m.save_map_server(same, cell_size=cell_size, height=height, wall_depth=wall_depth)
         lines = same.read_text(encoding="utf-8").splitlines(keepends=True)
         lines[0] = "image: '{}'\n".format(path.name.replace("'", "''"))
         with replaced_together(path, yaml) as (png_part, yaml_part):
