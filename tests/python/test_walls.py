@@ -55,7 +55,9 @@ def test_what_stood_is_gone_after_as_many_scans_or_a_dozen(cell: float, stood: i
     of_box = np.concatenate(left)
     wall = np.c_[np.full(50, 6.02), np.linspace(-1.0, 2.5, 50)]
     ghosts = [100 * np.mean(m.state(of_box) == 1) for m in maps]
-    assert ghosts[0] <= ghosts[1] + 2.0, f"of its points {ghosts[0]:.0f} % stay, {ghosts[1]:.0f} % in equal cells"
+    assert ghosts[0] <= ghosts[1] + 2.0, (
+        f"of its points {ghosts[0]:.0f} % stay, {ghosts[1]:.0f} % in equal cells"
+    )
     assert np.mean(maps[0].nearest_occupied(wall, max_distance=1.0).distance < 0.1) > 0.9, "the wall stands"
 
 
@@ -88,11 +90,11 @@ def test_rays_end_at_a_wall_that_is_grazed(branching: int, sigma: float, turn: f
 
 
 def test_a_ray_ends_in_a_cell_that_holds_something_only_before_the_unknown() -> None:
-    # A rod in a smallest cell: beams pass beside it, others end at it; nothing is known of what is behind y = 2.
+    # A rod in a smallest cell: beams pass beside it, one ends at it.
     m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, range_sigma=0.01)
     beside = np.c_[np.full(40, 3.0), np.linspace(-0.3, 0.3, 40)]
     for i in range(30):
-        m.insert(np.r_[beside + [0, 0.002 * i], [[1.45, 0.051]]], [0.02, 0.031])
+        m.insert(np.r_[beside + np.array([0, 0.002 * i]), [[1.45, 0.051]]], [0.02, 0.031])
     rod = np.array([[1.45, 0.051]])
     assert m.state(rod)[0] == 0 and 0.44 < m.probability(rod)[0] < 0.5
     origin, ahead = [0.02, 0.051], [[1.0, 0.0]]
@@ -134,7 +136,7 @@ def test_far_walls_in_images_are_as_thick_as_their_noise(tmp_path: Path) -> None
         assert yaml.safe_load((tmp_path / "far.yaml").read_text())["resolution"] == 0.05
         image = ndtree.open_map(tmp_path / "far.yaml").map
         wall = np.c_[np.arange(6.5, 10.0, 0.05) + 0.025, np.zeros(70)]
-        rows = [image.state(wall + [0, y]) == 1 for y in np.arange(-2.0, 2.0, 0.1)]
+        rows = [image.state(wall + np.array([0, y])) == 1 for y in np.arange(-2.0, 2.0, 0.1)]
         assert all(row.any() for row in rows), "no hole"
         return 0.05 * float(np.mean([row.sum() for row in rows]))
 

@@ -22,7 +22,7 @@ namespace ndtree {
 /// - Passes of an occupied cell: rho is that of the beams before the streak, by the counts, half a beam added
 ///   to hits and to misses; of a streak, each scan after the first counts as one miss. What little evidence
 ///   says is given up as easily: with the part q = min(1, E+ / known_evidence) of what a well observed cell
-///   knows, a streak of at least 12 q scans, and 3, is a change if it is less likely than
+///   has, a streak of at least 12 q scans, and 3, is a change if it is less likely than
 ///   change_probability^q.
 /// - Hits in a free cell: rho is by the cell's evidence (EvidenceMemory::effective_hits()), half a beam added
 ///   to both. A streak of at least kLeastScans, as beams of a few consecutive ones are correlated, is a

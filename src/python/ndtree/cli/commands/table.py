@@ -70,6 +70,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("format", "NAME", "as the content or the ending says", "a kind that was not recognised"),
         Row("cell_size", "M", "the map's own", "a coarser file"),
         Row("height", "LOW HIGH", "all heights", "what a robot of that height meets [m]"),
+        Row("wall_depth", "M", "2 sigma and a cell", "walls seen from afar are drawn too thin or thick"),
         Row("states", "A,B", "occupied", "free cells or frontiers, too"),
         Row("faces", "", "points", "a mesh for Blender or MeshLab"),
         Row("mark", "", "what moved is left out", "a viewer shows the probability of each point"),
