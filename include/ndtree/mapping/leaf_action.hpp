@@ -17,7 +17,7 @@ enum class LeafAction : std::uint8_t {
   judge_ends,            ///< Beams ended right before an unknown leaf: if one grazed the cells before its
                          ///< border, it splits (LeafEvidence::any_grazes()), else it is as if they had not.
   judge_passes,          ///< All beams passed an occupied smallest cell: whether so clearly that it looks
-                         ///< empty (LeafEvidence::add_passes()), ChangeDetection has to know.
+                         ///< empty (LeafEvidence::add_passes()), ChangeDetection has to know. The walk's own.
   split,                 ///< Its beams go on to its children, which sample them anew.
 };
 

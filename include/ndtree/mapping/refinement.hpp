@@ -88,8 +88,7 @@ struct EvidenceRefinement {
   /// Whether scans whose beams all pass leave the cell as it is.
   [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const { return model.is_saturated(cell); }
   /// **The leaf decision**: what the evidence of a scan does to a leaf.
-  /// - A smallest cell is updated; how the beams passed one that is occupied is looked at if none ended
-  /// there.
+  /// - A smallest cell is updated; see is_contradicted().
   /// - A leaf splits if splits() says so, unless its children are predicted to re-merge: then it is updated
   ///   as if they had.
   /// - If beams ended right before an unknown leaf, how they met its border decides: see
@@ -102,9 +101,7 @@ struct EvidenceRefinement {
   template <class Scan>
   [[nodiscard]] NDTREE_ALWAYS_INLINE LeafAction action(const EvidenceCell& leaf, const Scan& scan,
                                                        int children_across, int levels_below) const {
-    if (levels_below == 0)
-      return leaf.state() == CellState::occupied && scan.has_only_passed() ? LeafAction::judge_passes
-                                                                           : LeafAction::update;
+    if (levels_below == 0) return LeafAction::update;
     if (splits(leaf, scan))
       return model.predicted_to_remerge(leaf, ScanEvidence::of(scan), children_across, levels_below)
                  ? LeafAction::update_without_split
@@ -113,6 +110,11 @@ struct EvidenceRefinement {
     if (leaf.is_fully_observed() || !coverage.is_on() || !scan.is_free_alone()) return LeafAction::update;
     return !leaf.observed() || model.misses_double(leaf, scan.misses) ? LeafAction::judge_coverage
                                                                       : LeafAction::update;
+  }
+  /// Whether a scan's beams all passed an occupied cell: then how they passed a smallest one is looked at.
+  template <class Scan>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static bool is_contradicted(const EvidenceCell& leaf, const Scan& scan) {
+    return leaf.state() == CellState::occupied && scan.has_only_passed();
   }
   /// **The split criterion**: whether smaller cells would have more information than this one with the scan.
   /// - Free: a resolvable hit splits it, so that smaller cells show where the hit is.

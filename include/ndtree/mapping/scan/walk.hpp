@@ -359,6 +359,8 @@ class alignas(kCacheLines) ScanWalk {
                                                 const Otherwise& otherwise) {
     const LeafAction action = refinement_.action(leaf, scan, kChildrenAcross<Tree>, level - finest_level_);
     if (action == LeafAction::update) {
+      if (level == finest_level_ && Refinement::is_contradicted(leaf, scan))
+        return otherwise(ScanEvidence::of(scan), LeafAction::judge_passes);
       const bool changed = update(leaf, scan);
       if (level != finest_level_ || !refinement_.partial_log_odds) return changed;
       return refinement_.keep_partial(leaf) || changed;
