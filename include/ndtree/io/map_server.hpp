@@ -143,8 +143,7 @@ template <class Map>
     top = CellsAlong::whole(options.height->second / unit);
   }
   const double depth = options.wall_depth.value_or(std::numeric_limits<double>::infinity());
-  if (!(depth > 0.0))
-    throw std::invalid_argument("wall_depth = " + describe_number(depth) + " m: must be > 0");
+  if (!(depth > 0.0)) throw OptionError("wall_depth", describe_number(depth) + " m", "> 0");
   const bool draws_all = depth == std::numeric_limits<double>::infinity();
   const auto& geometry = map.tree().geometry();
   // Calls visit(first x, last x, first y, last y, pixel) for what is known, in pixels about 0.
