@@ -29,9 +29,9 @@ struct MapServerOptions {
   std::optional<double> cell_size;  ///< Edge of a pixel [m]; the map's min_cell_size if left out.
   /// Of a 3-D map, only cells that overlap [first, second) in z [m]; all if left out.
   std::optional<std::pair<double, double>> height;
-  /// How far behind free space occupied cells larger than the smallest are drawn [m], if beams ended in them;
-  /// beyond they are unknown. The hits of a wall seen from afar scatter over several of them, one behind the
-  /// other. All of each if left out.
+  /// Of a map in which beams have ended: how far behind free space occupied cells larger than the smallest
+  /// are drawn [m]; beyond they are unknown. The hits of a wall seen from afar scatter over several of them,
+  /// one behind the other. All of each if left out.
   std::optional<double> wall_depth = std::nullopt;
 };
 
@@ -144,7 +144,14 @@ template <class Map>
   }
   const double depth = options.wall_depth.value_or(std::numeric_limits<double>::infinity());
   if (!(depth > 0.0)) throw OptionError("wall_depth", describe_number(depth) + " m", "> 0");
-  const bool draws_all = depth == std::numeric_limits<double>::infinity();
+  bool draws_all = depth == std::numeric_limits<double>::infinity();
+  if (!draws_all) {
+    bool is_measured = false;
+    for_each_leaf(map.tree(), [&](const auto& leaf) {
+      is_measured |= leaf.cell().hits() > 0 && leaf.cell().state() == CellState::occupied;
+    });
+    draws_all = !is_measured;
+  }
   const auto& geometry = map.tree().geometry();
   // Calls visit(first x, last x, first y, last y, pixel) for what is known, in pixels about 0.
   const auto for_each_known = [&](const auto& visit) {
@@ -155,7 +162,7 @@ template <class Map>
       const auto& lower = leaf.index.lower;
       if constexpr (D == 3)
         if (!(static_cast<double>(lower[2]) < top && static_cast<double>(lower[2] + edge) > bottom)) return;
-      const bool is_large = edge > 1 && !draws_all && leaf.cell().hits() > 0;
+      const bool is_large = edge > 1 && !draws_all;
       const std::uint8_t drawn = state == CellState::free ? MapServerImage::kFree
                                  : is_large               ? detail::WallFronts::kLarge
                                                           : MapServerImage::kOccupied;

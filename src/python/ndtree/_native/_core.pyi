@@ -2006,9 +2006,9 @@ class OccupancyMap:
         height : (low, high), optional
             Of a 3-D map, only cells that overlap low <= z < high [m]; left out, all.
         wall_depth : float, optional
-            How far behind free space occupied cells larger than the smallest are drawn [m], if beams ended in
-            them; beyond they are unknown: the hits of a wall seen from afar scatter over several of them, one
-            behind the other. Left out, all of each is drawn.
+            Of a map in which beams have ended: how far behind free space occupied cells larger than the smallest
+            are drawn [m]; beyond they are unknown: the hits of a wall seen from afar scatter over several of
+            them, one behind the other. Left out, all of each is drawn.
 
         Raises
         ------
