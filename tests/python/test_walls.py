@@ -18,7 +18,7 @@ def both(cell: float, sigma: float, branching: int = 2, dim: int = 2) -> list[An
     """An adaptive map and one of equal cells."""
     return [
         ndtree.AdaptiveMap(dim=dim, branching=branching, min_cell_size=cell, range_sigma=sigma),
-        ndtree.FixedMap(dim=dim, cell_size=cell, range_sigma=sigma),
+        ndtree.FixedMap(dim=dim, min_cell_size=cell, range_sigma=sigma),
     ]
 
 
@@ -90,12 +90,11 @@ def test_rays_end_at_a_wall_that_is_grazed(branching: int, sigma: float, turn: f
 
 
 def test_a_ray_ends_in_a_cell_that_holds_something_only_before_the_unknown() -> None:
-    # A rod in a smallest cell: beams pass beside it, one ends at it.
     m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, range_sigma=0.01)
-    beside = np.c_[np.full(40, 3.0), np.linspace(-0.3, 0.3, 40)]
+    beside = np.c_[np.full(61, 3.0), np.linspace(-0.3, 0.3, 61)]
+    rod = np.c_[np.full(6, 1.45), np.linspace(0.045, 0.055, 6)]
     for i in range(30):
-        m.insert(np.r_[beside + np.array([0, 0.002 * i]), [[1.45, 0.051]]], [0.02, 0.031])
-    rod = np.array([[1.45, 0.051]])
+        m.insert(np.r_[beside + np.array([0, 0.0003 * i]), rod], [0.02, 0.031])
     assert m.state(rod)[0] == 0 and 0.44 < m.probability(rod)[0] < 0.5
     origin, ahead = [0.02, 0.051], [[1.0, 0.0]]
     assert m.cast_rays(origin, ahead, max_range=20)[0] > 2.9, "behind it is free space, and a wall"
