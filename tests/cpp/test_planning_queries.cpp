@@ -189,6 +189,21 @@ void rays_end_where_leaves_say(Random& random, int& all_outside) {
       ASSERT_FALSE(leaf.has_value());
       ASSERT_EQ(stopped->state, CellState::unknown);
     } else if (leaf && map.tree().box(leaf->index).lower == stopped->cell->lower) {
+      if (stopped->state == CellState::occupied && leaf->cell().state() == CellState::free) {
+        // It holds something, and the unknown is behind it.
+        ASSERT_GE(leaf->cell().hits(), 2u);
+        ASSERT_GE(leaf->cell().log_odds(), std::log(0.45 / 0.55) - 1e-3);
+        const CellIndex<D> index = leaf->index;
+        bool was_there = false;
+        std::optional<CellState> behind;
+        traverse_beam(map.tree(), origin, direction, 0.0, kInfinity, [&](const auto& other, double, double) {
+          if (was_there && !behind) behind = other.cell().state();
+          was_there = was_there || (other.index.lower == index.lower && other.index.level == index.level);
+        });
+        ASSERT_TRUE(was_there);
+        ASSERT_EQ(behind.value_or(CellState::unknown), CellState::unknown);
+        continue;
+      }
       ASSERT_EQ(leaf->cell().state(), stopped->state);
       ++(stopped->state == CellState::occupied ? occupied : unknown);
     }
