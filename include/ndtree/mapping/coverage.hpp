@@ -157,11 +157,12 @@ struct CoverageVerdict {
 /// When a cell may be called free as a whole. A beam through a corner has seen the corner; its
 /// evidence must not become the state of the unseen rest.
 ///
-/// A part of a cell, see CellParts, is *seen* once one scan has seen least_seen() of it, and none of its
+/// A part of a cell, see CellParts, is *seen* once one scan has seen covered_share of it, and none of its
 /// children is missing. A cell is observed once all its parts were seen, by one scan or by several. A
 /// smallest cell is observed as soon as any beam passes it, so one with an edge of two smallest cells asks
-/// for less: half of covered_share, of half of its parts. Half of its parts is enough, too, for one with an
-/// edge of N smallest cells if the beams are so far apart that fewer than two would pass a smallest cell.
+/// for less: half of covered_share, of half of its parts. One with an edge of N smallest cells is
+/// observed once any part was seen, if the beams are so far apart that fewer than two would pass a smallest
+/// cell.
 /// Until then the cell stores which parts were seen. Thresholds for parts and missing children are scaled by
 /// ScanCoverage::mean_share(); that for a covered cell is not.
 ///
@@ -227,14 +228,15 @@ class CoverageModel {
 #pragma GCC unroll 8
 #endif
     for (int p = 0; p < Parts::kCount; ++p) {
-      const bool is_seen = seen[static_cast<std::size_t>(p)] >=
-                           units_from<N, D>(mean_share * least_seen * kRounding * Parts::num_children(p));
+      const bool is_seen =
+          seen[static_cast<std::size_t>(p)] >=
+          units_from<N, D>(mean_share * least_of_part(size) * kRounding * Parts::num_children(p));
       verdict.parts |= static_cast<std::uint32_t>(is_seen) << p & ~with_missing;
     }
     // Beams so far apart that fewer than two would pass a smallest cell.
-    const bool are_few = size < N + 0.5 && beams_for_child < 2.0;
+    const bool are_few = size < N + 0.5 && beams_for_child < 2.0 && verdict.parts != 0;
     const bool may_split = size > least_to_split_;
-    const bool has_enough = are_enough<N, D>(verdict.parts, are_few ? kOfTwo : size);
+    const bool has_enough = are_few || are_enough<N, D>(verdict.parts, size);
     const bool is_missing =
         least < missing_below || (!has_enough && beams > kBeamsOfPart * (Parts::kCount / 2));
     verdict.shows_more = (is_missing && may_split) || (!has_enough && adds_nothing);
@@ -259,9 +261,13 @@ class CoverageModel {
     return are_seen;
   }
   /// True if the cell has an edge of two smallest cells.
-  [[nodiscard]] static bool is_of_two(double size) { return size < kOfTwo + 0.5; }
-  /// The least seen fraction of a part, and of a child that is not missing: of a cell of 2 N smallest ones
-  /// covered_share; of larger ones what is left out has the same depth.
+  [[nodiscard]] static bool is_of_two(double size) { return size < 2.5; }
+  /// The least seen fraction of a part.
+  [[nodiscard]] double least_of_part(double size) const {
+    return is_of_two(size) ? 0.5 * covered_share_ : covered_share_;
+  }
+  /// The least seen fraction of a child that is not missing: of a cell of 2 N smallest ones covered_share; of
+  /// larger ones what is left out has the same depth.
   template <int N>
   [[nodiscard]] double least_seen(double size) const {
     return is_of_two(size) ? 0.5 * covered_share_
@@ -275,7 +281,6 @@ class CoverageModel {
 
   static constexpr double kRounding = 1.0 - 1e-4;  // Of ways through cells.
   static constexpr double kBeamsOfPart = 8.0;
-  static constexpr double kOfTwo = 2.0;
 
   double covered_share_;
   double least_to_split_;

@@ -559,13 +559,14 @@ class FlatScanMap {
     }
     int seen_children = 0;
     for (const auto& [part, of_part] : parts) {
-      if (of_part.first >= (1.0 - 1e-4) * of_child * of_part.second && with_missing.count(part) == 0)
+      if (of_part.first >= (1.0 - 1e-4) * mean_share * options_.covered_share * asked * of_part.second &&
+          with_missing.count(part) == 0)
         result.parts |= 1u << part;
       if ((result.parts & 1u << part) != 0) seen_children += of_part.second;
     }
     const auto count = static_cast<double>(children.size());
-    const bool are_few = beams_for_child < 2.0 && smallest_cells < N + 0.5;
-    const bool has_enough = seen_children >= count * (are_few ? 0.5 : asked);
+    const bool are_few = beams_for_child < 2.0 && smallest_cells < N + 0.5 && seen_children > 0;
+    const bool has_enough = are_few || seen_children >= count * asked;
     const double miss = std::round(-256.0 * static_cast<double>(log_odds_of(options_.probability_min)));
     const double beams = static_cast<double>(cell.free_evidence() + scan.free) / miss;
     const double parts_side_by_side = std::exp2(std::min(D, 4) - 1);
