@@ -136,6 +136,42 @@ TEST(NoReturns, AreFreeWhereItIsSureThatFewerThanAFifthCross) {
     }
 }
 
+TYPED_TEST(NoReturnsIn, AreLeftOutWhereFewSurfacesDoNotReturnInTheOpen) {
+  constexpr int D = TypeParam::value;
+  constexpr double kCell = D == 2 ? 0.1 : 0.2;
+  // Of a thousand rays ten meet a post each, and the others nothing. Hits of a post are beside the rays of
+  // the scan between, all around them.
+  constexpr std::size_t kPosts = 10, kAll = 1000;
+  const auto scan = [&](std::size_t dark, double up, double aside) {
+    std::vector<Ray> rays(kAll, Ray{9.0, false});
+    for (std::size_t i = 0; i < kPosts; ++i) rays[3 * i] = {i < dark ? 9.0 : 4.0, i >= dark};
+    Scan<D> scan = scan_of<D>(rays);
+    for (Points<D>* points : {&scan.origins, &scan.endpoints}) {
+      points->row(1).array() += up * kCell;
+      if (D == 3) points->row(2).array() += aside * kCell;
+    }
+    return scan;
+  };
+  for (std::size_t dark = 0; dark <= 3; ++dark)
+    for (const bool are_around : {true, false}) {
+      std::vector<Scan<D>> scans;
+      for (int k = 0; k < 4; ++k) {
+        const double up = k % 2 == 0 || !are_around ? 0.3 : -0.3, aside = k < 2 || !are_around ? 0.3 : -0.3;
+        scans.push_back(scan(0, up, aside));
+        scans.push_back(scan(dark, 0.0, 0.0));
+      }
+      for (int k = 0; k < 4; ++k) {
+        scans.push_back(scan(0, k % 2 == 0 || !are_around ? 0.3 : -0.3, k < 2 || !are_around ? 0.3 : -0.3));
+        scans.push_back(scan(dark, 0.0, 0.0));
+      }
+      const NoReturns found = judged<D>(scans);
+      EXPECT_EQ(found.surfaces, are_around ? kPosts : 0u);
+      EXPECT_DOUBLE_EQ(found.erased, are_around ? static_cast<double>(dark) / kPosts : 0.0);
+      EXPECT_EQ(found.are_free(), !are_around || dark == 0);
+      EXPECT_EQ(found.to_text().find("they would erase") != std::string::npos, !found.are_free());
+    }
+}
+
 TEST(NoReturns, OfNothingAreLeftOut) {
   EXPECT_FALSE(judged<2>({}).are_free());
   EXPECT_FALSE(judged<2>({scan_of<2>(kNothing)}).are_free());

@@ -104,16 +104,20 @@ def test_scans_with_an_origin_of_each_beam_are_judged_alike() -> None:
     assert found.beams == expected.beams > 100 and found.expected == expected.expected
 
 
-def plain_count(scans: list[Scan]) -> tuple[int, float, float]:
-    """The rule beam by beam: beams without return that tell something, how many cross, and would rightly."""
+def plain_count(scans: list[Scan]) -> tuple[int, float, float, float]:
+    """The rule beam by beam: beams without return that tell something, how many cross, and would rightly; and
+    the share of surfaces that fewer returned from than did not."""
     cell = {2: 0.1, 3: 0.2}[scans[0].dim]
     surfaces = ndtree.FixedMap(dim=scans[0].dim, min_cell_size=cell, range_sigma=cell / 4)
     hits: dict[tuple[int, ...], list[int]] = {}
+    points: dict[tuple[int, ...], list[np.ndarray]] = {}
+    met: dict[tuple[int, ...], list[int]] = {}
     for number, scan in enumerate(scans[::2]):
         only = scan.returned_only()
         surfaces.insert(only.endpoints, only.origin)
         for point in only.endpoints:
             hits.setdefault(tuple(np.floor(point / cell).astype(int)), []).append(number)
+            points.setdefault(tuple(np.floor(point / cell).astype(int)), []).append(point)
     counts = {True: [0, 0, 0.0], False: [0, 0, 0.0]}
     for number, scan in enumerate(scans[1::2]):
         length = np.linalg.norm(scan.endpoints - scan.origin, axis=1)
@@ -121,6 +125,14 @@ def plain_count(scans: list[Scan]) -> tuple[int, float, float]:
         casts = surfaces.cast_rays(np.broadcast_to(scan.origin, ways.shape), ways, at="cell")
         for way, end, cast, returned in zip(ways, length - 3 * cell, casts, scan.returned):
             count = counts[bool(returned)]
+            if cast < end + 6 * cell and (cast < end) != returned:
+                where = tuple(np.floor((scan.origin + (cast + 0.001 * cell) * way) / cell).astype(int))
+                seen = hits.get(where, [])
+                to = np.array(points.get(where, np.empty((0, 2)))) - scan.origin
+                aside = way[0] * to[:, 1] - way[1] * to[:, 0]
+                if any(one <= number for one in seen) and any(one > number for one in seen):
+                    if aside.min() < 0 < aside.max():
+                        met.setdefault(where, [0, 0])[int(returned)] += 1
             if not cast < end:
                 count[0] += 1
                 count[2] += max(end, 0.0)
@@ -132,7 +144,8 @@ def plain_count(scans: list[Scan]) -> tuple[int, float, float]:
                 count[1] += 1
                 count[2] += cast
     (beams, crossing, metres), (_, wrong, clear) = counts[False], counts[True]
-    return beams, crossing / beams, 1 - np.exp(-wrong / clear * metres / beams)
+    erased = np.mean([silent > others for silent, others in met.values()])
+    return beams, crossing / beams, 1 - np.exp(-wrong / clear * metres / beams), float(erased)
 
 
 @pytest.mark.parametrize("silent, gate", [(0.1, False), (0.01, True), (0.3, True)])
@@ -144,14 +157,15 @@ def test_beams_are_counted_as_one_by_one(silent: float, gate: bool, shift: float
         by = generator.normal(0, shift, 2)
         scan = scan.only(np.isfinite(scan.endpoints).all(axis=1))
         scans.append(Scan(scan.endpoints + by, scan.origin + by, scan.returned))
-    beams, crossing, expected = plain_count(scans)
+    beams, crossing, expected, erased = plain_count(scans)
     found = judge(scans)
     assert found.beams == beams > 10 and found.crossing == crossing
     assert found.expected == pytest.approx(expected, rel=1e-9)
+    assert found.erased == pytest.approx(erased, abs=1e-12) and found.surfaces > 10
     # That a fifth or more of all cross is less probable than three standard deviations: Wilson's interval
     # solves this for the fraction.
     deviations = (0.2 - crossing) / np.sqrt(0.2 * 0.8 / beams)
-    assert found.choice == ("free" if deviations > 3 else "ignore")
+    assert found.choice == ("free" if deviations > 3 and erased <= 0.02 else "ignore")
 
 
 def test_few_beams_tell_nothing() -> None:

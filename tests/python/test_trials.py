@@ -171,7 +171,15 @@ def test_a_match_that_is_too_sure_is_noticed(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_judge_that_believes_all_beams_without_return_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     def always(scans: object) -> object:
         return SimpleNamespace(
-            choice="free", share=0.5, beams=9, crossing=0.0, expected=0.0, are_judged=True, is_measured=True
+            choice="free",
+            share=0.5,
+            beams=9,
+            crossing=0.0,
+            expected=0.0,
+            surfaces=0,
+            erased=0.0,
+            are_judged=True,
+            is_measured=True,
         )
 
     trial = Trial.of("no_return", 1, "room", "dark")

@@ -26,19 +26,22 @@ namespace ndtree {
 
 /// What a sample of a log shows of its beams without return.
 struct NoReturns {
-  static constexpr double kMostWrong = 0.2;  ///< With a larger fraction of wrong ones they say nothing.
-  static constexpr double kSure = 3.0;       ///< Standard deviations from there that are no chance.
+  static constexpr double kMostWrong = 0.2;    ///< With a larger fraction of wrong ones they say nothing.
+  static constexpr double kSure = 3.0;         ///< Standard deviations from there that are no chance.
+  static constexpr double kMostErased = 0.02;  ///< Fraction of surfaces that a map may lose.
 
-  std::size_t beams = 0;  ///< Without return, that tell whether they are right.
-  double crossing = 0.0;  ///< Fraction of them that crosses surfaces which other scans found.
-  double expected = 0.0;  ///< Fraction that would if they were right, by errors of poses and what moves.
-  double share = 0.0;     ///< Fraction of beams without return among all of the sample.
+  std::size_t beams = 0;     ///< Without return, that tell whether they are right.
+  double crossing = 0.0;     ///< Fraction of them that crosses surfaces which other scans found.
+  double expected = 0.0;     ///< Fraction that would if they were right, by errors of poses and what moves.
+  double share = 0.0;        ///< Fraction of beams without return among all of the sample.
+  std::size_t surfaces = 0;  ///< Pieces of surface that beams had to meet again.
+  double erased = 0.0;       ///< Fraction of them from which fewer returned than did not.
 
   /// Whether enough of them could be checked to trust them if none crosses a surface.
   [[nodiscard]] bool are_judged() const { return upper_bound(0.0) < kMostWrong; }
   /// Whether they surely mean free space; else they say nothing. An excuse does not make sure: `expected` is
   /// what errors of poses explain, and with such poses what they free may be a wall as well.
-  [[nodiscard]] bool are_free() const { return upper_bound(crossing) < kMostWrong; }
+  [[nodiscard]] bool are_free() const { return upper_bound(crossing) < kMostWrong && erased <= kMostErased; }
   /// are_free() as options and reports have it.
   [[nodiscard]] const char* choice() const { return are_free() ? "free" : "ignore"; }
 
@@ -50,10 +53,14 @@ struct NoReturns {
     if (!are_judged())
       return std::string(begin) + " are left out: only " + std::to_string(beams) +
              " of them could be checked";
-    std::snprintf(
-        found, sizeof found,
-        "%.0f %% of %zu go through walls that other scans saw; errors of the poses would explain %.0f %%",
-        100.0 * crossing, beams, 100.0 * expected);
+    if (erased > kMostErased)
+      std::snprintf(found, sizeof found, "of %zu pieces of surface they would erase %.0f %%", surfaces,
+                    100.0 * erased);
+    else
+      std::snprintf(
+          found, sizeof found,
+          "%.0f %% of %zu go through walls that other scans saw; errors of the poses would explain %.0f %%",
+          100.0 * crossing, beams, 100.0 * expected);
     return std::string(begin) + (are_free() ? " mean free space: " : " are left out: ") + found;
   }
 
@@ -84,10 +91,16 @@ class SampledSurfaces {
     for (std::size_t i = 0; i < sample.size(); i += 2) note_hits(sample[i], i / 2);
   }
 
+  /// Found in a cell.
+  struct Hits {
+    std::size_t first, last;  ///< Numbers of the first and the last scan that hit it.
+    std::vector<Vector<D>> points;
+  };
   struct Surface {
     double distance;  ///< Infinite without one [m].
     bool was_there;   ///< Hit both before the ray, or by the first of the two scans that it lies between, and
                       ///< after it.
+    const Hits* hits;  ///< Of the cell; null if there are none.
   };
   /// The first surface on a ray of a scan between those with this number and the next.
   /// @param direction of length 1.
@@ -95,9 +108,40 @@ class SampledSurfaces {
                                  const Vector<D>& direction) const {
     constexpr double kInfinity = std::numeric_limits<double>::infinity();
     const std::optional<double> at = cast_ray(map_, origin, direction, kInfinity, RayAim::cell);
-    if (!at) return {kInfinity, false};
+    if (!at) return {kInfinity, false, nullptr};
     const auto found = hits_.find(key(origin + (*at + kInside * kSurfaceCell<D>)*direction));
-    return {*at, found != hits_.end() && found->second.first <= number && found->second.last > number};
+    if (found == hits_.end()) return {*at, false, nullptr};
+    const Hits& hits = found->second;
+    return {*at, hits.first <= number && hits.last > number, &hits};
+  }
+
+  /// Whether points lie all around a ray: in 2-D on both sides of it, in 3-D in each quadrant across it. Then
+  /// it meets the surface that they are of, and does not pass beside its edge.
+  [[nodiscard]] static bool are_around(const Hits& hits, const Vector<D>& origin,
+                                       const Vector<D>& direction) {
+    Eigen::Matrix<double, D, D - 1> across;
+    if constexpr (D == 2) {
+      across << -direction[1], direction[0];
+    } else {
+      const Vector<D>& d = direction;
+      if (std::abs(d[2]) < 0.9)
+        across.col(0) << -d[1], d[0], 0.0;
+      else
+        across.col(0) << 0.0, -d[2], d[1];
+      const auto a = across.col(0);
+      across.col(1) << d[1] * a[2] - d[2] * a[1], d[2] * a[0] - d[0] * a[2], d[0] * a[1] - d[1] * a[0];
+    }
+    unsigned sides = 0;
+    for (const Vector<D>& point : hits.points) {
+      unsigned side = 0;
+      for (int k = 0; k + 1 < D; ++k) {
+        const double aside = across.col(k).dot(point - origin);
+        if (aside == 0.0) continue;
+        side = 2 * side + (aside > 0.0);
+      }
+      sides |= 1u << side;
+    }
+    return sides == (D == 2 ? 3u : 15u);
   }
 
  private:
@@ -106,10 +150,6 @@ class SampledSurfaces {
   static constexpr double kInside = 1e-3;
   /// Cells on an axis, around the first scan, that are told apart: the numbers of D axes fit into 64 bits.
   static constexpr std::int64_t kFarthestCell = std::int64_t{1} << 20;
-
-  struct Hits {
-    std::size_t first, last;
-  };
 
   static Options options() {
     Options options;
@@ -148,8 +188,11 @@ class SampledSurfaces {
       return;  // A scan that no map takes is left out here; mapping itself refuses it by name.
     }
     for (Eigen::Index k = 0; k < n; ++k)
-      if (hits.endpoints.col(k).allFinite())
-        hits_.try_emplace(key(hits.endpoints.col(k)), Hits{number, number}).first->second.last = number;
+      if (hits.endpoints.col(k).allFinite()) {
+        Hits& cell = hits_.try_emplace(key(hits.endpoints.col(k)), Hits{number, number, {}}).first->second;
+        cell.last = number;
+        cell.points.push_back(hits.endpoints.col(k));
+      }
   }
 
   /// One number for each cell near the first scan.
@@ -175,6 +218,8 @@ struct CrossingCount {
   std::size_t beams = 0;
   std::size_t crossing = 0;
   double metres = 0.0;
+  /// How many had to meet a piece of surface, by the piece.
+  std::unordered_map<const void*, std::size_t> met;
 
   /// Adds every `stride`-th beam of a scan that returned, or did not. Left out are beams whose first surface
   /// had left by then, or came later, or was not looked at again.
@@ -194,8 +239,11 @@ struct CrossingCount {
       if (!(std::isfinite(length) && length > 0.0)) continue;
       if (beam++ % stride != 0) continue;
       const double end = std::max(length - kMargin * kSurfaceCell<D>, 0.0);
-      const auto [first, was_there] = surfaces.first_on(number, origin, way / length);
+      const auto [first, was_there, hits] = surfaces.first_on(number, origin, way / length);
       const bool crosses = first < end;
+      if (was_there && crosses != returned && first < length + kMargin * kSurfaceCell<D> &&
+          surfaces.are_around(*hits, origin, way / length))
+        ++met[hits];
       if (crosses && !was_there) continue;
       ++beams;
       crossing += crosses;
@@ -217,6 +265,11 @@ struct CrossingCount {
 /// metre says how many of the others would if each of them were right. Where it is not sure that fewer than a
 /// fifth cross, the sensor may say "no return" of surfaces as well, as for glass and dark ones, and its
 /// no-returns say nothing.
+///
+/// In the open most of these beams meet nothing, whatever the few surfaces do to them. So the surfaces are
+/// asked, too: of each piece, whether fewer beams that had to meet it returned from it than did not. A map
+/// would lose these; if they are more than 2 %, no-returns say nothing. A beam has to meet a piece where hits
+/// lie all around it, and not beside its edge.
 ///
 /// @tparam Map of cells of one size: FixedMap<2, D>. Nothing of it is left.
 /// @param sample in the order of the log. In other than 2 or 3 dimensions no beam is judged.
@@ -251,6 +304,15 @@ template <class Map, int D>
     found.beams = silent.beams;
     found.crossing = static_cast<double>(silent.crossing) / judged;
     found.expected = 1.0 - std::exp(-rate * silent.metres / judged);
+    std::size_t erased = 0;
+    for (const auto& [piece, count] : silent.met) {
+      const auto others_met = returned.met.find(piece);
+      const bool is_new = others_met == returned.met.end();
+      erased += is_new || count > others_met->second;
+      found.surfaces += is_new;
+    }
+    found.surfaces += returned.met.size();
+    if (found.surfaces > 0) found.erased = static_cast<double>(erased) / static_cast<double>(found.surfaces);
   }
   return found;
 }

@@ -66,6 +66,8 @@ void bind_log_sample(py::module_& module) {
       .def_readonly("beams", &NoReturns::beams, "Without return, that tell whether they are right.")
       .def_readonly("crossing", &NoReturns::crossing, "The share that crosses surfaces.")
       .def_readonly("expected", &NoReturns::expected, "The share that would if they were right.")
+      .def_readonly("surfaces", &NoReturns::surfaces, "Pieces of surface that beams had to meet.")
+      .def_readonly("erased", &NoReturns::erased, "The share from which fewer returned than did not.")
       .def_readonly("share", &NoReturns::share, "Of beams without return among all.")
       .def_property_readonly(
           "are_judged", [](const NoReturns& n) { return n.are_judged(); }, "Whether enough were checked.")

@@ -21,8 +21,8 @@ def judge(scans: Sequence[Scan]) -> NoReturns:
     Every second scan's returned beams make a map with cells of one size, and the beams of the others are held
     against it: a beam without return is wrong where it crosses a surface that was hit both before it and
     after it. Where it is not sure that fewer than a fifth are, the sensor may say "no return" of surfaces as
-    well, as for glass and dark ones, and its no-returns say nothing. The rule stands in
-    ``evaluation/no_returns.hpp``.
+    well, as for glass and dark ones, and its no-returns say nothing: nor where more than 2 % of the pieces of
+    surface sent fewer beams back than none. The rule stands in ``evaluation/no_returns.hpp``.
 
     Parameters
     ----------

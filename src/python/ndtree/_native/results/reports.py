@@ -187,6 +187,10 @@ class NoReturns:
         poses and by what moves.
     share : float
         Of beams without return among all.
+    surfaces : int
+        Pieces of surface that beams had to meet again.
+    erased : float
+        The share of them from which fewer beams returned than did not.
     are_judged : bool
         Whether enough of them could be checked.
     text : str
@@ -198,6 +202,8 @@ class NoReturns:
     crossing: float
     expected: float
     share: float
+    surfaces: int
+    erased: float
     are_judged: bool
     text: str
 
