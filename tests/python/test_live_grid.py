@@ -11,7 +11,7 @@ import pytest
 
 import ndtree
 from ndtree.live import GridFollower
-from ndtree.live.outputs import Frontiers, by_size, occupied_points
+from ndtree.live.outputs import Frontiers, by_size, cell_points, changed_points
 
 
 def image_of(m: Any, grid: GridFollower, **options: Any) -> np.ndarray:
@@ -145,13 +145,41 @@ def test_points_are_the_occupied_cells() -> None:
     m = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1)
     for scan in ndtree.simulate("apartment", scans=2):
         scan.insert_into(m)
-    points, leaves = occupied_points(m), m.leaves(states=["occupied"])
+    points, leaves = cell_points(m), m.leaves(states=["occupied"])
     assert len(points) == len(leaves) > 100
     for axis, name in enumerate("xyz"):
         assert np.allclose(points[name], leaves.center[:, axis], atol=1e-5)
     groups = by_size(points)
     assert [size for size, _ in groups] == sorted({float(np.float32(size)) for size in leaves.size})
     assert sum(len(centers) for _, centers in groups) == len(points)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_occupied_cells_without_a_neighbour_are_speckles(dim: int) -> None:
+    m = ndtree.AdaptiveMap(dim=dim, min_cell_size=0.1)
+    rng = np.random.default_rng(2)
+    cells = np.unique(rng.integers(0, 6 if dim == 3 else 9, (30, dim)), axis=0)
+    for cell in cells:
+        m.mark([0.1 * cell + 0.01, 0.1 * cell + 0.09], "occupied")
+    m.mark([[4.01] * dim, [4.79] * dim], "occupied")  # Large cells are no speckles.
+    apart = np.abs(cells[:, None] - cells[None]).max(2)
+    lonely = (apart == 1).sum(1) == 0
+    kept = cell_points(m, without_speckles=True)
+    small = np.stack([kept[name] for name in "xyz"[:dim]], axis=1)[kept["size"] < 0.15]
+    found = {tuple(one) for one in np.floor(small / 0.1).astype(int).tolist() if max(one) < 30}
+    assert found == {tuple(one) for one in cells[~lonely].tolist()} and 0 < lonely.sum() < len(cells)
+    assert len(cell_points(m)) - len(kept) == lonely.sum()
+    assert len(cell_points(m, "free")) == 0
+
+
+def test_changes_are_what_became_another_state() -> None:
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1)
+    m.mark([[0.01, 0.01], [0.19, 0.09]], "free")
+    before = m.snapshot()
+    m.mark([[0.11, 0.01], [0.29, 0.09]], "occupied")
+    points = changed_points(m.changes(since=before))
+    found = {(round(float(p["x"]), 2), int(p["before"]), int(p["after"])) for p in points}
+    assert found == {(0.15, 0, 1), (0.25, -1, 1)} and np.allclose(points["size"], 0.1)
 
 
 @pytest.mark.parametrize("world, scans", [("office", 20), ("apartment", 3)])

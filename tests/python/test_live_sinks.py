@@ -20,7 +20,7 @@ import pytest
 
 import ndtree
 from ndtree.live import LiveMapper, ScansIntake, Way, play
-from ndtree.live.outputs import direction_of, occupied_points
+from ndtree.live.outputs import cell_points, direction_of
 from ndtree.tuning.config import Config
 
 SETTINGS = Config.of(min_cell_size=0.1, no_return="free")
@@ -137,7 +137,7 @@ def test_a_client_of_foxglove_has_the_map(world: str, n: int, height: Any) -> No
     assert set(pixels["alpha"][expected == -1].tolist()) == {0}
     assert grid.pose.position.z == pytest.approx(0.0 if height is None else height[0])
     points = table(last["/cells"][1], last["/cells"][1].point_stride)
-    cells = occupied_points(m)
+    cells = cell_points(m)
     assert len(points) == len(cells) > 50
     for name in ("x", "y", "z", "size", "probability"):
         assert np.array_equal(points[name], cells[name])
@@ -218,7 +218,7 @@ def test_a_file_for_rerun_has_the_map_at_each_time(tmp_path: Path) -> None:
     rows = rows_of(tmp_path / "map.rrd")
     compared = 0
     for i, snapshot in enumerate(maps):
-        cells = occupied_points(snapshot)
+        cells = cell_points(snapshot)
         for size in np.unique(cells["size"]):
             entity = rows[f"/map/cells/{size:g}m"]
             row = next(row for at, row in entity if abs(at - 100.0 - i) < 1e-3)
@@ -228,7 +228,7 @@ def test_a_file_for_rerun_has_the_map_at_each_time(tmp_path: Path) -> None:
             assert np.allclose(row["Boxes3D:half_sizes"], size / 2)
             compared += len(expected)
     assert compared > 5000
-    for size in np.unique(occupied_points(maps[-1])["size"]):  # What is gone is not shown for ever.
+    for size in np.unique(cell_points(maps[-1])["size"]):  # What is gone is not shown for ever.
         at, row = rows[f"/map/cells/{size:g}m"][-1]
         assert at == pytest.approx(200.0) and row["Clear:is_recursive"] == [False]
     frontiers = next(row for at, row in rows["/map/frontiers"] if abs(at - 111.0) < 1e-3)

@@ -33,6 +33,8 @@ from slams import bag_of, drifted, path_message
 from slams import office as driven
 
 import ndtree
+from ndtree.live.above_ground import GroundFollower
+from ndtree.live.outputs import cell_points
 
 PYTHON = os.environ.get("NDTREE_ROS2_PYTHON", sys.executable)
 PROCESSES = Path(__file__).with_name("ros2")
@@ -150,6 +152,63 @@ def test_clouds_become_a_map_in_space_a_grid_of_a_band_and_octomaps(tmp_path: Pa
         file = tmp_path / f"map.{ending}"
         m.save_octomap(file)
         assert file.read_bytes().partition(b"\ndata\n")[2] == received.arrays[name].tobytes()
+
+
+def has_octomap_services() -> bool:
+    return subprocess.run([PYTHON, "-c", "import octomap_msgs.srv"], capture_output=True).returncode == 0
+
+
+def octomap_of(m: Any, file: Path, **options: Any) -> bytes:
+    m.save_octomap(file, **options)
+    return file.read_bytes().partition(b"\ndata\n")[2]
+
+
+@pytest.mark.skipif(not has_octomap_services(), reason="no services of octomap_msgs")
+def test_it_has_all_of_octomap_server(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "apartment", *apartment("mcap", 6))
+    changes: dict[str, Any] = {"range_sigma": 0.02, "min_cell_size": 0.1, "no_return": "free"}
+    changes |= {"box": "-2,-2,-0.2,3,3,2.2", "stride": 2}
+    of_node = {"octomap_cell_size": 0.2, "filter_speckles": "true", "reliable": "true", "patience": 120.0}
+    of_node |= {"grid_layers": "['low:0.1,0.5', 'high:1.0,1.5']", "grid_low": 0.3, "grid_high": 1.5}
+    words = [word for name, value in {**changes, **of_node}.items() for word in ("-p", f"{name}:={value}")]
+    output = tmp_path / "asked.npz"
+
+    def log() -> str:
+        return (tmp_path / "node.log").read_text(errors="replace")
+
+    with ExitStack() as stack:
+        node = stack.enter_context(running(tmp_path, "node", "-m", "ndtree.live.ros2", "--ros-args", *words))
+        asker = stack.enter_context(running(tmp_path, "asker", PROCESSES / "asker.py", 6, output))
+        with running(tmp_path, "publisher", PROCESSES / "publisher.py", bag, 1.0, 1) as publisher:
+            ended(publisher, node, log)
+        ended(asker, node, log)
+        assert asker.returncode == 0, (tmp_path / "asker.log").read_text() + log()
+        node.send_signal(signal.SIGINT)
+        assert node.wait(PATIENCE) == 0, log()
+    m, found = mapped(bag, PYTHON, **changes), np.load(output)
+    assert (m.bounds()[1] < [3.7, 3.7, 2.7]).all()  # It ends inside of a cell.
+    free, occupied = m.leaves(states=["free"]), m.leaves(states=["occupied"])
+    points = cell_points(m, without_speckles=True)
+    assert len(found["free_cells"]) == len(free) > 100
+    assert 0 < len(found["occupied_cells"]) == len(points) <= len(occupied)
+    before, after, size = found["changes"][:, 4], found["changes"][:, 5], found["changes"][:, 3]
+    for state, leaves in ((0, free), (1, occupied)):  # What was told of makes the map.
+        volume = (size**3 * ((after == state).astype(float) - (before == state))).sum()
+        assert volume == pytest.approx((leaves.size**3).sum(), rel=1e-3)
+    for name, height in (("low", (0.1, 0.5)), ("high", (1.0, 1.5))):
+        pixels = m.map_server_image(height=height)[0]
+        for value, grey in ((100, 0), (0, 254)):
+            assert np.count_nonzero(found[f"map_{name}"] == value) == np.count_nonzero(pixels == grey) > 0
+    for name, ending in (("octomap_full", "ot"), ("octomap_binary", "bt")):
+        assert found[name].tobytes() == octomap_of(m, tmp_path / f"map.{ending}", cell_size=0.2)
+    ground = GroundFollower(None, (0.3, 1.5))
+    ground.follow(m)
+    assert ground.values is not None and np.array_equal(found["above ground"], ground.values)
+    assert not np.array_equal(found["above robot"], found["above ground"])
+    assert "must be map, robot or ground" in found["said of sky"][0] and found["said of robot"][0] == ""
+    assert np.array_equal(found["above sky"], found["above robot"])
+    m.clear([[-50.0] * 3, [0.0, 50.0, 50.0]])
+    assert found["cleared"].tobytes() == octomap_of(m, tmp_path / "map.ot", cell_size=0.2)
 
 
 #: Real bags: options of both, and how many scans they have.

@@ -10,7 +10,6 @@ through again. Pixels of another size are drawn anew within the box around all t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,12 +19,11 @@ from numpy.typing import NDArray
 from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
 from ndtree._native.results import Changes
+from ndtree.maps.ground import FREE, OCCUPIED, UNKNOWN, pixels_in
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Values as nav_msgs/OccupancyGrid has them.
-UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 #: The grid grows to multiples of this many pixels, so that it seldom does.
 GROWS = 64
 #: A grid that is so much larger than what is known becomes smaller, as behind a window that moves.
@@ -66,6 +64,26 @@ class GridPart:
     is_whole: bool
 
 
+def difference(
+    before: NDArray[np.int8], after: NDArray[np.int8], column: int = 0, row: int = 0
+) -> GridPart | None:
+    """The smallest part in which two grids of one size differ; None if they do not.
+
+    Parameters
+    ----------
+    before, after : (rows, columns) int8
+    column, row : int
+        Where they begin in a larger grid.
+    """
+    differs = before != after
+    if not differs.any():
+        return None
+    (top, bottom), (left, right) = (
+        np.flatnonzero(differs.any(axis=axis))[[0, -1]].tolist() for axis in (1, 0)
+    )
+    return GridPart(column + left, row + top, after[top : bottom + 1, left : right + 1].copy(), False)
+
+
 class GridFollower:
     """A pixel is occupied if some occupied cell overlaps it, else free if some free one does, else unknown.
 
@@ -83,6 +101,9 @@ class GridFollower:
     values : (rows, columns) int8 or None
         The whole grid; None before something is known.
     """
+
+    #: How far what has changed may change others [pixels], and whether cells are counted.
+    _reach, _counts_cells = 0, True
 
     def __init__(self, cell_size: float | None = None, height: tuple[float, float] | None = None) -> None:
         if cell_size is not None and not 0 < cell_size < math.inf:
@@ -127,7 +148,10 @@ class GridFollower:
             return self._drawn_anew(m)
         if is_whole:
             self._grow(changed)
-        lower, upper = changed.first.min(axis=0), changed.last.max(axis=0)
+        lower = np.maximum(changed.first.min(axis=0) - self._reach, self._lower)
+        upper = np.minimum(
+            changed.last.max(axis=0) + self._reach, self._lower + np.array(self.values.shape)[::-1]
+        )
         column, row = (lower - self._lower).tolist()
         rows, columns = slice(row, row + upper[1] - lower[1]), slice(column, column + upper[0] - lower[0])
         before = self.values[rows, columns]
@@ -141,17 +165,9 @@ class GridFollower:
             _fill(part, changed.first - lower, changed.last - lower, _VALUES[changed.state])
         else:
             part = self._drawn(m, lower, upper)
-        if is_whole:
-            before[:] = part
-            return GridPart(0, 0, self.values, True)
-        differs = before != part
-        if not differs.any():
-            return None
-        changed_rows = np.flatnonzero(differs.any(axis=1))
-        changed_columns = np.flatnonzero(differs.any(axis=0))
+        found = GridPart(0, 0, self.values, True) if is_whole else difference(before, part, column, row)
         before[:] = part
-        (top, bottom), (left, right) = changed_rows[[0, -1]].tolist(), changed_columns[[0, -1]].tolist()
-        return GridPart(column + left, row + top, part[top : bottom + 1, left : right + 1], False)
+        return found
 
     def _changes(self, m: OccupancyMap) -> Changes | None:
         """What is another than at the last look; None if that was at no map, or at one of another kind."""
@@ -227,12 +243,12 @@ class GridFollower:
         lower = known.first.min(axis=0) // GROWS * GROWS
         upper = -(-known.last.max(axis=0) // GROWS) * GROWS
         self._lower = lower
-        if m.dim == 3 and self.cell_size == m.options["min_cell_size"]:
+        if m.dim == 3 and self._counts_cells and self.cell_size == m.options["min_cell_size"]:
             self._counts = np.zeros((2, *(upper - lower)[::-1]), dtype=np.int32)
             _count(self._counts, known, lower, (np.full_like(known.state, -1), known.state), cells)
             self.values = _seen_from_above(self._counts)
         else:
-            self.values = _painted(known, lower, upper)
+            self.values = self._drawn(m, lower, upper)
         return GridPart(0, 0, self.values, True)
 
     def _contains(self, boxes: _Boxes) -> bool:
@@ -285,7 +301,7 @@ def _count(
     for state in (0, 1):
         change = ((after == state).astype(np.int64) - (before == state)) * cells
         use = change != 0
-        at, which = _pixels_in(boxes.first[use] - lower, boxes.last[use] - lower, size[1])
+        at, which = pixels_in(boxes.first[use] - lower, boxes.last[use] - lower, size[1])
         sums = np.bincount(at, weights=change[use][which], minlength=size[0] * size[1])
         counts[state] += sums.reshape(size).astype(np.int32)
 
@@ -298,29 +314,7 @@ def _seen_from_above(counts: NDArray[np.int32]) -> NDArray[np.int8]:
     return values
 
 
-def _pixels_in(first: Ints, last: Ints, width: int) -> tuple[Ints, Ints]:
-    """All pixels of boxes, as positions in a flat array of that width, and the box of each."""
-    found = [np.zeros((2, 0), dtype=np.int64)]
-    for (rows, columns), use in _by_shape(first, last):
-        at = first[use, 1] * width + first[use, 0]
-        inside = (np.arange(rows)[:, None] * width + np.arange(columns)).ravel()
-        found.append(np.stack([(at[:, None] + inside).ravel(), np.repeat(use, len(inside))]))
-    at, which = np.concatenate(found, axis=1)
-    return at, which
-
-
-def _by_shape(first: Ints, last: Ints) -> Iterator[tuple[tuple[int, int], Ints]]:
-    """Rows and columns that boxes have, with the numbers of the boxes that have them."""
-    if not len(first):
-        return
-    extent = last - first
-    most = int(extent.max()) + 1
-    shape = extent[:, 1] * most + extent[:, 0]
-    for one in np.flatnonzero(np.bincount(shape)).tolist():
-        yield divmod(one, most), np.flatnonzero(shape == one)
-
-
 def _fill(values: NDArray[np.int8], first: Ints, last: Ints, what: NDArray[np.int8]) -> None:
     """Write values into boxes of pixels, which do not overlap unless their values are the same."""
-    at, which = _pixels_in(first, last, values.shape[1])
+    at, which = pixels_in(first, last, values.shape[1])
     values.reshape(-1)[at] = what[which]

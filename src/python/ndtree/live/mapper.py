@@ -33,6 +33,7 @@ from ndtree.live.figures import LiveFigures
 from ndtree.live.intake import Intake, Verdict
 from ndtree.live.localizing import Localization, Localizer
 from ndtree.live.queue import Entry, ScanQueue
+from ndtree.live.robot import Robot
 from ndtree.live.way import Way
 from ndtree.live.window import Window
 
@@ -91,7 +92,7 @@ class LiveMapper:
     sinks : sequence of Sink
     clock : callable, optional
         Says what time it is for the source [s]; left out, that is when the last item was received.
-    way : Way, optional
+    way : Way or Robot, optional
         Is told where the sensor is.
     corrections : Corrections, optional
         Moves scans when their poses are corrected. The map is an `AdaptiveMap` then, made of scans alone: not
@@ -131,7 +132,7 @@ class LiveMapper:
         fading: Fading | None = None,
         sinks: Sequence[Sink] = (),
         clock: Callable[[], float] | None = None,
-        way: Way | None = None,
+        way: Way | Robot | None = None,
         corrections: Corrections | None = None,
         localizer: Localizer | None = None,
         localized: Callable[[Localization], None] | None = None,

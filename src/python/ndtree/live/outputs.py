@@ -5,24 +5,64 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from itertools import product
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._native._core import FrontierSearch, OccupancyMap
+from ndtree._native.results import Changes, Leaves
 
+#: Cells that are shown.
+State = Literal["occupied", "free"]
 #: A point: where the cell's centre is, how large it is [m], and how probable that it is occupied.
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("size", "<f4"), ("probability", "<f4")])
+#: A region with another state: its centre and size [m], and the states, -1 unknown, 0 free, 1 occupied.
+CHANGE = np.dtype([(name, "<f4") for name in ("x", "y", "z", "size", "before", "after")])
 
 
-def occupied_points(m: OccupancyMap) -> NDArray[np.void]:
-    """Occupied cells as records of `POINT`; those of a 2-D map lie at z = 0."""
-    leaves = m.leaves(states=["occupied"])
-    points = np.zeros(len(leaves), dtype=POINT)
-    for name, values in zip("xyz", leaves.center.T):
+def cell_points(
+    m: OccupancyMap, state: State = "occupied", *, without_speckles: bool = False
+) -> NDArray[np.void]:
+    """Cells of a state as records of `POINT`; those of a 2-D map lie at z = 0.
+
+    Parameters
+    ----------
+    m : OccupancyMap
+    state : {"occupied", "free"}
+    without_speckles : bool
+        Leave out smallest cells without a neighbour of the same state, at corners, too.
+    """
+    leaves = m.leaves(states=[state])
+    center, size, probability = leaves.center, leaves.size, leaves.probability
+    if without_speckles:
+        keep = ~_are_speckles(m, leaves)
+        center, size, probability = center[keep], size[keep], probability[keep]
+    points = np.zeros(len(size), dtype=POINT)
+    for name, values in zip("xyz", center.T):
         points[name] = values
-    points["size"], points["probability"] = leaves.size, leaves.probability
+    points["size"], points["probability"] = size, probability
+    return points
+
+
+def _are_speckles(m: OccupancyMap, leaves: Leaves) -> NDArray[np.bool_]:
+    """Which leaves, all of one state, are smallest cells of which no neighbour has that state."""
+    unit = m.options["min_cell_size"]
+    lonely = leaves.size < 1.5 * unit
+    for offset in product((-1, 0, 1), repeat=m.dim):
+        at = np.flatnonzero(lonely)
+        if any(offset) and len(at):
+            lonely[at] = m.state(leaves.center[at] + unit * np.array(offset)) != leaves.state[at]
+    return lonely
+
+
+def changed_points(changes: Changes) -> NDArray[np.void]:
+    """Regions that have another state than before as records of `CHANGE`; those of a 2-D map lie at z = 0."""
+    points = np.zeros(len(changes.size), dtype=CHANGE)
+    for name, values in zip("xyz", (changes.lower + 0.5 * changes.size[:, None]).T):
+        points[name] = values
+    points["size"], points["before"], points["after"] = changes.size, changes.before, changes.after
     return points
 
 

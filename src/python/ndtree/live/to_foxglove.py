@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ndtree._native._core import OccupancyMap
 from ndtree.live.grid import GridFollower
-from ndtree.live.outputs import POINT, Frontiers, by_size, occupied_points
+from ndtree.live.outputs import POINT, Frontiers, by_size, cell_points
 from ndtree.live.palette import GRID_COLORS, color_of
 from ndtree.live.way import Way
 
@@ -163,12 +163,12 @@ class FoxgloveSink:
             pose=_pose((0.0, 0.0, 0.0)),
             point_stride=POINT.itemsize,
             fields=_fields(POINT),
-            data=occupied_points(m).tobytes(),
+            data=cell_points(m).tobytes(),
         )
 
     def _boxes(self, m: OccupancyMap, stamp: float) -> Any:
         entities = []
-        for number, (size, centers) in enumerate(by_size(occupied_points(m))):
+        for number, (size, centers) in enumerate(by_size(cell_points(m))):
             edges = messages.Vector3(x=size, y=size, z=size)
             red, green, blue = color_of(number)
             color = messages.Color(r=red, g=green, b=blue, a=1.0)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ndtree._native._core import OccupancyMap
 from ndtree.live.grid import FREE, OCCUPIED, UNKNOWN, GridFollower
-from ndtree.live.outputs import Frontiers, by_size, direction_of, occupied_points
+from ndtree.live.outputs import Frontiers, by_size, cell_points, direction_of
 from ndtree.live.palette import GRID_COLORS, color_of
 from ndtree.live.way import Way
 
@@ -94,7 +94,7 @@ class RerunSink:
         to = self._recording
         to.set_time("time", timestamp=stamp)
         sizes = set()
-        for number, (size, centers) in enumerate(by_size(occupied_points(m))):
+        for number, (size, centers) in enumerate(by_size(cell_points(m))):
             sizes.add(size)
             halves = np.full((len(centers), 3), size / 2)
             color = [round(255 * one) for one in color_of(number)]

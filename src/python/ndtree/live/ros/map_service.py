@@ -21,10 +21,11 @@ from ndtree.live.fading import Fading
 from ndtree.live.localizing import ODOMETRY, Localization, Localizer, place_of
 from ndtree.live.mapper import LiveMapper
 from ndtree.live.messages import MessagesIntake
+from ndtree.live.robot import Robot
 from ndtree.live.ros.messages import header, optional_class, pose_with_covariance, transform
 from ndtree.live.ros.middleware import Level, Middleware
-from ndtree.live.ros.parameters import config_of, in_parameters
-from ndtree.live.ros.sinks import CellsSink, FrontiersSink, GridSink, OctomapSink
+from ndtree.live.ros.parameters import config_of, in_parameters, layers_of
+from ndtree.live.ros.sinks import CellsSink, ChangesSink, FrontiersSink, GridSink, OctomapSink
 from ndtree.live.saver import Saver
 from ndtree.live.serving import MapServer, address_of
 from ndtree.live.window import Window
@@ -41,6 +42,8 @@ TICK = 0.1
 MAP, AHEAD = "map", 0.1
 #: For so long nothing is said of a clock that does not begin [s].
 WAITS = 3.0
+#: Types of octomap_server's services, which are offered where octomap_msgs is installed.
+OCTOMAP_SERVICES = "GetOctomap", "BoundingBoxQuery"
 #: How often it is said why nothing is mapped [s].
 SAYS = 5.0
 
@@ -101,11 +104,14 @@ class MapService:
         self._before = 0, 0.0
         self._said = -math.inf
         self._failed: dict[str, str] = {}
-        self._grid = GridSink(node, self._frame)
-        sinks: list[Any] = [self._grid, CellsSink(node, self._frame), FrontiersSink(node, self._frame)]
+        robot = Robot(self._intake)
+        layers = [None, *layers_of(value("grid_layers"))]
+        self._grids = [GridSink(node, self._frame, robot, layer) for layer in layers]
+        sinks: list[Any] = [*self._grids, *(kind(node, self._frame) for kind in (CellsSink, ChangesSink))]
+        sinks.append(FrontiersSink(node, self._frame))
         octomap = optional_class("octomap_msgs/msg/Octomap")
-        if octomap is not None:
-            sinks.append(OctomapSink(node, self._frame, octomap))
+        self._octomap = None if octomap is None else OctomapSink(node, self._frame, octomap)
+        sinks += [] if self._octomap is None else [self._octomap]
         if file and value("save_period") > 0:
             sinks.append(Saver(file, value("save_period")))
         self._server: MapServer | None = None
@@ -134,6 +140,7 @@ class MapService:
             localizer=localizer,
             localized=self._localized,
             sinks=sinks,
+            way=robot,
         )
 
     def _new_map(self, dim: int, options: dict[str, Any]) -> OccupancyMap:
@@ -186,7 +193,8 @@ class MapService:
                     Level.warning, "use_sim_time is set, and nothing comes on /clock: no time passes"
                 )
         self._say_failures()
-        self._grid.welcome()
+        for grid in self._grids:
+            grid.welcome()
         return chosen
 
     def _say_failures(self) -> None:
@@ -304,6 +312,17 @@ class MapService:
             return False, str(error)
         return True, f"within {radius:g} m of {position.tolist()}"
 
+    def octomap(self, *, binary: bool) -> Any:
+        """The map as it is now as an Octomap; None if there is none, or it is none in space."""
+        try:
+            m = self.mapper.snapshot()
+            if self._octomap is None or m.dim != 3:
+                raise ValueError("expected a 3-D map" if self._octomap else "octomap_msgs is not installed")
+            return self._octomap.message(m, self.mapper.stamp, binary=binary)
+        except (ValueError, RuntimeError) as error:
+            self._node.say(Level.warning, f"octomap: {error}")
+            return None
+
     def clear_box(self, frame: str, points: Sequence[Any]) -> None:
         """Forget the box around points in a frame: in 2-D of x and y alone."""
         if frame not in ("", self._frame()):
@@ -319,8 +338,8 @@ class MapService:
     def grid(self) -> Any:
         """The grid of the map as it is now; None if nothing is known."""
         try:
-            self._grid.update(self.mapper.snapshot(), self.mapper.stamp)
-            return self._grid.whole()
+            self._grids[0].update(self.mapper.snapshot(), self.mapper.stamp)
+            return self._grids[0].whole()
         except (ValueError, RuntimeError) as error:
             self._node.say(Level.warning, f"get_map: {error}")
             return None

@@ -23,9 +23,9 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ndtree.live.grid import GridFollower, GridPart
+from ndtree.live.grid import GridPart
 from ndtree.live.localizing import quaternion_of
-from ndtree.live.outputs import POINT, FrontierPose, by_size
+from ndtree.live.outputs import FrontierPose, by_size
 from ndtree.live.palette import color_of
 
 #: Messages of ROS 1 take bytes, and arrays of numbers by classes of their own; those of ROS 2 take arrays.
@@ -34,15 +34,15 @@ IS_ROS1 = hasattr(Header, "_md5sum")
 
 def class_of(type: str) -> Any:
     """The class of a type as "sensor_msgs/msg/LaserScan"; ImportError if its package is not there."""
-    package, _, name = type.split("/")
-    return getattr(import_module(f"{package}.msg"), name)
+    package, kind, name = type.split("/")
+    return getattr(import_module(f"{package}.{kind}"), name)
 
 
 def optional_class(type: str) -> Any:
-    """As `class_of`; None if its package is not there."""
+    """As `class_of`; None if it is not there."""
     try:
         return class_of(type)
-    except ImportError:
+    except (ImportError, AttributeError):
         return None
 
 
@@ -101,18 +101,19 @@ def pose_with_covariance(
     return message
 
 
-def grid_message(grid: GridFollower, frame: str, stamp: float, z: float) -> OccupancyGrid:
+def grid_message(
+    values: NDArray[np.int8], cell_size: float, origin: tuple[float, float, float], frame: str, stamp: float
+) -> OccupancyGrid:
     """All of a grid."""
-    assert grid.values is not None
     message = _of_numbers(OccupancyGrid)(header=header(frame, stamp))
     message.info.map_load_time = message.header.stamp
-    message.info.resolution = float(grid.cell_size)
-    message.info.height, message.info.width = grid.values.shape
-    x, y = grid.origin
+    message.info.resolution = float(cell_size)
+    message.info.height, message.info.width = values.shape
+    x, y, z = origin
     message.info.origin = Pose(
         position=Point(x=x, y=y, z=z), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
     )
-    message.data = _numbers(grid.values.copy())
+    message.data = _numbers(values.copy())
     return message
 
 
@@ -130,10 +131,11 @@ def update_message(kind: Any, part: GridPart, frame: str, stamp: float) -> Any:
 
 
 def cloud_message(points: NDArray[np.void], frame: str, stamp: float) -> PointCloud2:
-    """Cells as points with fields x, y, z, size and probability."""
+    """Records of numbers of float32 as points."""
+    kind = points.dtype
     fields = [
         PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
-        for i, name in enumerate(POINT.names or ())
+        for i, name in enumerate(kind.names or ())
     ]
     return PointCloud2(
         header=header(frame, stamp),
@@ -141,8 +143,8 @@ def cloud_message(points: NDArray[np.void], frame: str, stamp: float) -> PointCl
         width=len(points),
         fields=fields,
         is_bigendian=False,
-        point_step=POINT.itemsize,
-        row_step=POINT.itemsize * len(points),
+        point_step=kind.itemsize,
+        row_step=kind.itemsize * len(points),
         data=_bytes(points.tobytes()),
         is_dense=True,
     )

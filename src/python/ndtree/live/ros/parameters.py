@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,19 +14,27 @@ from ndtree.live.corrections import MEMORY
 from ndtree.live.localizing import ODOMETRY
 from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK
+from ndtree.maps.ground import SLOPE
 from ndtree.maps.kinds import MAP_OPTIONS
 from ndtree.tuning.config import WORDS, Config
 
 
 @dataclass(frozen=True)
 class Row:
-    """A parameter; `changes` is whether it may be set while the node maps."""
+    """A parameter; `changes` is whether it may be set while the node maps, `words` all that it may be."""
 
     name: str
     default: Any
     text: str
     limits: tuple[float, float] | None = None
     changes: bool = False
+    words: tuple[str, ...] = ()
+
+    def check(self, value: Any) -> None:
+        """Refuse what is none of the words; raises ValueError."""
+        if self.words and value not in self.words:
+            expected = " or ".join([", ".join(self.words[:-1]), self.words[-1]])
+            raise WrongValue.of(self.name, value, expected)
 
 
 ROWS = (
@@ -50,7 +60,11 @@ ROWS = (
     Row("fixed_cells", False, "All cells of one size."),
     Row("max_range", 0.0, "Longer beams are free up to here [m]; 0: no limit.", (0.0, 1e6)),
     Row("min_range", 0.0, "Shorter beams are left out [m].", (0.0, 1e6)),
-    Row("no_return", "auto", "What a beam without return says: free, ignore, or auto."),
+    Row("box", "", "X0,Y0,Z0,X1,Y1,Z1 (X0,Y0,X1,Y1 in 2-D) in the map [m]: nothing is mapped outside."),
+    Row("stride", 1, "Of each scan, every n-th beam.", (1, 1000)),
+    Row("every", 1, "Every n-th scan.", (1, 100000)),
+    Row("no_return", "auto", "What a beam without return says: free, ignore, or auto.",
+        words=("auto", "free", "ignore")),
     Row("look", LOOK, "Messages that decide what is mapped and how [s].", (0.0, 1e3)),
     Row("queue", QUEUE, "Scans that wait at most; of more, the oldest is dropped.", (1, 100000)),
     Row("patience", PATIENCE, "A scan waits for its pose at most [s].", (0.0, 1e3)),
@@ -70,16 +84,60 @@ ROWS = (
     Row("grid_cell_size", 0.0, "Of the grid [m]; 0: that of the smallest cells.", (0.0, 1e3)),
     Row("grid_low", 0.1, "Of a 3-D map, the grid is of cells between this height", (-1e6, 1e6), True),
     Row("grid_high", 1.8, "and this one [m].", (-1e6, 1e6), True),
+    Row("grid_above", "map", "What these count from: map, its z = 0; robot, its base; or ground, below each.",
+        changes=True, words=("map", "robot", "ground")),
+    Row("ground_slope", SLOPE, "The steepest ground [m/m].", (0.0, 1e3), True),
+    Row("grid_layers", [""], "More grids of other heights, each NAME:LOW,HIGH, on map_NAME."),
+    Row("grid_clear", 0.0, "The grid is free within this of the robot's base [m].", (0.0, 1e3), True),
     Row("grid_period", 0.0, "From one grid or update to the next [s]; 0: after each scan.", (0.0, 1e3), True),
     Row("cells_period", 1.0, "Of occupied cells, as points and markers [s].", (0.0, 1e3), True),
+    Row("filter_speckles", False, "Leave out occupied cells that have no occupied neighbour.", changes=True),
     Row("frontiers_period", 2.0, "Of frontiers [s].", (0.0, 1e3), True),
     Row("frontier_cells", 8.0, "Smaller frontiers are left out [faces of smallest cells].", (0.0, 1e6)),
     Row("octomap_period", 2.0, "Of Octomaps [s].", (0.0, 1e3), True),
+    Row("octomap_cell_size", 0.0, "Of Octomaps [m]; 0: that of the smallest cells.", (0.0, 1e3)),
     Row("diagnostics_period", 1.0, "Of diagnostics [s].", (0.01, 1e3)),
     Row("clear_radius", 1.0, "What clear_around forgets around the sensor [m].", (0.0, 1e6), True),
 )  # fmt: skip
 _OTHER_NAMES = {"topic": "topics"}
 CHANGING = {row.name for row in ROWS if row.changes}
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A grid of cells between two heights [m]."""
+
+    name: str
+    low: float
+    high: float
+
+    @staticmethod
+    def of(text: str) -> Layer:
+        """Of NAME:LOW,HIGH; ValueError if it is none."""
+        name, _, heights = text.partition(":")
+        try:
+            low, high = (float(one) for one in heights.split(","))
+        except ValueError:
+            low = high = math.nan
+        if not (re.fullmatch("[A-Za-z0-9_]+", name) and -math.inf < low < high < math.inf):
+            raise ValueError(f"grid_layers = {text}: must be NAME:LOW,HIGH with heights in m")
+        return Layer(name, low, high)
+
+
+def layers_of(texts: Sequence[str]) -> list[Layer]:
+    """Of a list of NAME:LOW,HIGH; ValueError if one is none, or comes twice."""
+    layers = [Layer.of(text) for text in texts if text]
+    names = [layer.name for layer in layers]
+    if len(set(names)) < len(names):
+        raise ValueError(f"grid_layers = {', '.join(texts)}: must have different names")
+    return layers
+
+
+def check(name: str, value: Any) -> None:
+    """Refuse a value that is none of a parameter's words; raises ValueError."""
+    for row in ROWS:
+        if row.name == name:
+            row.check(value)
 
 
 def config_of(value: Callable[[str], Any], options: dict[str, Any] | None = None) -> Config:
@@ -94,8 +152,8 @@ def config_of(value: Callable[[str], Any], options: dict[str, Any] | None = None
         given["topic"] = topics
     if value("fixed_cells"):
         given["fixed"] = True
-    if given.get("no_return", "auto") not in ("auto", "free", "ignore"):
-        raise WrongValue.of("no_return", given["no_return"], "auto, free or ignore")
+    for row in ROWS:
+        row.check(value(row.name))
     whole = Config.load(value("config")) if value("config") else Config()
     whole = whole.overridden(Config.of(**given, **(options or {})).values)
     return Config.of(fixed_frame=ODOMETRY).overridden(whole.values) if value("localize") else whole

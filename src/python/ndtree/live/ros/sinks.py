@@ -7,14 +7,18 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import PoseArray
 from nav_msgs.msg import OccupancyGrid
+from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from ndtree._native._core import OccupancyMap
-from ndtree.live.grid import GridFollower
-from ndtree.live.outputs import Frontiers, occupied_points
+from ndtree.live.above_ground import GroundFollower
+from ndtree.live.grid import GridFollower, GridPart, difference
+from ndtree.live.outputs import Frontiers, State, cell_points, changed_points
+from ndtree.live.robot import Robot
 from ndtree.live.ros.messages import (
     cloud_message,
     frontier_message,
@@ -24,7 +28,9 @@ from ndtree.live.ros.messages import (
     optional_class,
     update_message,
 )
-from ndtree.live.ros.middleware import Middleware
+from ndtree.live.ros.middleware import Middleware, Publisher
+from ndtree.live.ros.parameters import Layer
+from ndtree.maps.ground import FREE
 from ndtree.maps.writers.rosbag import octomap_nodes
 
 #: Updates that a subscriber may be behind.
@@ -58,19 +64,34 @@ class GridSink(NodeSink):
 
     The grid comes as a whole when it has grown, when a subscriber has come, and always if map_msgs is not
     installed.
+
+    Parameters
+    ----------
+    node, frame
+        As for `NodeSink`.
+    robot : Robot
+        Where heights may count from, and where the grid may be free.
+    layer : Layer, optional
+        A grid of other heights than those of the parameters, on topics of its own.
     """
 
     parameter = "grid_period"
 
-    def __init__(self, node: Middleware, frame: Callable[[], str]) -> None:
+    def __init__(
+        self, node: Middleware, frame: Callable[[], str], robot: Robot, layer: Layer | None = None
+    ) -> None:
         super().__init__(node, frame)
-        self._maps = node.publisher(OccupancyGrid, "map")
+        self._robot, self._layer = robot, layer
+        topic = "map" if layer is None else f"map_{layer.name}"
+        self._maps = node.publisher(OccupancyGrid, topic)
         self._update = optional_class("map_msgs/msg/OccupancyGridUpdate")
         self._updates = (
-            None if self._update is None else node.publisher(self._update, "map_updates", depth=UPDATES)
+            None if self._update is None else node.publisher(self._update, f"{topic}_updates", depth=UPDATES)
         )
-        self._height: tuple[float, float] | None = None
         self._grid: GridFollower | None = None
+        self._made_of: tuple[Any, ...] = ()
+        self._values: NDArray[np.int8] | None = None
+        self._z = 0.0
         self._listeners = [0, 0]
         self._lock = threading.Lock()
         self._stamp = 0.0
@@ -84,15 +105,9 @@ class GridSink(NodeSink):
     def update(self, m: OccupancyMap, stamp: float) -> None:
         with self._lock:
             self._stamp = stamp
-            height = None
-            if m.dim == 3:
-                height = float(self._node.value("grid_low")), float(self._node.value("grid_high"))
-            if self._grid is None or height != self._height:
-                self._grid = GridFollower(self._node.value("grid_cell_size") or None, height)
-                self._height = height
-            part = self._grid.follow(m)
+            part = self._followed(m)
             has_come = self._has_come()
-            if self._grid.values is None:
+            if self._values is None:
                 return
             if has_come or (part is not None and (part.is_whole or self._updates is None)):
                 self._send_whole()
@@ -101,6 +116,48 @@ class GridSink(NodeSink):
                 self._updates.publish(update_message(self._update, part, self._frame(), stamp))
                 self.sent_bytes += part.values.size
 
+    def _followed(self, m: OccupancyMap) -> GridPart | None:
+        """What of the grid has changed."""
+        value, layer = self._node.value, self._layer
+        cell_size = value("grid_cell_size") or None
+        low, high = (value("grid_low"), value("grid_high")) if layer is None else (layer.low, layer.high)
+        above = value("grid_above") if m.dim == 3 else ""
+        slope = value("ground_slope") if above == "ground" else 0.0
+        if above == "robot" and self._robot.position is not None:
+            unit = m.options["min_cell_size"]  # In steps, for the grid is drawn anew at each.
+            base = unit * round(float(self._robot.position[2]) / unit)
+            low, high = low + base, high + base
+        made_of = cell_size, low, high, above, slope
+        is_new = self._grid is None or made_of != self._made_of
+        if is_new:
+            height = (float(low), float(high)) if m.dim == 3 else None
+            self._made_of, self._z = made_of, 0.0
+            if height is not None and above == "ground":
+                self._grid = GroundFollower(cell_size, height, slope)
+            else:
+                self._grid, self._z = GridFollower(cell_size, height), height[0] if height else 0.0
+        assert self._grid is not None
+        part = self._grid.follow(m)
+        radius = value("grid_clear")
+        if self._grid.values is None or (not radius and self._values is self._grid.values):
+            return part
+        before = self._values
+        self._values = self._cleared(radius) if radius else self._grid.values
+        if before is None or is_new or (part is not None and part.is_whole):
+            return GridPart(0, 0, self._values, True)
+        return difference(before, self._values)
+
+    def _cleared(self, radius: float) -> NDArray[np.int8]:
+        """The grid, free within a distance of the robot."""
+        assert self._grid is not None and self._grid.values is not None
+        values = self._grid.values.copy()
+        if self._robot.position is not None:
+            rows, columns = values.shape
+            x, y = (self._robot.position[:2] - self._grid.origin) / self._grid.cell_size - 0.5
+            aside = (np.arange(columns) - x) ** 2, (np.arange(rows)[:, None] - y) ** 2
+            values[aside[0] + aside[1] <= (radius / self._grid.cell_size) ** 2] = FREE
+        return values
+
     def _has_come(self) -> bool:
         """Whether somebody listens who did not before: to updates, too, which lack what was before."""
         before = self._listeners
@@ -108,45 +165,77 @@ class GridSink(NodeSink):
         return any(now > then for now, then in zip(self._listeners, before))
 
     def _send_whole(self) -> None:
-        assert self._grid is not None and self._grid.values is not None
-        z = self._height[0] if self._height else 0.0
-        self._maps.publish(grid_message(self._grid, self._frame(), self._stamp, z))
-        self.sent_bytes += self._grid.values.size
+        message = self._message()
+        self._maps.publish(message)
+        self.sent_bytes += message.info.width * message.info.height
+
+    def _message(self) -> OccupancyGrid:
+        assert self._grid is not None and self._values is not None
+        place = (*self._grid.origin, self._z)
+        return grid_message(self._values, self._grid.cell_size, place, self._frame(), self._stamp)
 
     def welcome(self) -> None:
         """Send the grid as a whole if a subscriber has come since the last one."""
         with self._lock:
-            if self._has_come() and self._grid is not None and self._grid.values is not None:
+            if self._has_come() and self._values is not None:
                 self._send_whole()
 
     def whole(self) -> OccupancyGrid:
         """The grid as it is now; ValueError if nothing is known."""
         with self._lock:
-            if self._grid is None or self._grid.values is None:
+            if self._values is None:
                 raise ValueError("nothing is known yet")
-            z = self._height[0] if self._height else 0.0
-            return grid_message(self._grid, self._frame(), self._stamp, z)
+            return self._message()
 
 
 class CellsSink(NodeSink):
-    """``~/occupied_cells`` as PointCloud2, and ``~/cell_markers`` as MarkerArray."""
+    """``~/occupied_cells`` as PointCloud2, ``~/cell_markers`` as MarkerArray, and the same of free cells."""
 
     parameter = "cells_period"
 
     def __init__(self, node: Middleware, frame: Callable[[], str]) -> None:
         super().__init__(node, frame)
-        self._clouds = node.publisher(PointCloud2, "~/occupied_cells")
-        self._markers = node.publisher(MarkerArray, "~/cell_markers")
+        self._publishers: dict[State, tuple[Publisher, Publisher]] = {}
+        topics: dict[State, tuple[str, str]] = {
+            "occupied": ("occupied_cells", "cell_markers"),
+            "free": ("free_cells", "free_cell_markers"),
+        }
+        for state, (clouds, markers) in topics.items():
+            pair = node.publisher(PointCloud2, f"~/{clouds}"), node.publisher(MarkerArray, f"~/{markers}")
+            self._publishers[state] = pair
 
     def update(self, m: OccupancyMap, stamp: float) -> None:
-        to_clouds, to_markers = (one.listeners() for one in (self._clouds, self._markers))
-        if not (to_clouds or to_markers):
+        for state, (clouds, markers) in self._publishers.items():
+            to_clouds, to_markers = clouds.listeners(), markers.listeners()
+            if not (to_clouds or to_markers):
+                continue
+            without = state == "occupied" and self._node.value("filter_speckles")
+            points = cell_points(m, state, without_speckles=without)
+            if to_clouds:
+                clouds.publish(cloud_message(points, self._frame(), stamp))
+            if to_markers:
+                markers.publish(marker_message(points, self._frame(), stamp))
+
+
+class ChangesSink(NodeSink):
+    """``~/changes`` as PointCloud2: what has another state than in the message before."""
+
+    parameter = "cells_period"
+
+    def __init__(self, node: Middleware, frame: Callable[[], str]) -> None:
+        super().__init__(node, frame)
+        self._clouds = node.publisher(PointCloud2, "~/changes", depth=UPDATES)
+        self._seen: OccupancyMap | None = None
+
+    def update(self, m: OccupancyMap, stamp: float) -> None:
+        if not self._clouds.listeners():
+            self._seen = None
             return
-        points = occupied_points(m)
-        if to_clouds:
-            self._clouds.publish(cloud_message(points, self._frame(), stamp))
-        if to_markers:
-            self._markers.publish(marker_message(points, self._frame(), stamp))
+        if self._seen is None or self._seen.options != m.options:  # Then everything is new.
+            self._seen = type(m)(dim=m.dim, **m.options)
+        changes, self._seen = m.changes(since=self._seen), m
+        if len(changes.size):
+            self._clouds.publish(cloud_message(changed_points(changes), self._frame(), stamp))
 
 
 class FrontiersSink(NodeSink):
@@ -180,5 +269,9 @@ class OctomapSink(NodeSink):
     def update(self, m: OccupancyMap, stamp: float) -> None:
         for binary, publisher in self._publishers.items():
             if m.dim == 3 and publisher.listeners():
-                found = octomap_nodes(m, None, binary=binary)
-                publisher.publish(octomap_message(self._kind, *found, self._frame(), stamp, binary=binary))
+                publisher.publish(self.message(m, stamp, binary=binary))
+
+    def message(self, m: OccupancyMap, stamp: float, *, binary: bool) -> Any:
+        """A 3-D map as an Octomap."""
+        found = octomap_nodes(m, self._node.value("octomap_cell_size") or None, binary=binary)
+        return octomap_message(self._kind, *found, self._frame(), stamp, binary=binary)

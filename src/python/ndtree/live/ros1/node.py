@@ -12,7 +12,8 @@ from geometry_msgs.msg import PolygonStamped
 from nav_msgs.srv import GetMap, GetMapResponse, LoadMap
 from std_srvs.srv import Empty, EmptyResponse, Trigger
 
-from ndtree.live.ros.map_service import TICK, MapService
+from ndtree.live.ros.map_service import OCTOMAP_SERVICES, TICK, MapService
+from ndtree.live.ros.messages import class_of, optional_class
 from ndtree.live.ros.middleware import Level, Publisher
 from ndtree.live.ros.parameters import CHANGING, ROWS, config_of, followed
 from ndtree.live.ros1.parameters import Parameters
@@ -98,6 +99,13 @@ class MapNode:
                 "~get_map", GetMap, lambda request: GetMapResponse(*filter(None, [self._map.grid()]))
             ),
         ]
+        get_octomap, query = (optional_class(f"octomap_msgs/srv/{name}") for name in OCTOMAP_SERVICES)
+        if query is not None:
+            self._services += [
+                rospy.Service("~octomap_full", get_octomap, lambda request: self._octomap(False)),
+                rospy.Service("~octomap_binary", get_octomap, lambda request: self._octomap(True)),
+                rospy.Service("~clear_bbox", query, self._clear_bbox),
+            ]
         self._boxes = rospy.Subscriber("~clear_box", PolygonStamped, self._clear_box, queue_size=10)
         self._asked = self._diagnosed = -1e9
 
@@ -151,6 +159,15 @@ class MapNode:
     def _reset(self, request: Any) -> EmptyResponse:
         self._map.reset()
         return EmptyResponse()
+
+    def _octomap(self, binary: bool) -> list[Any]:
+        """Fields of an answer: none, where there is no map."""
+        found = self._map.octomap(binary=binary)
+        return [class_of("octomap_msgs/msg/Octomap")() if found is None else found]
+
+    def _clear_bbox(self, request: Any) -> list[Any]:
+        self._map.clear_box("", [request.min, request.max])
+        return []
 
     def _clear_box(self, message: PolygonStamped) -> None:
         self._map.clear_box(message.header.frame_id, message.polygon.points)

@@ -69,6 +69,7 @@ def _checked(row: Row, value: Any) -> Any:
             raise ValueError(f"~{row.name} = {value}: must be a list of names")
         return values
     value = _typed(row.name, type(row.default), value)
+    row.check(value)
     if row.limits is not None and not row.limits[0] <= value <= row.limits[1]:
         low, high = row.limits
         raise ValueError(f"~{row.name} = {value}: must be from {low:g} to {high:g}")

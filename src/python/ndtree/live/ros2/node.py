@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 from geometry_msgs.msg import PolygonStamped
@@ -17,9 +18,10 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Empty, Trigger
 
-from ndtree.live.ros.map_service import TICK, MapService
+from ndtree.live.ros.map_service import OCTOMAP_SERVICES, TICK, MapService
+from ndtree.live.ros.messages import optional_class
 from ndtree.live.ros.middleware import Level, Publisher
-from ndtree.live.ros.parameters import CHANGING, config_of, followed
+from ndtree.live.ros.parameters import CHANGING, check, config_of, followed
 from ndtree.live.ros2.parameters import declare, map_options, value
 from ndtree.live.ros2.sources import Sources
 from ndtree.logs.ros.storage import Raw
@@ -164,6 +166,13 @@ class MapNode(LifecycleNode):
             self.create_service(Trigger, "~/clear_around", self._clear_around),
             self.create_service(GetMap, "~/get_map", self._get_map),
         ]
+        get_octomap, query = (optional_class(f"octomap_msgs/srv/{name}") for name in OCTOMAP_SERVICES)
+        if query is not None:
+            self._offered += [
+                self.create_service(get_octomap, "~/octomap_full", self._get_octomap(False)),
+                self.create_service(get_octomap, "~/octomap_binary", self._get_octomap(True)),
+                self.create_service(query, "~/clear_bbox", self._clear_bbox),
+            ]
         self._box_listener = self.create_subscription(PolygonStamped, "~/clear_box", self._clear_box, 10)
 
     def _put(self, raw: Raw) -> None:
@@ -208,6 +217,10 @@ class MapNode(LifecycleNode):
             if self._map is not None and one.name not in CHANGING and one.name != "use_sim_time":
                 reason = f"{one.name} is read when the node is configured, and not while it maps"
                 return SetParametersResult(successful=False, reason=reason)
+            try:
+                check(one.name, one.value)
+            except ValueError as error:
+                return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _save(self, request: Any, response: Any) -> Any:
@@ -228,6 +241,19 @@ class MapNode(LifecycleNode):
     def _clear_around(self, request: Any, response: Any) -> Any:
         assert self._map is not None
         response.success, response.message = self._map.clear_around()
+        return response
+
+    def _get_octomap(self, binary: bool) -> Callable[[Any, Any], Any]:
+        def answered(request: Any, response: Any) -> Any:
+            assert self._map is not None
+            response.map = self._map.octomap(binary=binary) or response.map
+            return response
+
+        return answered
+
+    def _clear_bbox(self, request: Any, response: Any) -> Any:
+        assert self._map is not None
+        self._map.clear_box("", [request.min, request.max])
         return response
 
     def _clear_box(self, message: PolygonStamped) -> None:
