@@ -288,3 +288,13 @@ def test_a_node_is_told_of_parameters() -> None:
     assert (
         in_parameters(f"chosen: {key('dim')} 2 {key('range_sigma')} 0.02") == "chosen: dim 2 range_sigma 0.02"
     )
+
+
+def test_what_publishers_dropped_is_counted_by_their_numbers() -> None:
+    from ndtree.live.ros.topics import Numbers
+
+    numbers = Numbers()
+    assert not numbers
+    for one in ("a7", "a8", "b1", "a12", "a10", "b2", "a13", "b0"):
+        numbers.add(one[0], int(one[1:]))
+    assert numbers and numbers.lost == 3

@@ -232,6 +232,15 @@ def test_services_and_parameters_that_change(robot: Robot, tmp_path: Path) -> No
     assert said["warning"] == "~clear_radius = -1.0: must be from 0 to 1e+06; 0.75 holds"
 
 
+def test_of_a_burst_it_is_counted_what_was_lost(robot: Robot) -> None:
+    """More scans at once than their publisher keeps."""
+    with robot.node(still="true", queue=5000, diagnostics_period=0.1) as node:
+        with robot.running("burst", PROCESSES / "burst.py", 300) as burst:
+            robot.ended(burst, "burst", node)
+    received, lost = map(int, robot.log("burst").split()[-2:])
+    assert received + lost == 300 and lost > 0
+
+
 def test_a_slams_path_moves_what_was_mapped(robot: Robot, tmp_path: Path) -> None:
     rows = driven(30)
     true = [(place, turn) for _, place, turn, _, _ in rows]

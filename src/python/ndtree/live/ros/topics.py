@@ -46,3 +46,26 @@ class Wanted:
 def is_superfluous(topic: str, type: str, chosen: set[str]) -> bool:
     """Whether a topic is of no use once sensors and topics with poses were chosen."""
     return plain(topic) not in chosen and (type in SENSORS or type in POSES)
+
+
+class Numbers:
+    """Counts what is missing between messages, by the numbers that publishers give them.
+
+    Attributes
+    ----------
+    lost : int
+    """
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self._last: dict[str, int] = {}
+
+    def __bool__(self) -> bool:
+        """Whether there were any."""
+        return bool(self._last)
+
+    def add(self, publisher: str, number: int) -> None:
+        """Take note of a message; one that begins again, or comes late, tells nothing."""
+        last = self._last.get(publisher, number)
+        self._last[publisher] = max(last, number)
+        self.lost += max(number - last - 1, 0)

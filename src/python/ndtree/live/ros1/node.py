@@ -133,7 +133,7 @@ class MapNode:
     def end(self) -> None:
         """Map what has arrived, save, and wait a while until subscribers have the last map."""
         self._sources.close()
-        self._map.close(0)
+        self._map.close(self._sources.lost)
         until = time.monotonic() + DELIVERY
         for publisher in self._publishers:
             publisher.deliver(until)
@@ -148,7 +148,7 @@ class MapNode:
             self._sources.look({one.topic for one in self._publishers})
         if now - self._diagnosed >= self.value("diagnostics_period"):
             self._diagnosed = now
-            self._map.diagnose(0)
+            self._map.diagnose(self._sources.lost)
 
     def _put(self, raw: Raw) -> None:
         try:

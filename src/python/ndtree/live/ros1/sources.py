@@ -8,7 +8,8 @@ from typing import Any
 
 import rospy
 
-from ndtree.live.ros.topics import TRANSFORMS, Wanted, is_superfluous
+from ndtree.live.ros.topics import TRANSFORMS, Numbers, Wanted, is_superfluous
+from ndtree.logs.ros.messages.beams import SENSORS
 from ndtree.logs.ros.storage import Connection, Raw, ros2_type
 
 #: Bytes that are taken from a socket at once.
@@ -18,8 +19,9 @@ BUFFER = 1 << 22
 class Sources:
     """Subscriptions to sensors, transforms and poses.
 
-    Messages come by TCP, each publisher's in a thread of its own: none is lost between two processes that
-    both run, and the queue of the mapper bounds how many wait.
+    Messages come by TCP, each publisher's in a thread of its own: none is lost on the way. A publisher drops
+    some where its queue is full, which the numbers in their headers tell; the queue of the mapper bounds how
+    many wait.
 
     Parameters
     ----------
@@ -32,6 +34,7 @@ class Sources:
     def __init__(self, put: Callable[[Raw], None], reading: dict[str, Any]) -> None:
         self._put, self._wanted = put, Wanted(reading)
         self._subscriptions: dict[str, _Subscription] = {}
+        self._lost = 0
         self._published: set[str] = set()
         for topic, type in TRANSFORMS.items():
             self._subscribe(topic, type)
@@ -53,8 +56,14 @@ class Sources:
                 one.close()
                 del self._subscriptions[topic]
 
+    @property
+    def lost(self) -> int:
+        """Messages of sensors that publishers have sent and that did not come."""
+        return self._lost + sum(one.numbers.lost for one in self._subscriptions.values())
+
     def close(self) -> None:
         """Listen to nothing."""
+        self._lost = self.lost
         for one in self._subscriptions.values():
             one.close()
         self._subscriptions.clear()
@@ -67,6 +76,7 @@ class _Subscription:
     def __init__(self, put: Callable[[Raw], None], topic: str, type: str) -> None:
         self._put, self._topic, self.type = put, topic, type
         self._connections: dict[tuple[str, str], Connection] = {}
+        self.numbers = Numbers()
         self._subscriber = rospy.Subscriber(
             topic, rospy.AnyMsg, self._received, buff_size=BUFFER, tcp_nodelay=True
         )
@@ -82,4 +92,6 @@ class _Subscription:
             definition = said.get("message_definition") or None
             connection = Connection(0, self._topic, ros2_type(key[0]), "ros1", definition)
             self._connections[key] = connection
+        if self.type in SENSORS:  # All begin with a header, and that with the number.
+            self.numbers.add(said.get("callerid", ""), int.from_bytes(message._buff[:4], "little"))
         self._put(Raw(connection, rospy.Time.now().to_nsec(), message._buff))

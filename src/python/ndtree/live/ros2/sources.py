@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from ndtree.live.ros.messages import class_of
-from ndtree.live.ros.topics import TRANSFORMS, Wanted, is_superfluous
+from ndtree.live.ros.topics import TRANSFORMS, Numbers, Wanted, is_superfluous
 from ndtree.logs.ros.messages.beams import CAMERA_INFO, SENSORS
 from ndtree.logs.ros.storage import Connection, Raw
 
@@ -121,7 +121,7 @@ class _Subscription:
         self._sources, self._node = sources, sources._node
         self.connection = Connection(0, topic, type, "cdr", _definition(type))
         self.is_sensor = type in SENSORS
-        self._numbers: dict[str, int] = {}
+        self._numbers = Numbers()
         qos = QoSProfile(depth=sources.depth if self.is_sensor else POSE_DEPTH)
         if self.is_sensor and not sources.reliable:
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
@@ -164,10 +164,9 @@ class _Subscription:
         number = info.get("publication_sequence_number") if isinstance(info, dict) else None
         if number is None:
             return
-        publisher = repr(info.get("publisher_gid"))
-        before = self._numbers.get(publisher, number)
-        self._numbers[publisher] = max(before, number)
-        self._sources.lost += max(number - before - 1, 0)
+        before = self._numbers.lost
+        self._numbers.add(repr(info.get("publisher_gid")), number)
+        self._sources.lost += self._numbers.lost - before
 
     def _lost(self, event: Any) -> None:
         self._sources.lost += 0 if self._numbers else event.total_count_change
