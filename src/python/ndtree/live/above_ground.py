@@ -8,6 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
 from ndtree.live.grid import GridFollower, GridPart, Ints
 from ndtree.maps.ground import REACH, SLOPE, UNKNOWN, seen_above_ground
@@ -36,7 +37,7 @@ class GroundFollower(GridFollower):
     def __init__(self, cell_size: float | None, height: tuple[float, float], slope: float = SLOPE) -> None:
         super().__init__(cell_size, height)
         if not 0 <= slope < math.inf:
-            raise ValueError(f"slope = {slope:g}: must be >= 0 and finite")
+            raise WrongValue.of("slope", f"{slope:g}", ">= 0 and finite")
         # Whatever changes, may change the ground.
         self._band, self._height, self._slope = height, None, slope
 

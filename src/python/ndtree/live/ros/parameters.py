@@ -120,7 +120,7 @@ class Layer:
         except ValueError:
             low = high = math.nan
         if not (re.fullmatch("[A-Za-z0-9_]+", name) and -math.inf < low < high < math.inf):
-            raise ValueError(f"grid_layers = {text}: must be NAME:LOW,HIGH with heights in m")
+            raise WrongValue.of("grid_layers", text, "NAME:LOW,HIGH with heights in m")
         return Layer(name, low, high)
 
 
@@ -129,7 +129,7 @@ def layers_of(texts: Sequence[str]) -> list[Layer]:
     layers = [Layer.of(text) for text in texts if text]
     names = [layer.name for layer in layers]
     if len(set(names)) < len(names):
-        raise ValueError(f"grid_layers = {', '.join(texts)}: must have different names")
+        raise WrongValue.of("grid_layers", ", ".join(texts), "of different names")
     return layers
 
 
