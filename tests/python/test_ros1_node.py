@@ -233,9 +233,9 @@ def test_services_and_parameters_that_change(robot: Robot, tmp_path: Path) -> No
 
 
 def test_of_a_burst_it_is_counted_what_was_lost(robot: Robot) -> None:
-    """More scans at once than their publisher keeps."""
+    """More scans than their publisher keeps while the node sleeps."""
     with robot.node(still="true", queue=5000, diagnostics_period=0.1) as node:
-        with robot.running("burst", PROCESSES / "burst.py", 300) as burst:
+        with robot.running("burst", PROCESSES / "burst.py", 300, node.pid) as burst:
             robot.ended(burst, "burst", node)
     received, lost = map(int, robot.log("burst").split()[-2:])
     assert received + lost == 300 and lost > 0
@@ -311,8 +311,8 @@ def test_the_launch_file_starts_the_node(robot: Robot, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "word, said",
     [
-        ("_no_return:=maybe", "no_return = maybe: must be auto, free or ignore"),
-        ("_min_cell_size:=-1.0", "min_cell_size = -1"),
+        ("_no_return:=maybe", "no_return maybe: must be auto, free or ignore"),
+        ("_min_cell_size:=-1.0", "min_cell_size -1"),
         ("_queue:=0", "~queue = 0: must be from 1 to 100000"),
         ("_queue:=many", "~queue = many: must be a whole number"),
         ("_windows:=3", "~windows: there is no such parameter, expected one of autostart, "),

@@ -337,8 +337,8 @@ def test_a_node_that_is_configured_again_begins_anew(tmp_path: Path) -> None:
 def test_wrong_parameters_are_refused(tmp_path: Path) -> None:
     for number, (word, said) in enumerate(
         {
-            "no_return:=maybe": "no_return = maybe: must be auto, free or ignore",
-            "min_cell_size:=-1.0": "min_cell_size = -1",
+            "no_return:=maybe": "no_return maybe: must be auto, free or ignore",
+            "min_cell_size:=-1.0": "min_cell_size -1",
             "queue:=0": "queue",
         }.items()
     ):

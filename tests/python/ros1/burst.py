@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Publishes more scans at once than wait to be sent, and prints what the node counted: burst.py COUNT."""
+"""Publishes more scans than are kept while the node sleeps; prints what it counted: burst.py COUNT PID."""
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 
@@ -11,7 +12,7 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import LaserScan
 
-count = int(sys.argv[1])
+count, pid = map(int, sys.argv[1:])
 said: dict = {}
 rospy.init_node("burst")
 rospy.Subscriber(
@@ -40,8 +41,11 @@ while publisher.get_num_connections() == 0:
 publish(0)
 while counted()[0] < 1 and time.monotonic() < deadline:
     time.sleep(0.02)
+os.kill(pid, signal.SIGSTOP)
 for i in range(1, count):
     publish(i)
+    time.sleep(0.002)  # The publisher's thread fills what the system keeps, and then there is no room.
+os.kill(pid, signal.SIGCONT)
 while sum(counted()) < count and time.monotonic() < deadline:
     time.sleep(0.02)
 time.sleep(0.5)
