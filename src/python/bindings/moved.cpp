@@ -80,25 +80,27 @@ py::array_t<float> probability(const AnyMovedEvidence& any, const py::object& ob
   return out;
 }
 
+constexpr std::size_t kCounts = 4;
+
+template <int D>
+void write_counts(const MovedEvidence<D>& evidence, const double* points, std::size_t n, std::uint32_t* out) {
+  for (std::size_t i = 0; i < n; ++i) {
+    const MovedTally tally = evidence.tally(Eigen::Map<const Vector<D>>(points + i * D));
+    const std::array<std::uint32_t, kCounts> row{tally.through, tally.found, tally.stays, tally.unsure};
+    std::copy(row.begin(), row.end(), out + i * kCounts);
+  }
+}
+
 py::array_t<std::uint32_t> counts(const AnyMovedEvidence& any, const py::object& object) {
   const DoubleArray points = as_points(object, "points", any.dim());
-  constexpr py::ssize_t kCounts = 4;
-  py::array_t<std::uint32_t> out({points.shape(0), kCounts});
+  py::array_t<std::uint32_t> out({points.shape(0), static_cast<py::ssize_t>(kCounts)});
   const auto n = static_cast<std::size_t>(points.shape(0));
   const double* const data = points.data();
   std::uint32_t* const results = out.mutable_data();
   const Released released;
   const CallInProgress call;
   const SharedLock::Holder holder(any.lock, SharedLock::Use::look);
-  std::visit(
-      [&]<int D>(const MovedEvidence<D>& evidence) {
-        for (std::size_t i = 0; i < n; ++i) {
-          const MovedTally tally = evidence.tally(Eigen::Map<const Vector<D>>(data + i * D));
-          const std::array<std::uint32_t, kCounts> row{tally.through, tally.found, tally.stays, tally.unsure};
-          std::copy(row.begin(), row.end(), results + i * row.size());
-        }
-      },
-      any.evidence);
+  std::visit([&](const auto& evidence) { write_counts(evidence, data, n, results); }, any.evidence);
   return out;
 }
 

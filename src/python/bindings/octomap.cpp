@@ -33,6 +33,10 @@ class OctomapAdapter final : public QueryAdapter<OctomapBaseline, D> {
   [[nodiscard]] std::string refinement() const override { return kOctomap; }
   [[nodiscard]] const MapOptions& options() const override { return map_.options(); }
   [[nodiscard]] bool clones_cheaply() const override { return false; }
+  /// It keeps no hits beside its log-odds, which are what it knows.
+  void standing(const double* points, std::size_t n, float* out) const override {
+    this->probability(points, n, out);
+  }
   void hit_rate(const double* points, std::size_t n, double interval,
                 const HitRateArrays& out) const override {
     if (interval > 0.0)
