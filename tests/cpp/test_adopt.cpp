@@ -26,7 +26,7 @@ MapOptions some_options() {
 }
 /// From somewhere, as a robot that moves on: so that the root grows, now here, now there.
 template <int D>
-Scan<D> random_scan(Random& random) {
+Scan<D> scan_of_somewhere(Random& random) {
   Scan<D> scan;
   const Eigen::Index beams = random.chance(0.3) ? 2000 : 30;
   scan.origins.resize(D, 1);
@@ -39,7 +39,7 @@ Scan<D> random_scan(Random& random) {
   }
   return scan;
 }
-/// Boxes of this many cubes' edges that tile all that random_scan() can reach.
+/// Boxes of this many cubes' edges that tile all that scan_of_somewhere() can reach.
 template <int D>
 std::vector<Box<D>> tiles(double edge) {
   const double reach = 16.0;
@@ -78,7 +78,7 @@ TYPED_TEST(Adopted, PartsAreTheMapThatOneMakes) {
   std::size_t taken = 0;
   for (int round = 0; round < (D == 2 ? 6 : 2); ++round) {
     std::vector<Scan<D>> scans;
-    for (int i = D == 2 ? random.integer(1, 5) : 2; i > 0; --i) scans.push_back(random_scan<D>(random));
+    for (int i = D == 2 ? random.integer(1, 5) : 2; i > 0; --i) scans.push_back(scan_of_somewhere<D>(random));
     TypeParam serial(options);
     TypeParam joined(options);
     for (const Scan<D>& scan : scans) {
@@ -116,7 +116,7 @@ TYPED_TEST(Adopted, WhatIsPutAsideComesBackAndMappingGoesOn) {
     TypeParam moving(options);
     const auto all = tiles<D>(options.max_cell_size * 4);
     for (int i = 0; i < 6; ++i) {
-      const Scan<D> scan = random_scan<D>(random);
+      const Scan<D> scan = scan_of_somewhere<D>(random);
       serial.insert(scan);
       moving.insert(scan);
       const Box<D>& tile = all[static_cast<std::size_t>(random.integer(0, static_cast<int>(all.size()) - 1))];
@@ -138,7 +138,7 @@ TYPED_TEST(Adopted, CellsInABoxAreThoseThatAWindowOfItWouldHaveMapped) {
   Random random(25);
   std::size_t taken = 0;
   for (int round = 0; round < 8; ++round) {
-    const Scan<D> scan = random_scan<D>(random);
+    const Scan<D> scan = scan_of_somewhere<D>(random);
     Box<D> box;
     for (int a = 0; a < D; ++a) {
       box.lower[a] = scan.origins(a, 0) + random.uniform(-3.0, 0.0);
@@ -163,7 +163,7 @@ TEST(AdoptedCells, AreOfOneMapAlone) {
   Random random(23);
   const MapOptions options = some_options<2>();
   Map map(options);
-  map.insert(random_scan<2>(random));
+  map.insert(scan_of_somewhere<2>(random));
   const std::string before = to_bytes(map);
   const auto refusal = [&](const Map& other, const std::optional<Box<2>>& box) {
     try {
@@ -195,7 +195,7 @@ TEST(BytesOfAMap, DoNotTellWhichUnknownSpaceWasDivided) {
   using Map = AdaptiveMap<2, 2>;
   Random random(24);
   Map map(some_options<2>());
-  for (int i = 0; i < 5; ++i) map.insert(random_scan<2>(random));
+  for (int i = 0; i < 5; ++i) map.insert(scan_of_somewhere<2>(random));
   Map forgotten = map;
   forgotten.crop(Box<2>{Vector<2>(-40.0, -40.0), Vector<2>(40.0, 40.0)});
   EXPECT_EQ(to_bytes(map), to_bytes(forgotten));

@@ -145,12 +145,12 @@ TYPED_TEST(NoReturnsIn, AreLeftOutWhereFewSurfacesDoNotReturnInTheOpen) {
   const auto scan = [&](std::size_t dark, double up, double aside) {
     std::vector<Ray> rays(kAll, Ray{9.0, false});
     for (std::size_t i = 0; i < kPosts; ++i) rays[3 * i] = {i < dark ? 9.0 : 4.0, i >= dark};
-    Scan<D> scan = scan_of<D>(rays);
-    for (Points<D>* points : {&scan.origins, &scan.endpoints}) {
+    Scan<D> made = scan_of<D>(rays);
+    for (Points<D>* points : {&made.origins, &made.endpoints}) {
       points->row(1).array() += up * kCell;
       if (D == 3) points->row(2).array() += aside * kCell;
     }
-    return scan;
+    return made;
   };
   for (std::size_t dark = 0; dark <= 3; ++dark)
     for (const bool are_around : {true, false}) {

@@ -93,7 +93,7 @@ def test_images_are_read_by_others_and_back_cell_by_cell(
     tmp_path: Path, plane: ndtree.AdaptiveMap, name: str
 ) -> None:
     pil, yaml = pytest.importorskip("PIL.Image"), pytest.importorskip("yaml")
-    ndtree.convert(plane, tmp_path / name)
+    ndtree.convert(plane, tmp_path / name, wall_depth=np.inf)
     target = (tmp_path / name).with_suffix(".yaml")
     image_suffix = ".png" if name.endswith(".png") else ".pgm"
     assert {file.suffix for file in tmp_path.iterdir()} == {".yaml", image_suffix}

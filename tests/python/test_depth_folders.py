@@ -270,7 +270,7 @@ BROKEN: dict[str, tuple[Make, str]] = {
     "no pose": (without_pose, f"{POSE}"),
     "pose of 3 numbers": (rewritten(POSE, b"1 2 3"), f"{POSE}: found 3 numbers, expected a matrix of 3x4 or"),
     "pose of words": (rewritten(POSE, b"1 2 x"), f"{POSE}: line 1: found '1 2 x', expected only numbers"),
-    "no rotation": (rewritten(POSE, b"2 " * 12), f"{POSE}: .* is no rotation"),
+    "no rotation": (rewritten(POSE, b"2 " * 12), f"{POSE}: .* is not a rotation"),
     "not finite": (rewritten(POSE, b"-inf " * 16), f"{POSE}: the pose is not finite"),
     "last row": (rewritten(POSE, b"1 0 0 0 0 1 0 0 0 0 1 0 0 0 1 1"), f"{POSE}: the last row is"),
     "cut off": (cut, f"{DEPTH}: the PNG is damaged"),

@@ -456,7 +456,7 @@ def test_wrong_calls_end_with_one_line(log, tmp_path):
     assert "--static" in tiles.output
     cars = run("simulate", "office", "--cars", 2, "-o", tmp_path / "x.npz")
     assert cars.exit_code == 2
-    assert "--cars = 2: must be 0 in the office" in cars.output
+    assert "--cars 2: must be 0 in the office" in cars.output
 
 
 def test_people_before_a_real_camera(recordings, tmp_path):

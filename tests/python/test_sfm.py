@@ -524,7 +524,7 @@ BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
         changed(bundler, "", line(8, "-1 0 0")),
         "camera 2 of 6: found a focal length of -1 px",
     ),
-    "camera no rotation": (changed(bundler, "", line(9, "5 5 5")), "cameras: pose 0: .* is no rotation"),
+    "camera no rotation": (changed(bundler, "", line(9, "5 5 5")), "cameras: pose 0: .* is not a rotation"),
     "sizes of words": (changed(bundler, "", line(2, "a b")), "line 2: expected the numbers of cameras and"),
     "views short": (
         changed(bundler, "", line(35, "2 1 2 3 4")),

@@ -116,7 +116,7 @@ class FreeSpace {
   }
 
   /// Obstacles, or what was none, came or went in a box: what depends on it is looked at again when it is
-  /// asked for. @param map as it is now.
+  /// asked for.
   void forget(const LatticeBox<D>& changed) {
     const LatticeBox<D> places = finder_.places_meeting(changed);
     last_brick_ = kNoNode;

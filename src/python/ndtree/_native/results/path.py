@@ -19,7 +19,8 @@ class Path:
     points : (n, dim) float64
         From start to goal [m], straight between them; (0, dim) without one.
     status : {"found", "none", "out of time"}
-        Why there is none: it is proved that there is none, or the search had no time left.
+        Why there is none: no chain of free cells leads to the goal, so there is none for a body that is a
+        smallest cell larger on each side; or the search had no time left.
     length : float
         [m]; inf without one.
     clearance : float

@@ -146,7 +146,7 @@ def map_(call: _Call, given: Any = None) -> None:
     read_seconds = time.perf_counter() - begin
     plot = plotting() if call.picture else None
     if is_tiled(output):
-        _refuse({**of_one, "--call.static": call.static or None}, f"is not for a map in tiles, -o {output}")
+        _refuse({**of_one, "--static": call.static or None}, f"is not for a map in tiles, -o {output}")
         _map_tiled(wanted, log, output, call.tile_size, call.max_resident, call.json_file)
         return
     _refuse(of_tiles, f"is for a map in tiles, -o {output}")
