@@ -62,10 +62,10 @@ TEST(Disputed, WhereSomethingStoodForAWhile) {
   };
   for (int i = 0; i < 30; ++i) map.insert(scan_to(4.0));
   EXPECT_EQ(disputed_fraction(map), 0.0);
-  for (int i = 0; i < 2; ++i) map.insert(scan_to(2.0));
-  for (int i = 0; i < 11; ++i) map.insert(scan_to(4.0));
-  EXPECT_EQ(disputed_fraction(map), 0.0) << "too few scans say otherwise";
+  for (int i = 0; i < 20; ++i) map.insert(scan_to(2.0));
   for (int i = 0; i < 6; ++i) map.insert(scan_to(4.0));
+  EXPECT_EQ(disputed_fraction(map), 0.0) << "too few scans say otherwise";
+  for (int i = 0; i < 11; ++i) map.insert(scan_to(4.0));
   const std::optional<double> disputed = disputed_fraction(map);
   ASSERT_TRUE(disputed);
   EXPECT_GT(*disputed, 0.001);
