@@ -152,7 +152,9 @@ class FreeSpace {
     std::uint32_t below = 0;  // The first of 2^D children, or a brick.
     State state = State::unvisited;
   };
-  [[nodiscard]] static std::int64_t floored(std::int64_t at, int level) { return (at >> level) << level; }
+  [[nodiscard]] static std::int64_t floored(std::int64_t at, int level) {
+    return at & -(std::int64_t{1} << level);
+  }
   [[nodiscard]] static Passage passage_of(State state) {
     return state == State::free ? Passage::free : state == State::costly ? Passage::costly : Passage::blocked;
   }
