@@ -22,9 +22,10 @@ def key(name: str) -> str:
     return f"{_MARK}{name}{_MARK}"
 
 
-def keys_of(text: str) -> list[str]:
-    """Names of the options in a text."""
-    return [found[1] for found in _KEY.finditer(text)]
+def leading_key(text: str) -> str:
+    """Name of the option that a text begins with; empty if it begins with none."""
+    found = _KEY.match(text)
+    return found[1] if found else ""
 
 
 def marked(text: Any) -> str:

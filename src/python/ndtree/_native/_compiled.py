@@ -91,12 +91,9 @@ def _constructor_options(module: Any) -> dict[str, dict[str, float]]:
     """Keywords of the maps' constructors that pybind11 knows as ``**kwargs`` alone, with their defaults."""
     kinds = {"AdaptiveMap": {"evidence", "paper"}, "ScanHistory": {"evidence"}, "FixedMap": {"fixed"}}
     kinds["OctoMap"] = {"octomap"}
+    rows = [row for row in module.option_table() if row[6] is not None]
     return {
-        name: {
-            row[0]: row[1]
-            for row in module.option_table()
-            if row[6] is not None and refinements & set(row[5])
-        }
+        name: {row[0]: row[1] for row in rows if refinements & set(row[5])}
         for name, refinements in kinds.items()
     }
 
@@ -117,7 +114,6 @@ def _wrapped(
     axes = TAKEN.get(name, TAKEN.get(short)) if is_method else None
     takes_path = "path" in names
     writes = takes_path and short.startswith(("save", "write"))
-    takes = Call(name, function.__doc__.partition("\n")[0], is_method=is_method)
 
     @functools.wraps(function)
     def call(*arguments: Any, **keywords: Any) -> Any:
@@ -142,6 +138,7 @@ def _wrapped(
         except TypeError as error:
             if "\n" not in str(error):  # pybind11's own lists all that it takes.
                 raise
+            takes = Call(name, function.__doc__.partition("\n")[0], is_method=is_method)
             refused = takes.error_of(arguments, keywords)
         raise refused
 

@@ -121,7 +121,8 @@ class Alignment:
         doubts = []
         if self.lost > max(_MOST_LOST[0], _MOST_LOST[1] * len(self.poses)):
             doubts.append(f"{number_of(self.lost, 'scan')} matched nothing")
-        unfixed = np.where(self._is_in_loop, 0.0, self.unfixed)
+        is_in_loop = self._is_in_loop
+        unfixed = np.where(is_in_loop, 0.0, self.unfixed)
         if unfixed.sum() > _MOST_UNFIXED:
             first = self.stamps[int(np.argmax(np.cumsum(unfixed) > 0.5 * _MOST_UNFIXED))]
             by = "only odometry says" if self.has_odometry else "nothing says"
@@ -134,8 +135,7 @@ class Alignment:
         low, high = _SCALES
         if not low < abs(self.odometry_scale) < high:
             doubts.append(f"scans say {self.odometry_scale:.2f} times the way that odometry says")
-        is_confirmed = self._is_in_loop[self.key_scans]
-        broken = np.flatnonzero((self.through > _MOST_THROUGH) & ~is_confirmed)
+        broken = np.flatnonzero((self.through > _MOST_THROUGH) & ~is_in_loop[self.key_scans])
         if len(broken):
             doubts.append(
                 f"points of {number_of(len(broken), 'scan')} lie where those before saw through, "

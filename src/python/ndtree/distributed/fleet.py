@@ -247,11 +247,12 @@ class _Times:
     def of_all(self, report: FleetReport, prepared: list[Any], at_engine: float) -> FleetReport:
         """The same, with what reading the logs took."""
         seconds = sum(one.seconds for one in prepared)
+        of_blocks = self.of(report)
         return replace(
-            self.of(report),
+            of_blocks,
             prepare_seconds=seconds,
             engine_seconds=report.engine_seconds + max(0.0, at_engine - seconds),
-            cpu_seconds=self.of(report).cpu_seconds + sum(one.cpu_seconds for one in prepared),
+            cpu_seconds=of_blocks.cpu_seconds + sum(one.cpu_seconds for one in prepared),
             peak_memory=max(report.peak_memory, *(one.peak_memory for one in prepared)),
             written_bytes=report.written_bytes + report.scan_bytes,
         )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ndtree._native._core import Matcher, OccupancyMap, pose_matrix
-from ndtree.live.hypotheses import Evidence, Floats, Hypothesis, ScanEvidence
+from ndtree.live.hypotheses import Evidence, Floats, Hypothesis, ScanEvidence, motion_between
 
 #: Standard deviations of a guess of where it is [m, m, rad].
 GUESS = 0.3, 0.3, 0.15
@@ -181,9 +181,7 @@ def told_by(
             is_open[k] = beside > likelihood(pose) - FLAT
     if not is_open.any():
         return pose, covariance
-    turn = pose[:2, :2] @ guess[:2, :2].T
-    moved = np.array([*(pose - guess)[:2, 2], math.atan2(turn[1, 0], turn[0, 0])])
-    kept = outward @ np.where(is_open, 0.0, axes.T @ inward @ moved)
+    kept = outward @ np.where(is_open, 0.0, axes.T @ inward @ motion_between(guess, pose))
     return shifted(guess, kept), outward @ np.diag(np.where(is_open, 1.0, left)) @ outward.T
 
 

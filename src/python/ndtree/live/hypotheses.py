@@ -99,6 +99,12 @@ def pieces_of(ends: Floats) -> int:
     return len(np.unique(x * 1_000_003 + y))
 
 
+def motion_between(one: Floats, other: Floats) -> Floats:
+    """(3,): x, y and yaw from one (3, 3) pose to another, along and about the map's axes."""
+    turn = other[:2, :2] @ one[:2, :2].T
+    return np.array([*(other - one)[:2, 2], math.atan2(turn[1, 0], turn[0, 0])])
+
+
 @dataclass
 class Viewpoint:
     """Scans from about one place, which say the same: they count as one.
@@ -152,9 +158,7 @@ class Hypothesis:
 
     def away(self, other: Hypothesis, at: Floats) -> Floats:
         """(3,): from this one's pose to another one's, with odometry at a pose; along the map's axes."""
-        mine, its = self.map_odometry @ at, other.map_odometry @ at
-        turn = its[:2, :2] @ mine[:2, :2].T
-        return np.array([*(its - mine)[:2, 2], math.atan2(turn[1, 0], turn[0, 0])])
+        return motion_between(self.map_odometry @ at, other.map_odometry @ at)
 
     def is_same(self, other: Hypothesis, at: Floats) -> bool:
         """Whether another one is within three standard deviations, with odometry at a pose."""

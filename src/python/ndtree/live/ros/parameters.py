@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ndtree._errors import WrongValue, key, keys_of, marked, spelled
+from ndtree._errors import WrongValue, leading_key, marked, spelled
 from ndtree.live.corrections import MEMORY
 from ndtree.live.localizing import ODOMETRY
 from ndtree.live.mapper import PATIENCE, QUEUE
@@ -167,8 +167,8 @@ def in_parameters(text: str | Exception) -> str:
         return _OTHER_NAMES.get(option, option)
 
     def is_way(line: str) -> bool:
-        begins = keys_of(line)[:1] if line.lstrip().startswith(key("")[0]) else []
-        return all(name_of(option) in names for option in begins)
+        option = leading_key(line.lstrip())
+        return not option or name_of(option) in names
 
     lines = filter(is_way, marked(text).split("\n"))
     return "\n".join(spelled(line, name_of) for line in lines)

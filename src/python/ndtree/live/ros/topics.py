@@ -64,8 +64,10 @@ class Numbers:
         """Whether there were any."""
         return bool(self._last)
 
-    def add(self, publisher: str, number: int) -> None:
-        """Take note of a message; one that begins again, or comes late, tells nothing."""
+    def add(self, publisher: str, number: int) -> int:
+        """How many are missing before a message; one that begins again, or comes late, tells nothing."""
         last = self._last.get(publisher, number)
         self._last[publisher] = max(last, number)
-        self.lost += max(number - last - 1, 0)
+        missing = max(number - last - 1, 0)
+        self.lost += missing
+        return missing

@@ -164,9 +164,7 @@ class _Subscription:
         number = info.get("publication_sequence_number") if isinstance(info, dict) else None
         if number is None:
             return
-        before = self._numbers.lost
-        self._numbers.add(repr(info.get("publisher_gid")), number)
-        self._sources.lost += self._numbers.lost - before
+        self._sources.lost += self._numbers.add(repr(info.get("publisher_gid")), number)
 
     def _lost(self, event: Any) -> None:
         self._sources.lost += 0 if self._numbers else event.total_count_change
