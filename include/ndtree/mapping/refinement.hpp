@@ -75,8 +75,7 @@ struct EvidenceRefinement {
   /// Keeps the probability of a smallest cell that would split if it could: something thin is in it, however
   /// many beams pass beside it. @pre partial_log_odds. @returns whether the cell changed.
   NDTREE_ALWAYS_INLINE bool keep_partial(EvidenceCell& cell) const {
-    constexpr std::uint32_t kLeastHits = 2;  // One may be an outlier.
-    return cell.hits() >= kLeastHits && static_cast<double>(cell.log_odds()) < *partial_log_odds &&
+    return cell.hits() >= kLeastPartialHits && static_cast<double>(cell.log_odds()) < *partial_log_odds &&
            raise_partial(cell);
   }
   /// Whether siblings do not merge since the merged cell's own counts would split it: with

@@ -63,14 +63,13 @@ class FirstSurface : public BeamVisitor {
   }
   template <class Ref>
   bool leaf(const Ref& leaf, double t_enter, double t_exit) {
-    constexpr std::uint32_t kLeastHits = 2;
     if (!t_first) t_first = t_enter;
     t_inside = t_exit;
     const auto& cell = leaf.cell();
     state = cell.state();
     if (state == CellState::free) {
       t_partial_.reset();
-      if (cell.log_odds() >= least_partial_ && cell.hits() >= kLeastHits) {
+      if (cell.log_odds() >= least_partial_ && cell.hits() >= kLeastPartialHits) {
         t_partial_ = t_enter;
         leaf_index = leaf.index;
       }
