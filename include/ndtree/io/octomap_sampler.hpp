@@ -89,15 +89,11 @@ class OctomapSampler {
     if (!ref.is_leaf()) {
       for (int j = 0; j < Tree::kNumChildren; ++j) require_reach(tree_.child(ref, j), reach);
     } else if (ref.cell().state() != CellState::unknown) {
-      throw std::invalid_argument("a cell at " + text(box.lower) + " m: with cells of " +
+      throw std::invalid_argument("a cell at " + describe_point(box.lower) + " m: with cells of " +
                                   describe_number(cell_size_) + " m, OctoMap's 16 levels end " +
                                   describe_number(reach) +
                                   " m from 0; shift the map, or choose a larger cell_size");
     }
-  }
-  static std::string text(const Vector<3>& point) {
-    return "(" + describe_number(point.x()) + ", " + describe_number(point.y()) + ", " +
-           describe_number(point.z()) + ")";
   }
   [[nodiscard]] double centre(std::int64_t key) const {
     return (static_cast<double>(key - kOctomapZero) + 0.5) * cell_size_;

@@ -6,10 +6,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <queue>
 #include <stdexcept>
 #include <string>
-#include <utility>
 #include <variant>
 #include <vector>
 
@@ -54,36 +52,39 @@ class CorridorCell {
   /// Takes obstacles away, the nearest first: a plane at right angles to the shortest way from the swept body
   /// to an obstacle lets no part beyond it, and mostly keeps others out as well.
   void cut(const std::vector<Box<D>>& obstacles) {
-    using Entry = std::pair<double, std::size_t>;
     for (const BodyPart<D>& part : body_) {
       const Sweep<D> sweep = sweep_of<D>(part, from_, to_);
-      std::priority_queue<Entry, std::vector<Entry>, std::greater<>> next;
-      for (std::size_t i = 0; i < obstacles.size(); ++i) {
-        SweepDistance<D> distance(sweep, obstacles[i]);
+      std::vector<Obstacle> nearest;
+      for (const Box<D>& box : obstacles) {
+        SweepDistance<D> distance(sweep, box);
         while (distance.refine()) {
         }
-        next.emplace(distance.least(), i);
+        nearest.push_back({distance.least(), distance.nearest() - distance.point(), &box});
       }
-      for (; !next.empty(); next.pop()) cut(part, sweep, obstacles[next.top().second]);
+      std::stable_sort(nearest.begin(), nearest.end(),
+                       [](const Obstacle& a, const Obstacle& b) { return a.squared < b.squared; });
+      for (const Obstacle& obstacle : nearest) cut(part, obstacle);
     }
   }
   [[nodiscard]] const std::vector<HalfSpace<D>>& planes() const { return planes_; }
 
  private:
-  void cut(const BodyPart<D>& part, const Sweep<D>& sweep, const Box<D>& obstacle) {
-    const Vector<D> centre = 0.5 * (obstacle.lower + obstacle.upper);
-    const Vector<D> half = 0.5 * (obstacle.upper - obstacle.lower);
+  struct Obstacle {
+    double squared;  // Of the distance from the swept body [m²].
+    Vector<D> way;   // From its nearest point [m].
+    const Box<D>* box;
+  };
+
+  void cut(const BodyPart<D>& part, const Obstacle& obstacle) {
+    const Vector<D> centre = 0.5 * (obstacle.box->lower + obstacle.box->upper);
+    const Vector<D> half = 0.5 * (obstacle.box->upper - obstacle.box->lower);
     for (const HalfSpace<D>& plane : planes_) {  // Beyond one already, with all that the part reaches?
       const double nearest = plane.normal.dot(centre) - half.dot(plane.normal.cwiseAbs());
       if (nearest >= plane.offset + reach_along(part, plane.normal)) return;
     }
-    SweepDistance<D> distance(sweep, obstacle);
-    while (distance.refine()) {
-    }
-    const Vector<D> way = distance.nearest() - distance.point();
-    const double length = way.norm();
+    const double length = obstacle.way.norm();
     if (!(length > 0.0)) throw std::invalid_argument("path: the body meets an obstacle on a segment");
-    const Vector<D> normal = way / length;
+    const Vector<D> normal = obstacle.way / length;
     const double begin = normal.dot(centre) - half.dot(normal.cwiseAbs());
     const double offset = begin - reach_along(part, normal);
     // Rounding may put the plane a little before the segment: then it goes through its end.

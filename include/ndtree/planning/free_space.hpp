@@ -73,8 +73,7 @@ class FreeSpace {
         last_index_ = index;
         return cell_in_brick(number, node, index, at);
       }
-      if (node.state != State::divided)
-        return {index.lower, std::int64_t{1} << index.level, passage_of(node.state), first_number(number)};
+      if (node.state != State::divided) return node_cell(number, index, node.state);
       number = child_towards(node, index, at);
     }
   }
@@ -137,7 +136,7 @@ class FreeSpace {
     while (std::int64_t{1} << (root_.level - 1) < longest) ++root_.level;
     for (std::size_t a = 0; a < D; ++a) root_.lower[a] = floored(limits_.lower[a], root_.level - 1);
   }
-  /// Another map with the same cells, of which forget() is told what is different.
+  /// Takes another map with the same cells; forget() is told what differs.
   void set_map(const Map& map) { finder_.set_map(map); }
 
  private:
@@ -182,6 +181,9 @@ class FreeSpace {
       index.lower[a] = border;
     }
     return child;
+  }
+  [[nodiscard]] static Cell node_cell(std::uint32_t number, const CellIndex<D>& index, State state) {
+    return {index.lower, std::int64_t{1} << index.level, passage_of(state), first_number(number)};
   }
   [[nodiscard]] Cell cell_in_brick(std::uint32_t number, const Node& node, const CellIndex<D>& index,
                                    const Lattice<D>& at) const {
@@ -244,7 +246,7 @@ class FreeSpace {
     } else if (node.state == State::brick) {
       within_brick(number, node.below, index, kBrickLevels, Place{}, face, visit);
     } else if (node.state != State::blocked) {
-      visit(Cell{index.lower, std::int64_t{1} << index.level, passage_of(node.state), first_number(number)});
+      visit(node_cell(number, index, node.state));
     }
   }
   /// In a part of a brick, a cube of a level; or the larger cell that the part belongs to.
@@ -287,9 +289,7 @@ class FreeSpace {
   template <class Visit>
   void for_each_in(std::uint32_t number, const CellIndex<D>& index, const LatticeBox<D>& box,
                    const Visit& visit) {
-    for (std::size_t a = 0; a < D; ++a)
-      if (box.lower[a] >= index.lower[a] + (std::int64_t{1} << index.level) || box.upper[a] <= index.lower[a])
-        return;
+    if (!box.overlaps(index, std::int64_t{1} << index.level)) return;
     this->visit(number, index);
     const Node node = nodes_[number];
     if (node.state == State::divided) {
@@ -302,7 +302,7 @@ class FreeSpace {
       }
       for_each_in_brick(number, node.below, index, kBrickLevels, Place{}, lower, upper, visit);
     } else if (node.state != State::blocked) {
-      visit(Cell{index.lower, std::int64_t{1} << index.level, passage_of(node.state), first_number(number)});
+      visit(node_cell(number, index, node.state));
     }
   }
   template <class Visit>

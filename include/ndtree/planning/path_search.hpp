@@ -116,12 +116,6 @@ class PathSearch {
     std::reverse(points.begin(), points.end());
     return points;
   }
-  /// Calls `visit(cell)` for each cell that was expanded.
-  template <class Visit>
-  void for_each_expanded(const Visit& visit) const {
-    for (const Node& node : nodes_)
-      if (node.is_expanded && node.goal == kNoGoal) visit(node.cell);
-  }
 
  private:
   static constexpr std::uint32_t kNoGoal = ~std::uint32_t{0};

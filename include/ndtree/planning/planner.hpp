@@ -89,7 +89,7 @@ class Planner {
 
   /// A path from one point to another, of the origin of the body. Each of its segments is free for the volume
   /// that the body sweeps. It is any-angle and pulled tight, nearly the shortest and not proved to be. That
-  /// there is none is proved for ways through smallest cells from all of which the body is free.
+  /// there is none is proved for ways through free cells, in which the body is free wherever it stands.
   /// @param max_seconds that the search may take.
   /// @throws std::invalid_argument if the body collides at an end: what with, and where it would not.
   [[nodiscard]] Path<D> plan(const Vector<D>& start, const Vector<D>& goal,
@@ -123,16 +123,20 @@ class Planner {
     for (const Vector<D>& goal : goals)
       if (is_possible(goal)) include(goal);
     check_pose(start, "start");
+    std::vector<double> costs(goals.size(), std::numeric_limits<double>::infinity());
     detail::PathSearch<FreeSpace<Map>> search(*space_, options_.unknown_cost, 1.0);
     for (const auto& anchor : anchors(start)) search.add_start(anchor);
     for (std::size_t i = 0; i < goals.size(); ++i) {
       if (!is_possible(goals[i]) || !is_free(goals[i], goals[i])) continue;
+      if (!space_->has_costs() && is_free(start, goals[i])) {
+        costs[i] = (goals[i] - start).norm();
+        continue;
+      }
       for (auto anchor : anchors(goals[i])) {
         anchor.goal = i;
         search.add_goal(anchor);
       }
     }
-    std::vector<double> costs(goals.size(), std::numeric_limits<double>::infinity());
     const SegmentCost cost_of(*this);
     (void)search.run_to_all(goals.size(), deadline_after(max_seconds), [&](std::size_t i) {
       const std::vector<Vector<D>> points = tightened(search, start, goals[i]);
@@ -140,9 +144,6 @@ class Planner {
       for (std::size_t k = 0; k + 1 < points.size(); ++k) costs[i] += cost_of(points[k], points[k + 1]);
     });
     search_bytes_ = search.memory_bytes();
-    for (std::size_t i = 0; i < goals.size(); ++i)
-      if (!space_->has_costs() && is_possible(goals[i]) && is_free(start, goals[i]))
-        costs[i] = (goals[i] - start).norm();
     return costs;
   }
   /// The first segment of a path in which the body meets an obstacle of the map as it is now; none if there
@@ -269,23 +270,18 @@ class Planner {
   }
   void check_pose(const Vector<D>& point, const char* name) {
     if (!point.allFinite() || !seen_.tree().geometry().in_reach(point))
-      throw std::invalid_argument(std::string(name) + " = " + text_of(point) +
+      throw std::invalid_argument(std::string(name) + " = " + describe_point(point) +
                                   ": must be finite, and on the map's lattice");
     include(point);
     if (is_free(point, point)) return;
     std::string message =
-        std::string(name) + " = " + text_of(point) + ": there the body meets " + obstacle_at(point);
+        std::string(name) + " = " + describe_point(point) + ": there the body meets " + obstacle_at(point);
     if (const auto nearest = nearest_place(point))
       message += "; the nearest place where it fits is " + describe_number((*nearest - point).norm()) +
-                 " m away, at " + text_of(*nearest);
+                 " m away, at " + describe_point(*nearest);
     else
       message += "; it fits nowhere";
     throw std::invalid_argument(message);
-  }
-  [[nodiscard]] static std::string text_of(const Vector<D>& point) {
-    std::string text = "(";
-    for (int a = 0; a < D; ++a) text += (a > 0 ? ", " : "") + describe_number(point[a]);
-    return text + ")";
   }
   /// In words.
   [[nodiscard]] std::string obstacle_at(const Vector<D>& point) const {
@@ -306,9 +302,9 @@ class Planner {
       });
     if (!found) return "unknown space outside the map";
     return std::string(found->second == CellState::occupied ? "the occupied" : "the unknown") +
-           " cell from " + text_of(found->first.lower) + " to " + text_of(found->first.upper);
+           " cell from " + describe_point(found->first.lower) + " to " + describe_point(found->first.upper);
   }
-  /// Nearest point of a cell from all of which the body is free [m]; none if there is no such cell.
+  /// Nearest point of a free cell [m]; none if there is no such cell.
   [[nodiscard]] std::optional<Vector<D>> nearest_place(const Vector<D>& point) {
     const Vector<D> at = point / unit();
     for (double reach = 8.0;; reach *= 2.0) {
