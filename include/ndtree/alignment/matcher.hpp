@@ -399,7 +399,7 @@ class Matcher {
     }
   };
 
-  /// Poses near those that were found, which are no others.
+  /// Poses that are too near one that was found to count as another.
   class Exclusion {
    public:
     Exclusion(const PoseGrid<D>& grid, const MatchWindow<D>& window) {

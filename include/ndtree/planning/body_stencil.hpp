@@ -16,10 +16,10 @@
 
 namespace ndtree::detail {
 
-/// The offsets from a smallest cell to those that a body touches from some place in it: from all of the
-/// closed cell, the body is free exactly if no cell at one of these offsets has an obstacle. They depend on
-/// nothing but the body, as all obstacles are made of whole cells. Bodies are convex, or unions of convex
-/// parts, so offsets are runs along the first axis.
+/// A body that stands anywhere in a smallest cell touches only cells at these offsets from it. Wherever in
+/// the closed cell it stands, it is free exactly if none of them has an obstacle. They depend on nothing but
+/// the body, as all obstacles are made of whole cells. Bodies are convex, or unions of convex parts, so
+/// offsets are runs along the first axis.
 template <int D>
 class BodyStencil {
  public:

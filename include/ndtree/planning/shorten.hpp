@@ -16,7 +16,7 @@ namespace ndtree::detail {
 
 /// Pulls a path tight: points that are not needed go, and corners are cut, by chords as long as they may be.
 /// Each new segment is asked for, so the result is as free as the segments that it began with. What it finds
-/// is the shortest path among those that the first one can be pulled to, nearly; no other way around an
+/// is nearly the shortest path that the first one can be pulled to; it finds no other way around an
 /// obstacle.
 /// @tparam Cost cost(a, b) of a segment, infinite if it is not free; never less than its length.
 template <int D, class Cost>
