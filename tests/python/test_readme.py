@@ -35,7 +35,7 @@ def test_programs_run(tmp_path):
     """All but the page, which has tests of its own."""
     commands = [line.split("#")[0].split() for line in blocks(README, "sh")[1].splitlines()]
     assert [command[:2] for command in commands] == [
-        ["ndtree", name] for name in ("simulate", "map", "view", "plan", "convert", "clean", "live", "compare")
+        ["ndtree", name] for name in "simulate map view plan convert clean live compare".split()
     ]
     for command in commands:
         if command[1] == "view":
