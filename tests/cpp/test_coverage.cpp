@@ -12,7 +12,7 @@
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/io/map_file.hpp"
-#include "ndtree/mapping/coverage.hpp"
+#include "ndtree/mapping/insert/coverage.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/point.hpp"
 #include "options.hpp"

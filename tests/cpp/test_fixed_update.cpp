@@ -10,7 +10,7 @@
 
 #include "ndtree/io/map_file.hpp"
 #include "ndtree/map.hpp"
-#include "ndtree/mapping/fixed_update.hpp"
+#include "ndtree/mapping/baseline/fixed_update.hpp"
 #include "random.hpp"
 #include "shapes.hpp"
 

@@ -19,8 +19,8 @@
 #include "ndtree/io/layer_file.hpp"
 #include "ndtree/layers/layered_map.hpp"
 #include "ndtree/layers/values.hpp"
+#include "ndtree/mapping/history/scan_history.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
-#include "ndtree/mapping/scan_history.hpp"
 #include "random.hpp"
 
 namespace ndtree::test::test_layered_history {

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "ndtree/cell/evidence_cell.hpp"
-#include "ndtree/mapping/leaf_action.hpp"
+#include "ndtree/mapping/insert/leaf_action.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/refinement.hpp"
 #include "random.hpp"

@@ -18,7 +18,7 @@
 #include "ndtree/core/memory.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/io/map_file.hpp"
-#include "ndtree/mapping/crossed_cubes.hpp"
+#include "ndtree/mapping/history/crossed_cubes.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "options.hpp"
 #include "random.hpp"

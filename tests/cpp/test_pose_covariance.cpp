@@ -11,7 +11,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "ndtree/mapping/pose_covariance.hpp"
+#include "ndtree/mapping/insert/pose_covariance.hpp"
 #include "ndtree/ndtree.hpp"
 
 namespace ndtree {

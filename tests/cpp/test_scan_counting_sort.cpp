@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "ndtree/core/parallel.hpp"
-#include "ndtree/mapping/scan/counting_sort.hpp"
-#include "ndtree/mapping/scan/cube_map.hpp"
+#include "ndtree/mapping/insert/counting_sort.hpp"
+#include "ndtree/mapping/insert/cube_map.hpp"
 
 namespace ndtree {
 namespace {

@@ -12,8 +12,8 @@
 
 #include "history_scans.hpp"
 #include "ndtree/io/map_file.hpp"
+#include "ndtree/mapping/history/scan_history.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
-#include "ndtree/mapping/scan_history.hpp"
 #include "random.hpp"
 #include "shapes.hpp"
 

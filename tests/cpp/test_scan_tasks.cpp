@@ -11,8 +11,8 @@
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/parallel.hpp"
-#include "ndtree/mapping/scan/task_order.hpp"
-#include "ndtree/mapping/scan/tasks.hpp"
+#include "ndtree/mapping/insert/task_order.hpp"
+#include "ndtree/mapping/insert/tasks.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 #include "random.hpp"
 

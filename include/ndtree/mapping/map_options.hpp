@@ -16,7 +16,7 @@
 #include "ndtree/cell/split_test.hpp"
 #include "ndtree/core/memory.hpp"
 #include "ndtree/core/option.hpp"
-#include "ndtree/mapping/coverage.hpp"
+#include "ndtree/mapping/insert/coverage.hpp"
 
 namespace ndtree {
 

@@ -14,12 +14,12 @@
 #include "ndtree/cell/split_test.hpp"
 #include "ndtree/core/log_odds.hpp"
 #include "ndtree/core/simd.hpp"
-#include "ndtree/mapping/beam_update.hpp"
-#include "ndtree/mapping/coverage.hpp"
-#include "ndtree/mapping/fixed_update.hpp"
-#include "ndtree/mapping/leaf_action.hpp"
+#include "ndtree/mapping/baseline/beam_update.hpp"
+#include "ndtree/mapping/baseline/fixed_update.hpp"
+#include "ndtree/mapping/insert/coverage.hpp"
+#include "ndtree/mapping/insert/leaf_action.hpp"
+#include "ndtree/mapping/insert/scan_update.hpp"
 #include "ndtree/mapping/map_options.hpp"
-#include "ndtree/mapping/scan_update.hpp"
 
 namespace ndtree {
 

@@ -12,7 +12,7 @@
 #include "beam_pointers.hpp"
 #include "map_interface.hpp"
 #include "map_layers.hpp"
-#include "ndtree/mapping/scan_history.hpp"
+#include "ndtree/mapping/history/scan_history.hpp"
 
 namespace ndtree::python {
 

@@ -8,7 +8,7 @@
 #include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/mapping/pose_covariance.hpp"
+#include "ndtree/mapping/insert/pose_covariance.hpp"
 
 namespace ndtree::python {
 

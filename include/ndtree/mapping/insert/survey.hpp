@@ -18,8 +18,8 @@
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/core/unfused.hpp"
-#include "ndtree/mapping/scan/cube_map.hpp"
-#include "ndtree/mapping/scan/measurements.hpp"
+#include "ndtree/mapping/insert/cube_map.hpp"
+#include "ndtree/mapping/insert/measurements.hpp"
 
 namespace ndtree {
 

@@ -16,10 +16,10 @@
 #include "ndtree/core/lanes.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/unfused.hpp"
-#include "ndtree/mapping/scan/counting_sort.hpp"
-#include "ndtree/mapping/scan/cube_map.hpp"
-#include "ndtree/mapping/scan/measurements.hpp"
-#include "ndtree/mapping/scan/survey.hpp"
+#include "ndtree/mapping/insert/counting_sort.hpp"
+#include "ndtree/mapping/insert/cube_map.hpp"
+#include "ndtree/mapping/insert/measurements.hpp"
+#include "ndtree/mapping/insert/survey.hpp"
 
 namespace ndtree {
 

@@ -15,10 +15,10 @@
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/core/cubic_table.hpp"
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/mapping/scan/beam_lists.hpp"
-#include "ndtree/mapping/scan/crossings.hpp"
-#include "ndtree/mapping/scan/packed_beams.hpp"
-#include "ndtree/mapping/scan/partition.hpp"
+#include "ndtree/mapping/insert/beam_lists.hpp"
+#include "ndtree/mapping/insert/crossings.hpp"
+#include "ndtree/mapping/insert/packed_beams.hpp"
+#include "ndtree/mapping/insert/partition.hpp"
 #include "ndtree/tree/lattice.hpp"
 
 namespace ndtree {

@@ -19,8 +19,8 @@
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/inline.hpp"
 #include "ndtree/core/simd.hpp"
-#include "ndtree/mapping/scan/beam_lists.hpp"
-#include "ndtree/mapping/scan/crossings.hpp"
+#include "ndtree/mapping/insert/beam_lists.hpp"
+#include "ndtree/mapping/insert/crossings.hpp"
 
 namespace ndtree {
 

@@ -9,11 +9,11 @@
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/mapping/coverage.hpp"
-#include "ndtree/mapping/scan/beam_lists.hpp"
-#include "ndtree/mapping/scan/crossings.hpp"
-#include "ndtree/mapping/scan/packed_beams.hpp"
-#include "ndtree/mapping/scan/sampling.hpp"
+#include "ndtree/mapping/insert/beam_lists.hpp"
+#include "ndtree/mapping/insert/coverage.hpp"
+#include "ndtree/mapping/insert/crossings.hpp"
+#include "ndtree/mapping/insert/packed_beams.hpp"
+#include "ndtree/mapping/insert/sampling.hpp"
 
 namespace ndtree {
 

@@ -12,7 +12,7 @@
 #include "ndtree/core/lanes.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/core/unfused.hpp"
-#include "ndtree/mapping/scan/packed_beams.hpp"
+#include "ndtree/mapping/insert/packed_beams.hpp"
 #include "ndtree/tree/lattice.hpp"
 
 namespace ndtree {

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "ndtree/core/parallel.hpp"
-#include "ndtree/mapping/scan/cube_map.hpp"
+#include "ndtree/mapping/insert/cube_map.hpp"
 
 namespace ndtree {
 

@@ -12,9 +12,9 @@
 #include <vector>
 
 #include "ndtree/core/parallel.hpp"
-#include "ndtree/mapping/scan/arenas.hpp"
-#include "ndtree/mapping/scan/task_lists.hpp"
-#include "ndtree/mapping/scan/task_order.hpp"
+#include "ndtree/mapping/insert/arenas.hpp"
+#include "ndtree/mapping/insert/task_lists.hpp"
+#include "ndtree/mapping/insert/task_order.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/undo_log.hpp"
 

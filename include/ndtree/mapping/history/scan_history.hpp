@@ -21,9 +21,9 @@
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/mapping/crossed_cubes.hpp"
+#include "ndtree/mapping/history/crossed_cubes.hpp"
+#include "ndtree/mapping/history/packed_scan.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
-#include "ndtree/mapping/packed_scan.hpp"
 #include "ndtree/tree/cube_set.hpp"
 
 namespace ndtree {

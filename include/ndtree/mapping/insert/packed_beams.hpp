@@ -18,10 +18,10 @@
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/core/unfused.hpp"
-#include "ndtree/mapping/scan/beam_noise.hpp"
-#include "ndtree/mapping/scan/beam_rows.hpp"
-#include "ndtree/mapping/scan/cube_map.hpp"
-#include "ndtree/mapping/scan/measurements.hpp"
+#include "ndtree/mapping/insert/beam_noise.hpp"
+#include "ndtree/mapping/insert/beam_rows.hpp"
+#include "ndtree/mapping/insert/cube_map.hpp"
+#include "ndtree/mapping/insert/measurements.hpp"
 #include "ndtree/tree/lattice.hpp"
 
 namespace ndtree {

@@ -21,7 +21,7 @@
 #include "ndtree/core/log_odds.hpp"
 #include "ndtree/core/memory.hpp"
 #include "ndtree/core/option.hpp"
-#include "ndtree/mapping/forget.hpp"
+#include "ndtree/mapping/edit/forget.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/tree/grow_around.hpp"
 #include "ndtree/tree/lattice.hpp"

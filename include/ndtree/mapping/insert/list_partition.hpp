@@ -8,11 +8,11 @@
 #include <cstdint>
 
 #include "ndtree/core/simd.hpp"
-#include "ndtree/mapping/scan/beam_lists.hpp"
-#include "ndtree/mapping/scan/cube_map.hpp"
-#include "ndtree/mapping/scan/packed_beams.hpp"
-#include "ndtree/mapping/scan/partition.hpp"
-#include "ndtree/mapping/scan/sampling.hpp"
+#include "ndtree/mapping/insert/beam_lists.hpp"
+#include "ndtree/mapping/insert/cube_map.hpp"
+#include "ndtree/mapping/insert/packed_beams.hpp"
+#include "ndtree/mapping/insert/partition.hpp"
+#include "ndtree/mapping/insert/sampling.hpp"
 #include "ndtree/tree/lattice.hpp"
 
 namespace ndtree {

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "ndtree/core/beam.hpp"
-#include "ndtree/mapping/scan/measurements.hpp"
+#include "ndtree/mapping/insert/measurements.hpp"
 #include "ndtree/tree/cube_set.hpp"
 #include "ndtree/tree/lattice.hpp"
 

@@ -12,10 +12,10 @@
 
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/core/simd.hpp"
-#include "ndtree/mapping/scan/beam_lists.hpp"
-#include "ndtree/mapping/scan/crossings.hpp"
-#include "ndtree/mapping/scan/cube_map.hpp"
-#include "ndtree/mapping/scan/packed_beams.hpp"
+#include "ndtree/mapping/insert/beam_lists.hpp"
+#include "ndtree/mapping/insert/crossings.hpp"
+#include "ndtree/mapping/insert/cube_map.hpp"
+#include "ndtree/mapping/insert/packed_beams.hpp"
 #include "ndtree/tree/lattice.hpp"
 
 namespace ndtree {

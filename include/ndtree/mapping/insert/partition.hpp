@@ -11,9 +11,9 @@
 
 #include "ndtree/core/lanes.hpp"
 #include "ndtree/core/unfused.hpp"
-#include "ndtree/mapping/scan/beam_lists.hpp"
-#include "ndtree/mapping/scan/crossings.hpp"
-#include "ndtree/mapping/scan/packed_beams.hpp"
+#include "ndtree/mapping/insert/beam_lists.hpp"
+#include "ndtree/mapping/insert/crossings.hpp"
+#include "ndtree/mapping/insert/packed_beams.hpp"
 #include "ndtree/tree/child_index.hpp"
 #include "ndtree/tree/lattice.hpp"
 

@@ -12,7 +12,7 @@
 
 #include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/mapping/scan/beam_lists.hpp"
+#include "ndtree/mapping/insert/beam_lists.hpp"
 #include "ndtree/tree/lattice.hpp"
 
 namespace ndtree {
