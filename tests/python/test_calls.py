@@ -42,6 +42,14 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: ndtree.AdaptiveMap(dim=2, refinement=1),
         "AdaptiveMap(): refinement = 1: must be a text",
     ),
+    "no body": (
+        lambda: M.plan((0, 0), (1, 1), body=0.3),
+        "plan(): body = 0.3: must be an ndtree.Sphere, Capsule or Box, or several joined by |",
+    ),
+    "no map": (
+        lambda: ndtree.Planner(3, ndtree.Sphere(0.3)),
+        "Planner(): map = 3: must be ndtree.OccupancyMap",
+    ),
     "none at all": (lambda: M.save(None), "save(): path = None: must be a path"),
     "a long text": (lambda: M.insert(POINTS, ORIGIN, max_range="x" * 10**6), "insert(): max_range = 'xxxx"),
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import operator
+import re
 from collections.abc import Callable, Collection, Mapping
 from difflib import get_close_matches
 from typing import Any
@@ -38,6 +39,9 @@ _WANTED: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
     ("str", lambda value: isinstance(value, str), "a text"),
     ("bool", lambda value: isinstance(value, bool), "True or False"),
 )
+_BOUND_CLASS = re.compile(r"ndtree\._native\._core\.(\w+)")
+#: What makes objects of a class that has no constructor of its own.
+_MADE_BY = {"Shape": "an ndtree.Sphere, Capsule or Box, or several joined by |"}
 _MOST_SHOWN = 60
 #: Of integers: what the compiled functions' types hold.
 _OF_INT = (-(2**31), 2**31 - 1)
@@ -167,6 +171,10 @@ class Call:
                 if word == "SupportsInt":
                     _check_bounds(f"{self._name}(): {name}", value, _BOUNDS.get(name, _OF_INT))
                 return ""
+        classes = tuple(getattr(_core, one) for one in _BOUND_CLASS.findall(wanted))
+        if classes and not isinstance(value, classes):
+            names = " or ".join(_MADE_BY.get(one.__name__, f"ndtree.{one.__name__}") for one in classes)
+            return f"{name} = {_shown(value)}: must be {names}"
         return ""
 
 
