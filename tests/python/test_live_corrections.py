@@ -102,6 +102,28 @@ def test_between_the_poses_of_a_path_odometry_tells_the_way() -> None:
     assert far[13] < 1e-12 and far[26] < 1e-12
 
 
+def test_of_two_poses_that_one_tells_whose_time_odometry_knows() -> None:
+    """Before the first scan and after the last one the robot was elsewhere: that says nothing of the scans."""
+    rows = office(N)
+    true = [(place, turn) for _, place, turn, _, _ in rows]
+    shifted = [(place + (1.0, 2.0), turn) for place, turn in true]
+    stamps = [rows[0][0] - 5, rows[10][0], rows[-1][0] + 5]
+    places = [(-30.0, 0.0, 0.0), (*true[10][0], 0.0), (30.0, 0.0, 0.0)]
+    told = Correction(stamps, places, [yaw(0.0), yaw(true[10][1]), yaw(0.0)])
+    followed = lived(rows, shifted, [(N - 1, told)])
+    assert followed.figures.moved == N
+    assert_same(followed.snapshot(), lived(rows, true, []).snapshot())
+
+
+def test_a_correction_waits_for_new_scans() -> None:
+    """The more were mapped anew, the more new ones come before the next time; but it does come."""
+    rows = office(N)
+    true = [(place, turn) for _, place, turn, _, _ in rows]
+    wrong = [drifted(i, *pose) for i, pose in enumerate(true)]
+    followed = lived(rows, wrong, [(i, path(rows, true, i)) for i in range(N)])
+    assert N // 5 < followed.figures.corrections < N // 2
+
+
 def test_what_a_jump_of_the_odometrys_frame_tells() -> None:
     """Odometry drifts, the SLAM notices halfway and in the end: what is between lies between."""
     rows = office(N)
