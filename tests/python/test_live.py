@@ -24,7 +24,9 @@ from typer.testing import CliRunner
 import ndtree
 from ndtree.cli.commands import app
 from ndtree.live import LiveMapper, MessagesIntake, Saver, ScansIntake, Window, play
+from ndtree.live.figures import LiveFigures
 from ndtree.live.frames import FramesIntake, Reading, Transform
+from ndtree.live.intake import Verdict
 from ndtree.live.playing import messages_of
 from ndtree.live.queue import Entry, ScanQueue
 from ndtree.logs.poses.following import FollowedTree
@@ -568,3 +570,16 @@ def test_wrong_calls_say_what_is_wrong(arguments: list[str], status: int, said: 
     ndtree.simulate("office", scans=3).save(log)
     done = cli("live", log, *arguments)
     assert done.exit_code == status and said in done.stderr
+
+
+def test_a_reading_waits_for_the_pose_of_its_last_beam() -> None:
+    intake, figures = FramesIntake(Config.of(range_sigma=0.02), 2), LiveFigures()
+    reading = Reading([[1.0, 0.0], [1.0, 0.0]], START, "laser", times=[0.0, 0.5])
+    entry = Entry(reading, START, 0.0)
+    for after in (0.0, 0.2):
+        intake.pose(Transform("map", "laser", (after, 0.0, 0.0), stamp=START + after), figures)
+        assert intake.scan(entry, False, figures) is Verdict.wait
+    intake.pose(Transform("map", "laser", (0.5, 0.0, 0.0), stamp=START + 0.5), figures)
+    scan = intake.scan(entry, False, figures)
+    assert isinstance(scan, ndtree.Scan)
+    np.testing.assert_allclose(scan.endpoints, [[1.0, 0.0], [1.5, 0.0]], atol=1e-6)
