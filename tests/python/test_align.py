@@ -13,9 +13,11 @@ from typer.testing import CliRunner
 
 import ndtree
 from ndtree.alignment.aligned_log import moved
+from ndtree.alignment.loops import Graph
 from ndtree.alignment.outline import Outline
 from ndtree.alignment.planar import between, composed, placed, pose_of, seen_from, turned
 from ndtree.alignment.sensor_scans import SensorScan, pose_in_log
+from ndtree.alignment.tracking import Motion, Track, Tracker
 from ndtree.cli.commands import app
 from ndtree.logs.core.log import Log
 from ndtree.logs.ros.reading import heading_of
@@ -190,6 +192,50 @@ def test_poses_in_the_plane_compose():
     samples = rng.multivariate_normal(np.zeros(3), np.diag((4.0, 1.0, 0.1)), 20000)
     in_frame = seen_from(np.array([0, 0, 0.7]), samples[:, :2])
     np.testing.assert_allclose(turned(np.diag((4.0, 1.0, 0.1)), 0.7)[:2, :2], np.cov(in_frame.T), atol=0.15)
+
+
+def sensor_scans(walls, poses):
+    """What a sensor with exact odometry measures of walls (n, 2, 2) from poses."""
+    for pose, scan in zip(poses, seen_in(walls, poses)):
+        free = seen_from(pose, scan.endpoints)
+        yield SensorScan(free[scan.returned], free, pose, scan.stamp)
+
+
+def test_what_a_scan_tells_is_in_the_frame_of_the_key_scan_before():
+    """A smooth corridor that lies askew: along it a pose is unsure, across it is not."""
+    turn = 0.6
+    along, across = np.array([math.cos(turn), math.sin(turn)]), np.array([-math.sin(turn), math.cos(turn)])
+    walls = np.array([[-90 * along + side * across, 90 * along + side * across] for side in (-1.0, 1.0)])
+    poses = np.column_stack((np.arange(0, 6, 0.1)[:, None] * along, np.full(60, turn)))
+    tracker = Tracker(0.05, Motion())
+    for scan in sensor_scans(walls, poses):
+        tracker.add(scan)
+    assert len(tracker.track.covariances) > 10
+    for covariance in tracker.track.covariances:
+        assert covariance[0, 0] > 10 * covariance[1, 1]
+        assert abs(covariance[0, 1]) < 0.3 * math.sqrt(covariance[0, 0] * covariance[1, 1])
+
+
+@pytest.mark.parametrize("is_changed", [False, True])
+def test_a_place_where_scans_see_through_the_others_walls_is_no_loop(is_changed):
+    """Two rounds in a room. It is another room if a wall stands where the first round saw through."""
+    walls = np.array([*box(-5, -3, 5, 3), *box(-5, 1, -3, 3), *box(3, -3, 5, -2)])
+    bearings = np.linspace(0, 4 * np.pi, 400)
+    poses = np.column_stack((3.5 * np.cos(bearings), 1.8 * np.sin(bearings), bearings % (2 * np.pi)))
+    partition = np.array([*walls, *box(-2.2, -0.8, 2.2, 0.8)])
+    scans = [
+        *sensor_scans(walls, poses[:200]),
+        *sensor_scans(partition if is_changed else walls, poses[200:]),
+    ]
+    steps = between(poses[:-1], poses[1:])
+    way = np.append(0, np.cumsum(np.hypot(steps[:, 0], steps[:, 1])))
+    covariance = np.diag((0.01, 0.01, 0.002)) ** 2
+    graph = Graph(
+        Track(list(poses), list(range(400)), scans, list(way), list(steps), [covariance] * len(steps))
+    )
+    graph.close()
+    rounds = {(loop.older < 200) != (loop.newer < 200) for loop in graph.loops}
+    assert graph.tested > 0 and (True in rounds) != is_changed
 
 
 def test_an_outline_tells_walls_from_space():

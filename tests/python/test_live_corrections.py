@@ -103,10 +103,10 @@ def test_between_the_poses_of_a_path_odometry_tells_the_way() -> None:
 
 
 def test_of_two_poses_that_one_tells_whose_time_odometry_knows() -> None:
-    """Before the first scan and after the last one the robot was elsewhere: that says nothing of the scans."""
+    """Before the first scan and after the last the robot was elsewhere: that says nothing of the scans."""
     rows = office(N)
     true = [(place, turn) for _, place, turn, _, _ in rows]
-    shifted = [(place + (1.0, 2.0), turn) for place, turn in true]
+    shifted = [(place + np.array([1.0, 2.0]), turn) for place, turn in true]
     stamps = [rows[0][0] - 5, rows[10][0], rows[-1][0] + 5]
     places = [(-30.0, 0.0, 0.0), (*true[10][0], 0.0), (30.0, 0.0, 0.0)]
     told = Correction(stamps, places, [yaw(0.0), yaw(true[10][1]), yaw(0.0)])
