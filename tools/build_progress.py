@@ -30,7 +30,7 @@ COSTS = (
     (re.compile(r""), 9.0),
 )
 #: What a first build in the folder may be asked for, but the tools and the module do not need.
-_OTHERS = re.compile(r"(^|/)(tests?|fuzz)/|ndtree_headers_|ndtree-bench|octomap-readers")
+_OTHERS = re.compile(r"(^|/)(tests?|fuzz)/|ndtree_headers_|ndtree-bench")
 #: Ninja's lines and make's, which pip indents; ninja counts what it does before building as 0.
 _NINJA = re.compile(r"^ *\[([1-9]\d*)/(\d+)\] (.*?) *$", re.M)
 _MAKE = re.compile(r"^ *\[ *(\d+)%\] (.*?) *$", re.M)

@@ -38,10 +38,8 @@ FORWARD = "fwd.hpp"  # includes nothing of ours
 OCTOMAP_INCLUDERS = {
     "tools/compare/octomap_baseline.hpp",
     "tools/compare/octomap_baseline.cpp",
-    "tools/bench/collisions/main.cpp",
     "tools/bench/files/main.cpp",
     "tools/bench/peers/octomap.cpp",
-    "tools/octomap_readers/main.cpp",
 }
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*(?:"([^"]+)"|<([^>]+)>)')

@@ -24,7 +24,6 @@ ALLOWED = [
     ("include/ndtree/core/a.hpp", '// #include "ndtree/tree/tree.hpp"'),
     ("src/python/bindings/a.cpp", '#include "ndtree/ndtree.hpp"'),
     ("tools/compare/octomap_baseline.cpp", "#include <octomap/octomap.h>"),
-    ("tools/bench/collisions/main.cpp", "#include <octomap/octomap.h>"),
     ("tools/bench/peers/octomap.cpp", "#include <octomap/octomap.h>"),
 ]
 

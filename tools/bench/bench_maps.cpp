@@ -2,7 +2,7 @@
 /// @file
 /// Insertion, queries, and files of our maps and of OctoMap, over simulated worlds and recordings.
 ///
-/// usage: ndtree-bench [--beams N] [--growth LEAVES] [LOG …] [--benchmark_…]
+/// usage: ndtree-bench [--beams N] [LOG …] [--benchmark_…]
 ///
 /// Candidates alternate in random order; five repetitions, of which median, mean and spread are printed.
 #include <benchmark/benchmark.h>
@@ -20,7 +20,6 @@
 #include <variant>
 #include <vector>
 
-#include "bench_growth.hpp"
 #include "log_input.hpp"
 #include "ndtree/logs/simulator.hpp"
 #include "ndtree/ndtree.hpp"
@@ -305,7 +304,6 @@ int main(int argc, char** argv) {
       "Insertion and queries of adaptive, fixed and OctoMap maps; --benchmark_… options are passed on.");
   std::size_t beams = 150000;
   double max_range = kUnlimitedRange;
-  double most_leaves = 0.0;
   std::vector<std::string> paths;
   std::string worlds = "office,apartment,street";
   MapOptions options;
@@ -313,8 +311,6 @@ int main(int argc, char** argv) {
   app.add_option("--world", worlds,
                  "office, apartment, street, or images of 640 x 480; with commas between; or none")
       ->capture_default_str();
-  app.add_option("--growth", most_leaves,
-                 "Also how costs grow with beams, cells, and maps of up to so many leaves (1e7: 140 MB)");
   app.add_option("--beams", beams, "Beams a log, in scans spread evenly over it")->capture_default_str();
   app.add_option("--min-cell-size", options.min_cell_size, "[m]")->capture_default_str();
   app.add_option("--max-cell-size", options.max_cell_size, "[m]")->capture_default_str();
@@ -343,7 +339,6 @@ int main(int argc, char** argv) {
       } else {
         add_log(simulate_log(world, {}, SIZE_MAX), world, beams, options, max_range);
       }
-    if (most_leaves > 0.0) add_growth(options, most_leaves);
     for (const std::string& path : paths) {
       const std::string file = path.substr(path.find_last_of('/') + 1);
       add_log(read_log(path, {}, SIZE_MAX), file, beams, options, max_range);
