@@ -2,9 +2,9 @@
 """What is made from the package in the pages of docs/: tables of options and formats, docstrings, figures.
 
 Pages are read on a code host, too. So between ``<!-- table: NAME -->`` and ``<!-- end -->`` stands a
-table made from the package, and between ``<!-- reference: NAMES -->`` and ``<!-- end -->`` one of what
-these names are for. A test compares both, and NDTREE_UPDATE_DOCS=1 writes them. On the site a reference
-becomes the docstrings, a page with ``<!-- include: FILE -->`` that file, ``<!-- figures: FILE NAME
+table made from the package; a test compares it, and NDTREE_UPDATE_DOCS=1 writes it. What ``help()`` and
+``--help-all`` print is on the site alone: ``<!-- reference: NAMES -->`` becomes the docstrings of these
+names, and ``<!-- site table: NAME -->`` a table. A page with ``<!-- include: FILE -->`` that file, ``<!-- figures: FILE NAME
 -->`` the figures of that name in FILE, ``<!-- site: TEXT -->`` that text, and a link to a header one to
 its page.
 """
@@ -15,7 +15,6 @@ import inspect
 import json
 import re
 from collections.abc import Callable, Iterable, Mapping
-from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -39,7 +38,10 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Called by MkDocs for each page."""
-    markdown = _REFERENCE.sub(lambda found: _directives(found[1].split()), markdown)
+    markdown = re.sub(
+        r"^<!-- reference: ([\w. ]+) -->$", lambda found: _directives(found[1].split()), markdown, flags=re.M
+    )
+    markdown = re.sub(r"^<!-- site table: (\w+) -->$", lambda found: TABLES[found[1]](), markdown, flags=re.M)
     whole = re.search(r"<!-- include: (\S+) -->", markdown)
     if whole is not None:
         markdown = (ROOT / whole[1]).read_text()
@@ -53,20 +55,14 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 def filled(markdown: str) -> str:
     """A page with its tables as they are made now."""
-    markdown = re.sub(
+    return re.sub(
         r"^<!-- table: (\w+) -->\n.*?<!-- end -->$",
         lambda found: f"<!-- table: {found[1]} -->\n{TABLES[found[1]]().strip()}\n<!-- end -->",
         markdown,
         flags=re.DOTALL | re.MULTILINE,
     )
-    return _REFERENCE.sub(
-        lambda found: f"<!-- reference: {found[1]} -->\n{_names_table(found[1].split())}<!-- end -->",
-        markdown,
-    )
 
 
-#: Names of which the site has the docstrings, and a table in their place elsewhere.
-_REFERENCE = re.compile(r"^<!-- reference: ([\w. ]+) -->\n.*?<!-- end -->$", re.DOTALL | re.MULTILINE)
 _WITHOUT_HEADING = "    options:\n      show_root_heading: false\n      show_root_toc_entry: false\n"
 
 
@@ -99,50 +95,9 @@ def _found(name: str) -> Any:
     return held
 
 
-def _members(held: Any) -> list[str]:
-    """Public functions and classes of a module, or what a class adds to those that it is made of."""
-    if isinstance(held, ModuleType):
-        return [name for name in held.__all__ if callable(getattr(held, name)) and name != "Coloring"]
-    if not isinstance(held, type):
-        return []
-    fields = getattr(held, "__dataclass_fields__", {})
-    return [
-        name
-        for name, member in vars(held).items()
-        if not name.startswith("_")
-        and name not in fields
-        and (callable(member) or isinstance(member, (property, cached_property)))
-        and _summary(member)
-    ]
-
-
-#: What members of a class say that answer as a map's do; they share a row.
-_ALIKE = "As of `OccupancyMap`."
-
-
-def _names_table(names: Iterable[str]) -> str:
-    rows = []
-    for name in names:
-        held = _found(name)
-        short = name.replace("._native._core", "").replace(".base.typing", ".typing")
-        if not isinstance(held, ModuleType):
-            rows.append((f"`{short}`", _summary(held)))
-        inside = "" if not isinstance(held, ModuleType) else short
-        described = {f"`{inside}.{member}`": _summary(getattr(held, member)) for member in _members(held)}
-        alike = [member for member, text in described.items() if text == _ALIKE]
-        rows += [(member, text) for member, text in described.items() if member not in alike]
-        rows += [(", ".join(alike), _ALIKE)] if alike else []
-    return _table(("name", ""), rows)
-
-
-def _summary(held: Any) -> str:
-    """The first sentence of a docstring, without the type that stands before it."""
-    if isinstance(held, bool):  # Its docstring is that of all bools.
-        return "Constant, a bool."
-    text = " ".join(inspect.cleandoc(held.__doc__ or "").split("\n\n")[0].split())
-    text = re.sub(r"^(?:float|int|str|bool|dict of \w+): ", "", text)
-    sentence = re.split(r"(?<=[.:]) (?=[A-Z])", text)[0].rstrip(":")
-    return sentence[:1].upper() + sentence[1:]
+def _members(module: ModuleType) -> list[str]:
+    """Public functions and classes of a module."""
+    return [name for name in module.__all__ if callable(getattr(module, name)) and name != "Coloring"]
 
 
 def figures(file: str, name: str) -> str:
