@@ -4,9 +4,9 @@
 Pages are read on a code host, too. So between ``<!-- table: NAME -->`` and ``<!-- end -->`` stands a
 table made from the package; a test compares it, and NDTREE_UPDATE_DOCS=1 writes it. What ``help()`` and
 ``--help-all`` print is on the site alone: ``<!-- reference: NAMES -->`` becomes the docstrings of these
-names, and ``<!-- site table: NAME -->`` a table. A page with ``<!-- include: FILE -->`` that file, ``<!-- figures: FILE NAME
--->`` the figures of that name in FILE, ``<!-- site: TEXT -->`` that text, and a link to a header one to
-its page.
+names, and ``<!-- site table: NAME -->`` a table. A page with ``<!-- include: FILE -->`` becomes that
+file, ``<!-- figures: FILE NAME -->`` the figures of that name in FILE, ``<!-- site: TEXT -->`` that text,
+and a link to a header one to its page.
 """
 
 from __future__ import annotations
