@@ -74,13 +74,6 @@ def test_answers_have_the_shape_of_the_question(question: str, dim: int, rng: np
             ask(m, wrong)
 
 
-def test_answers_about_one_point_are_numbers() -> None:
-    m = ROOMS[2]
-    states = {-1: "unknown", 0: "free", 1: "occupied"}
-    assert states[m.state([0.1, 0.1])] == "free"
-    assert f"{m.probability([0.1, 0.1]):.2f}" < "0.50"
-
-
 def test_organised_clouds_are_inserted_as_their_points_are(rng: np.random.Generator) -> None:
     points, origin = room_scan(3, 7, 600)
     returned, sigma = rng.random(600) < 0.8, rng.uniform(0.01, 0.05, 600)

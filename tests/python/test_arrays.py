@@ -90,6 +90,18 @@ WRONG = [
         "max_range = -1.0 m: must be > 0",
     ),
     (lambda m: m.occupied_within(POINTS, -1), ValueError, "radius = -1.0 m: must be >= 0"),
+    (lambda m: m.cast_rays(ORIGIN, POINTS, unknown="no"), ValueError, "unknown = 'no'"),
+    (
+        lambda m: m.cast_rays(ORIGIN, POINTS, at="wall"),
+        ValueError,
+        "at = 'wall': must be 'cell' or 'surface'",
+    ),
+    (lambda m: m.distance_field([[0, 0], [1, 1]], 0.0), ValueError, "cell_size"),
+    (lambda m: m.distance_field([[0, 0], [0, 1]], 0.1), ValueError, "box: from"),
+    (lambda m: m.keep_near(ORIGIN, 0.0), ValueError, "radius"),
+    (lambda m: m.keep_near(ORIGIN, np.nan), ValueError, "radius = nan"),
+    (lambda m: m.mark([[0, 0], [1, 1]], "free", np.zeros(3)), ValueError, "a box of two corners has none"),
+    (lambda m: m.clear([[0, 0], [1, 1]], np.zeros(3)), ValueError, "a box of two corners has none"),
 ]
 
 
@@ -199,22 +211,6 @@ def damaged_files():
         (bytes(flipped), "damaged: the checksum does not match"),
         (bytes(version), "format version 9: this ndtree reads versions 2 to 6"),
     ]
-
-
-def test_any_number_of_threads_gives_the_same_map(tmp_path):
-    files = []
-    for threads in (0, 1, 2, 5):
-        m = ndtree.AdaptiveMap(dim=3)
-        for k in range(3):
-            points = np.random.default_rng(k).uniform(-3.0, 3.0, (4000, 3))
-            m.insert(points, np.full(3, 0.1 * k), threads=threads)
-        m.save(tmp_path / f"{threads}.ndt")
-        files.append((tmp_path / f"{threads}.ndt").read_bytes())
-    assert len(set(files)) == 1
-    for m in (ndtree.AdaptiveMap(dim=2), ndtree.FixedMap(dim=2)):
-        with pytest.raises(ValueError, match="threads = -1: must be >= 0"):
-            m.insert(np.ones((5, 2)), np.zeros(2), threads=-1)
-        assert m.stats().nodes == 1
 
 
 @pytest.mark.parametrize("content, message", damaged_files(), ids=lambda v: v if isinstance(v, str) else "")

@@ -74,41 +74,15 @@ def test_what_cannot_be_compared_is_told() -> None:
         m.transformed([1.0, 2.0])
     with pytest.raises(ValueError, match="rotation is not one"):
         m.transformed(np.diag([2.0, 1.0, 1.0]))
+    field, solid = m.distance_field([[0, 0], [1, 1]], 0.1), ndtree.AdaptiveMap(dim=3)
+    with pytest.raises(ValueError, match="a field with dim"):
+        field.update(solid, since=solid)
     with pytest.raises(ValueError, match=r"window: from 1\.0 to 0\.0 m on axis 0"):
         m.insert(np.ones((1, 2)), np.zeros(2), window=[[1, 0], [0, 1]])
     assert len(m.leaves().size) == 1
     if ndtree.has_octomap:
         with pytest.raises(ValueError, match="must be a map of ndtree's own"):
             ndtree.OctoMap(min_cell_size=0.1).snapshot()
-
-
-@pytest.mark.parametrize("make", MAKERS)
-def test_a_window_changes_what_is_in_it(make: Any) -> None:
-    whole, part = grown(make(), range(2)), grown(make(), range(2))
-    before = part.snapshot()
-    size = whole.options.get("max_cell_size", 0.05) if whole.refinement != "fixed" else 0.05
-    window = np.array([[0.0] * whole.dim, [1.7] * whole.dim])
-    report = part.insert(*room_scan(part.dim, 9), window=window)
-    assert report.beams == whole.insert(*room_scan(whole.dim, 9)).beams
-    points = points_around(whole.dim)
-    cells = np.floor(points / size + 1e-9) * size
-    inside = ((cells < window[1]) & (cells + size > window[0])).all(axis=1)
-    np.testing.assert_array_equal(part.probability(points)[inside], whole.probability(points)[inside])
-    np.testing.assert_array_equal(part.probability(points)[~inside], before.probability(points)[~inside])
-    assert (part.probability(points) != before.probability(points)).any()
-
-
-@pytest.mark.parametrize("make", MAKERS)
-def test_halves_of_a_log_become_one_map(make: Any) -> None:
-    first, second = grown(make(), range(4)), grown(make(), range(4, 8))
-    both = first.snapshot()
-    both.merge(second)
-    second.merge(first)
-    assert both.to_bytes() == second.to_bytes()
-    whole = grown(make(), range(8))
-    points = points_around(whole.dim)
-    alike = both.state(points) == whole.state(points)
-    assert alike.mean() > (0.8 if whole.refinement == "paper" else 0.97)  # Whose cells forget how often.
 
 
 @pytest.mark.parametrize("make", MAKERS)
@@ -124,22 +98,6 @@ def test_a_map_moves(make: Any) -> None:
     assert (moved.state(there) == m.state(points)).mean() > 0.9  # But at borders.
     if m.dim == 2:
         assert moved == m.transformed([*move, angle])
-
-
-@pytest.mark.parametrize("make", MAKERS)
-def test_a_distance_field_follows_the_map(make: Any) -> None:
-    m = grown(make(), range(2))
-    box = np.array([[-2.5] * m.dim, [2.5] * m.dim])
-    field = m.distance_field(box, 0.1, max_distance=1.0)
-    first = field.values.copy()
-    for seed in range(2, 6):
-        seen = m.snapshot()
-        m.insert(*room_scan(m.dim, seed))
-        field.update(m, since=seen)
-    np.testing.assert_array_equal(field.values, m.distance_field(box, 0.1, max_distance=1.0).values)
-    assert (field.values != first).any()
-    with pytest.raises(ValueError, match="a field with dim"):
-        field.update(ndtree.AdaptiveMap(dim=5 - m.dim), since=ndtree.AdaptiveMap(dim=5 - m.dim))
 
 
 def test_readers_and_a_writer_do_not_wait_for_each_other() -> None:
@@ -173,28 +131,3 @@ def test_readers_and_a_writer_do_not_wait_for_each_other() -> None:
     for seed in range(60):
         alone.insert(*room_scan(2, seed % 40))
     assert m.to_bytes() == alone.to_bytes()
-
-
-@pytest.mark.parametrize("make", MAKERS)
-def test_a_map_that_does_not_move_stays_the_same(make: Any) -> None:
-    m = grown(make(), range(3))
-    assert m.transformed(np.eye(m.dim + 1)).to_bytes() == m.to_bytes()
-    pose = np.eye(m.dim + 1)
-    pose[:2, :2] = [[0, -1], [1, 0]]
-    edge = m.options["min_cell_size"]
-    while m.refinement != "fixed" and edge * m.branching <= m.options["max_cell_size"] * (1 + 1e-9):
-        edge *= m.branching
-    pose[:-1, -1] = edge * np.arange(1, m.dim + 1)
-    there = m.transformed(pose)
-    assert there.stats().updates == m.stats().updates > 0
-    leaves = m.leaves(states=["free", "occupied"])
-    at = there.leaves(states=["free", "occupied"])
-    assert len(at.size) == len(leaves.size)
-    points = leaves.center @ pose[:-1, :-1].T + pose[:-1, -1]
-    np.testing.assert_array_equal(there.probability(points), leaves.probability)
-    np.testing.assert_array_equal(there.cell_size(points), leaves.size)
-    assert sorted(at.hits) == sorted(leaves.hits) and sorted(at.misses) == sorted(leaves.misses)
-    back = there.transformed(np.linalg.inv(pose))
-    assert sorted(map(tuple, back.leaves(states=["occupied"]).lower)) == sorted(
-        map(tuple, m.leaves(states=["occupied"]).lower)
-    )

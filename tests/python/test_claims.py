@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,44 +13,6 @@ import pytest
 import ndtree
 
 spatial = pytest.importorskip("scipy.spatial")
-
-Array = np.ndarray[Any, Any]
-LineOfSight = Callable[[Array, Array, Array], Array]
-
-
-def seen_by(
-    scans: Sequence[ndtree.Scan],
-    points: Array,
-    max_range: float,
-    is_clear: LineOfSight | None = None,
-    spacings: float = 1.5,
-    tolerance: float = 0.1,
-) -> Array:
-    """Whether some scan saw each of the points; each origin of a scan is looked at from by itself."""
-    seen = np.zeros(len(points), dtype=bool)
-    for scan in scans:
-        starts = np.broadcast_to(np.asarray(scan.origin, float), scan.endpoints.shape)
-        ways = scan.endpoints.astype(float) - starts
-        lengths = np.linalg.norm(ways, axis=1)
-        returned = np.ones(len(scan), bool) if scan.returned is None else scan.returned
-        usable = np.isfinite(lengths) & (lengths > 0)
-        for origin in np.unique(starts[usable], axis=0):
-            own = usable & (starts == origin).all(axis=1)
-            if np.count_nonzero(own) < 2:
-                continue
-            beams = spatial.cKDTree(ways[own] / lengths[own, None])
-            spacing = np.median(beams.query(beams.data, k=2)[0][:, 1])
-            far = np.linalg.norm(points - origin, axis=1)
-            to = (points - origin) / far[:, None]
-            angle, beam = beams.query(to)
-            if is_clear is not None:
-                reached = (far <= max_range) & is_clear(origin, to, far - tolerance)
-            else:
-                hit = returned[own] & (lengths[own] <= max_range)
-                reach = np.where(hit, lengths[own] + tolerance, np.minimum(lengths[own], max_range))
-                reached = far <= reach[beam]
-            seen |= (angle <= spacings * spacing) & reached
-    return seen
 
 
 def hand_made_log(dim: int) -> list[ndtree.Scan]:
@@ -72,61 +34,6 @@ def hand_made_log(dim: int) -> list[ndtree.Scan]:
     return scans
 
 
-@pytest.mark.parametrize("dim", [2, 3, 4])
-@pytest.mark.parametrize("max_range", [math.inf, 2.5])
-def test_seen_space_of_a_hand_made_log_is_that_of_scipy(dim: int, max_range: float) -> None:
-    scans = hand_made_log(dim)
-    space = ndtree.SeenSpace(scans, max_range=max_range, samples=3000, seed=4)
-    assert (space.dim, space.points.shape, space.seen.shape) == (dim, (3000, dim), (3000,))
-    np.testing.assert_array_equal(space.seen, seen_by(scans, space.points, max_range))
-    wide = ndtree.SeenSpace(
-        iter(scans), max_range=max_range, samples=3000, seed=4, spacings=3.0, tolerance=0.5
-    )
-    np.testing.assert_array_equal(wide.points, space.points)
-    np.testing.assert_array_equal(
-        wide.seen, seen_by(scans, space.points, max_range, spacings=3.0, tolerance=0.5)
-    )
-    assert 100 < np.count_nonzero(space.seen) < np.count_nonzero(wide.seen) < 3000
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_points_are_drawn_around_the_middle_of_the_end_points(dim: int) -> None:
-    scans = hand_made_log(dim)
-    space = ndtree.SeenSpace(scans, max_range=2.5, middle=0.9, margin=0.3)
-    ends = []
-    for scan in scans:
-        way = scan.endpoints.astype(float) - scan.origin
-        length = np.linalg.norm(way, axis=1, keepdims=True)
-        ends.append(scan.origin + way * np.minimum(1.0, 2.5 / length))
-    lower, upper = np.nanpercentile(np.concatenate(ends), (5, 95), axis=0)
-    assert space.box is not None
-    np.testing.assert_allclose(space.box, [lower - 0.3, upper + 0.3], rtol=0, atol=1e-9)
-    assert len(space.points) == 40_000
-    assert (space.points >= space.box[0]).all() and (space.points < space.box[1]).all()
-    parts = np.histogramdd(space.points, bins=4, range=list(space.box.T))[0]
-    assert parts.sum() == 40_000
-    assert np.abs(parts - 40_000 / 4**dim).max() < 6 * math.sqrt(40_000 / 4**dim)
-
-
-def test_in_a_simulated_world_the_line_of_sight_decides() -> None:
-    log = ndtree.simulate("office", seed=5, scans=25)
-
-    def is_clear(origin: Array, ways: Array, up_to: Array) -> Array:
-        surface = log.distance(origin, ways)
-        return ~(surface <= up_to)
-
-    scans = list(log)
-    silent = [np.linalg.norm(s.endpoints[~s.returned] - s.origin, axis=1) for s in scans]
-    sensor_range = float(np.nanmax(np.concatenate(silent)))
-    for max_range, farthest in ((6.0, 6.0), (math.inf, sensor_range)):
-        space = log.seen_space(scans, max_range=max_range, samples=8000)
-        expected = seen_by(scans, space.points, farthest, is_clear)
-        assert np.count_nonzero(space.seen != expected) <= 1  # The sensor's range is known but for rounding.
-        assert 1000 < np.count_nonzero(expected) < 7000
-        by_beams = ndtree.SeenSpace(scans, max_range=farthest, samples=8000)
-        assert 0 < np.count_nonzero(by_beams.seen != expected) < 800
-
-
 def test_claims_are_a_plain_count() -> None:
     scans = hand_made_log(2)
     space = ndtree.SeenSpace(scans, samples=5000)
@@ -146,15 +53,6 @@ def test_claims_are_a_plain_count() -> None:
     assert claims.free_unseen == claims.free_and_unseen / claims.free
     assert claims.seen_unknown == claims.unknown_and_seen / claims.seen
     assert claims.wrong_volume == (claims.free_and_unseen + claims.unknown_and_seen) / claims.seen
-
-
-def test_without_a_beam_there_is_nothing_to_ask() -> None:
-    silent = ndtree.Scan(np.full((3, 2), np.nan), np.zeros(2))
-    space = ndtree.SeenSpace([silent, ndtree.Scan(np.empty((0, 2)), np.zeros(2))])
-    assert (space.points.shape, space.seen.shape, space.box) == ((0, 2), (0,), None)
-    claims = ndtree.FixedMap(dim=2).claims(space)
-    assert claims.points == 0
-    assert all(math.isnan(share) for share in (claims.free_unseen, claims.seen_unknown, claims.wrong_volume))
 
 
 @pytest.mark.parametrize("simulated", [True, False])
@@ -189,15 +87,6 @@ def test_a_comparison_says_what_its_maps_claim(simulated: bool) -> None:
     for label in ("free but unseen", "seen but unknown", "wrong volume"):
         assert label in table
     assert "claims_free_unseen" in comparison.to_csv()
-
-
-def test_larger_cells_claim_more_unseen_space() -> None:
-    log = list(ndtree.simulate("office", seed=7, scans=20))
-    maps = [f"fixed@{size}" for size in (0.05, 0.1, 0.2, 0.4, 0.8)]
-    rows = ndtree.compare(log, maps, range_sigma=0.03)["maps"]
-    unseen = [row["claims"]["free_unseen"] for row in rows]
-    assert unseen == sorted(unseen)
-    assert unseen[-1] > 0.1 > 0.05 > unseen[0] > 0.0
 
 
 @pytest.mark.parametrize(

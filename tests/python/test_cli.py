@@ -351,12 +351,6 @@ def test_help_has_examples() -> None:
     assert run("--version").output == f"ndtree {ndtree.__version__}\n"
 
 
-def test_the_module_is_the_command() -> None:
-    done = subprocess.run([sys.executable, "-m", "ndtree", "info", "nosuch"], capture_output=True, text=True)
-    assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr == "ndtree: nosuch: No such file or directory\n"
-
-
 # --- What is refused --------------------------------------------------------------------------------
 
 
@@ -623,22 +617,6 @@ def test_a_terminal_sees_how_far_the_map_is(log: Path, tmp_path: Path) -> None:
     os.close(near)
     assert process.wait() == 0
     assert re.search(r"20 scans, [\d,]+ beams/s, [\d,]+ leaves, [\d.]+ MiB", plain(seen.decode()))
-
-
-def test_a_reader_that_leaves_early_is_no_error(log: Path) -> None:
-    program = "from ndtree.cli import main; main()"
-    process = subprocess.Popen(
-        [sys.executable, "-c", program, "compare", str(log), "--json", "-"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None and process.stderr is not None
-    process.stdout.close()
-    errors = process.stderr.read()
-    process.wait()
-    assert "Traceback" not in errors
-    process.stderr.close()
 
 
 # --- Real recordings --------------------------------------------------------------------------------

@@ -66,36 +66,6 @@ def test_maps_from_grids_give_them_back(dim: int, refinement: str) -> None:
     assert np.count_nonzero(wide >= 0) == np.count_nonzero(states >= 0)
 
 
-def test_states_in_boxes_are_those_of_the_cells_that_touch_them() -> None:
-    m = room(2)
-    leaves = m.leaves()
-    random = np.random.default_rng(3)
-    lower = random.uniform(-3, 2, (200, 2))
-    upper = lower + random.uniform(0, 1, (200, 2))
-    found = m.states_in(lower, upper)
-    top = leaves.lower + leaves.size[:, None]
-    outside = leaves.lower.min(axis=0), top.max(axis=0)
-    for i in range(200):
-        touches = ((leaves.lower <= upper[i]) & (top >= lower[i])).all(axis=1)
-        expected = [np.any(leaves.state[touches] == state) for state in (-1, 0, 1)]
-        expected[0] |= bool((lower[i] < outside[0]).any() or (upper[i] > outside[1]).any())
-        np.testing.assert_array_equal(found[i], expected)
-    assert found.any(axis=0).all() and not found.all(axis=0).any()
-
-
-def test_distances_are_the_least_to_an_occupied_cell() -> None:
-    m = room(3)
-    leaves = m.leaves()
-    lower = leaves.lower[leaves.state == 1]
-    upper = lower + leaves.size[leaves.state == 1, None]
-    points = np.random.default_rng(4).uniform(-4, 4, (100, 3))
-    gap = np.maximum(np.maximum(lower - points[:, None], points[:, None] - upper), 0)
-    np.testing.assert_allclose(
-        m.distance_to_occupied(points), np.linalg.norm(gap, axis=2).min(axis=1), rtol=1e-12
-    )
-    assert np.isnan(ndtree.AdaptiveMap(dim=3).distance_to_occupied(points)).all()
-
-
 @pytest.mark.parametrize("suffix", [".bt", ".ot"])
 @pytest.mark.parametrize("branching", [2, 3, 4])
 def test_octomap_files_are_read_back(tmp_path: Path, branching: int, suffix: str) -> None:

@@ -28,37 +28,6 @@ def assert_same(a: ndtree.AdaptiveMap, b: ndtree.AdaptiveMap) -> None:
         np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_any_calls_end_in_the_map_of_the_scans_where_they_are(dim: int) -> None:
-    random = np.random.default_rng(dim)
-    options = {"min_cell_size": 0.1, "max_cell_size": 1.6, "range_sigma": 0.02}
-    history = ndtree.ScanHistory(dim=dim, **options)
-    numbers: dict[int, int] = {}
-
-    def pose() -> np.ndarray:
-        if dim == 2:
-            return random.uniform(-4, 4, 3)
-        q = random.normal(size=4)
-        return np.concatenate([random.uniform(-4, 4, 3), q / np.linalg.norm(q)])
-
-    for i in range(12):
-        points = random.normal(size=(200, dim))
-        points *= random.uniform(1, 3, 200)[:, None] / np.linalg.norm(points, axis=1)[:, None]
-        sigma = np.full(200, 0.03) if i % 3 == 0 else None
-        report = history.insert(10 * i, points, pose(), returned=points[:, 0] < 2, range_sigma=sigma)
-        assert report.beams == 200
-        numbers[10 * i] = i
-    assert history.keys() == [10 * i for i in range(12)] and len(history) == 12 and 20 in history
-    before = history.map
-    report = history.move({key: pose() for key in (0, 50, 110)})
-    assert report.moved == 3 and 3 <= report.replayed <= 12 and report.cube_scans <= report.all_cube_scans
-    assert_same(history.map, mapped_anew(history, numbers, **options))
-    assert history.remove([30, 70]).moved == 2 and 30 not in history
-    assert_same(history.map, mapped_anew(history, numbers, **options))
-    assert len(before.leaves()) != len(history.map.leaves()), "what was asked for before stays as it was"
-    assert repr(history) == f"ScanHistory(dim={dim}, scans=10)"
-
-
 def test_a_corrected_log_is_the_log_of_the_corrected_poses(recordings: Path) -> None:
     log = ndtree.read(recordings / "laser2d_intel" / "laser2d_intel.npz")
     scans = [scan.returned_only() for scan in log][::12]

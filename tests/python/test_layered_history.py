@@ -49,41 +49,6 @@ def some_pose(random: np.random.Generator, dim: int, reach: float = 6.0) -> np.n
     return np.concatenate([random.uniform(-reach, reach, 3), q / np.linalg.norm(q)])
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("seed", range(4))
-def test_any_calls_end_in_the_layers_of_the_scans_where_they_are(dim: int, seed: int) -> None:
-    random = np.random.default_rng((dim, seed))
-    history = ndtree.ScanHistory(dim=dim, layers=LAYERS, **OPTIONS)
-    assert history.layers == LAYERS == history.map.layers
-    numbers: dict[int, int] = {}
-    replayed = 0
-    for call in range(24):
-        what = random.integers(10)
-        if len(history) < 4 or what < 5:
-            key = 1000 - 3 * len(numbers)
-            points = some_scan(random, dim)
-            given = some_measurements(random, len(points), stamp=random.uniform(0, 100))
-            if random.random() < 0.3:  # A scan may have measurements for some layers alone.
-                del given["color"]
-            if random.random() < 0.2:
-                given = {}
-            history.insert(
-                key, points, some_pose(random, dim), returned=points[:, 0] < 1.5, layers=given or None
-            )
-            numbers[key] = len(numbers)
-        elif what < 8:
-            moved = random.choice(history.keys(), 2, replace=False)
-            replayed += history.move({int(key): some_pose(random, dim) for key in moved}).replayed
-        else:
-            history.remove([int(random.choice(history.keys()))])
-        if call % 6 == 5:
-            assert without_counters(history.map) == without_counters(mapped_anew(history, numbers, **OPTIONS))
-    assert replayed > 5
-    m = history.map
-    ends = np.concatenate([history.scan(key).endpoints[history.scan(key).returned] for key in history.keys()])
-    assert np.isfinite(m.layer("stamp", ends)).mean() > 0.5, "most ends lie in cells with a value"
-
-
 def test_frozen_scans_leave_their_layers() -> None:
     random = np.random.default_rng(5)
     history, free = (ndtree.ScanHistory(dim=2, layers=LAYERS, **OPTIONS) for _ in range(2))
@@ -132,40 +97,6 @@ def test_what_was_measured_is_kept() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rules", "bytes_a_beam"),
-    [
-        ({"a": "mean"}, 4),
-        ({"a": "mean3"}, 12),
-        ({"a": "majority"}, 2),
-        ({"a": "latest"}, 8),
-        ({"a": "mean3", "b": "majority"}, 14),
-    ],
-    ids=lambda value: str(value),
-)
-def test_measurements_take_what_their_rules_need(rules: dict[str, str], bytes_a_beam: int) -> None:
-    random = np.random.default_rng(2)
-    points = some_scan(random, 2, 2000)
-
-    def packed(history: ndtree.ScanHistory) -> int:
-        return history.memory_bytes - history.map.stats().memory_bytes
-
-    def scans_with(rules: dict[str, str], constant: bool) -> ndtree.ScanHistory:
-        history = ndtree.ScanHistory(dim=2, layers=rules)
-        for key in range(10):
-            given = {}
-            for name, rule in rules.items():
-                shape = (len(points), 3) if rule == "mean3" else len(points)
-                given[name] = np.zeros(shape) if constant else random.integers(0, 9, shape)
-            history.insert(key, points, (0, 0, 0), layers=given)
-        return history
-
-    beams = 10 * len(points)
-    plain = packed(scans_with({}, constant=False))
-    assert abs(packed(scans_with(rules, constant=False)) - plain - bytes_a_beam * beams) < 10 * 200
-    assert abs(packed(scans_with(rules, constant=True)) - plain) < 10 * 200
-
-
-@pytest.mark.parametrize(
     ("given", "message"),
     [
         ({"intensity": [1.0]}, r"layers\['intensity'\] has shape \(1,\): must have one entry for each of 3"),
@@ -199,24 +130,6 @@ def test_layers_that_there_are_not() -> None:
         ndtree.ScanHistory(dim=2).insert(1, [[1.0, 0.0]], (0, 0, 0), layers={"a": [1.0]})
     with pytest.raises(ValueError, match="max_memory = 100000 bytes: must be at least"):
         ndtree.ScanHistory(dim=2, layers={f"a{i}": "mean" for i in range(20)}, max_memory=100_000)
-
-
-def test_map_and_layers_together_keep_to_max_memory() -> None:
-    random = np.random.default_rng(3)
-    points = some_scan(random, 2, 400)
-    given = some_measurements(random, len(points), 1.0)
-    history = ndtree.ScanHistory(dim=2, layers=LAYERS, max_memory=400_000, **OPTIONS)
-    refused = 0
-    for key in range(60):
-        before = history.map.to_bytes()
-        try:
-            history.insert(key, points, some_pose(random, 2, 30.0), layers=given)
-        except MemoryError as error:
-            refused += 1
-            assert "max_memory = 400000 bytes" in str(error)
-            assert history.map.to_bytes() == before and key not in history
-        assert history.map.stats().memory_bytes <= 400_000
-    assert refused > 10
 
 
 def test_threads_may_share_a_history_with_layers() -> None:

@@ -72,15 +72,6 @@ def test_where_nothing_ended_there_is_nothing() -> None:
     np.testing.assert_array_equal(m.layer("label", nowhere), [-1, -1])
 
 
-def test_occupancy_does_not_depend_on_layers() -> None:
-    plain = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1, max_cell_size=0.8)
-    for i in range(8):
-        plain.insert(walls(3, seed=i), np.zeros(3))
-    one, other = plain.leaves(), mapped().leaves()
-    for name in ("lower", "size", "log_odds", "hits", "misses"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-
-
 def test_beams_without_return_say_nothing() -> None:
     m = ndtree.FixedMap(dim=2, min_cell_size=0.1, layers={"label": "majority"})
     m.insert(
@@ -189,17 +180,6 @@ def test_a_map_that_is_too_large_while_it_is_empty_is_not_made() -> None:
         ndtree.AdaptiveMap(dim=2, max_memory=plain - 1)
 
 
-def test_what_is_forgotten_carries_nothing() -> None:
-    m = mapped()
-    m.clear([[0, -5, -5], [5, 0, 5]])
-    m.insert(walls(3), np.zeros(3))  # Seen anew, without a word.
-    leaves = m.leaves(states=["occupied"])
-    left = leaves.center[:, 1] + leaves.size < 0
-    assert left.any() and np.all(m.layer("label", leaves.center)[left] == -1)
-    right = m.layer("label", leaves.center)[leaves.center[:, 1] > leaves.size]
-    assert set(right) <= {7, -1} and np.mean(right == 7) > 0.8
-
-
 def test_a_ply_file_has_them(tmp_path: Path) -> None:
     m = mapped()
     m.save_ply(tmp_path / "m.ply")
@@ -225,15 +205,6 @@ def test_a_ply_file_has_them(tmp_path: Path) -> None:
     np.testing.assert_array_equal(cells["stamp"], m.layer("stamp", leaves.center))
     color = np.nan_to_num(m.layer("color", leaves.center))
     np.testing.assert_allclose(cells["rgb"], color, atol=0.51)
-
-
-def test_memory_counts_them() -> None:
-    plain = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1, max_cell_size=0.8)
-    for i in range(8):
-        plain.insert(walls(3, seed=i), np.zeros(3))
-    assert mapped().stats().memory_bytes > 1.2 * plain.stats().memory_bytes
-    with pytest.raises(MemoryError):
-        mapped(max_memory=200_000)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 
 import copy
 import pickle
-import threading
 
 import numpy as np
 import pytest
@@ -77,24 +76,6 @@ def test_queries_agree_with_the_leaves(filled):
     assert (leaves.hits[~leaves.observed] == 0).all()
 
 
-def test_rays_end_at_the_first_occupied_leaf(filled):
-    leaves = filled.leaves()
-    lower = leaves.lower[leaves.state == 1]
-    upper = lower + leaves.size[leaves.state == 1][:, None]
-    random = np.random.default_rng(2)
-    origins = random.uniform(-0.3, 0.3, (40, filled.dim))
-    directions = random.normal(size=(40, filled.dim)) * 7
-    found = filled.cast_rays(origins, directions, max_range=20, at="cell")
-    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    for o, d, distance in zip(origins, unit, found):
-        enter = np.max(np.minimum((lower - o) / d, (upper - o) / d), axis=1)
-        leave = np.min(np.maximum((lower - o) / d, (upper - o) / d), axis=1)
-        hit = np.maximum(enter, 0)[(leave > enter) & (leave > 0)]
-        expected = hit.min() if hit.size else np.nan
-        assert distance == pytest.approx(expected, abs=1e-9, nan_ok=True)
-    assert np.isfinite(found).any() or filled.dim == 4  # five scans are few for the cells of four dimensions
-
-
 def test_file_pickle_and_copy_keep_everything(filled, tmp_path):
     path = tmp_path / "room.ndt"
     filled.save(path)
@@ -111,43 +92,6 @@ def test_file_pickle_and_copy_keep_everything(filled, tmp_path):
     assert filled.to_bytes() == bytes_  # a copy is independent
     two.insert(points, origin)
     assert one.to_bytes() == two.to_bytes()  # and goes on as the original would
-
-
-def test_one_origin_each_equals_one_origin_for_all(shape):
-    branching, dim = shape
-    points, origin = room_scan(dim, 3)
-    one, each = make("adaptive", branching, dim), make("adaptive", branching, dim)
-    one.insert(points, origin)
-    each.insert(points, np.tile(origin, (len(points), 1)))
-    assert one.to_bytes() == each.to_bytes()
-
-
-def test_threads_share_a_map():
-    m = make("adaptive", 2, 3)
-    stop = threading.Event()
-    errors = []
-
-    def ask():
-        while not stop.is_set():
-            try:
-                m.state(np.random.default_rng(0).uniform(-2, 2, (1000, 3)))
-                len(m.leaves())
-            except Exception as error:
-                errors.append(error)
-
-    threads = [threading.Thread(target=ask) for _ in range(3)]
-    for thread in threads:
-        thread.start()
-    alone = make("adaptive", 2, 3)
-    for seed in range(30):
-        points, origin = room_scan(3, seed, 1000)
-        m.insert(points, origin)
-        alone.insert(points, origin)
-    stop.set()
-    for thread in threads:
-        thread.join()
-    assert not errors
-    assert m.to_bytes() == alone.to_bytes()
 
 
 def test_four_dimensions_hold_time_as_a_fourth_axis():

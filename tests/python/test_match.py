@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import copy
-import itertools
 import math
 import pickle
 
@@ -117,28 +116,6 @@ def test_a_corridor_keeps_what_was_known_before():
     assert 0.8 * sigma < math.sqrt(told[0, 0]) < 1.5 * sigma and math.sqrt(told[1, 1]) < 0.02
 
 
-def test_the_search_is_exhaustive():
-    """By the score alone: a window of one pose gives that pose's score."""
-    tried = 0
-    for _ in range(40):
-        surface = RNG.uniform(-1.5, 1.5, (40, 2))
-        matcher = ndtree.Matcher(surface, cell_size=0.2)
-        points = np.concatenate((RNG.uniform(-0.9, 0.9, (15, 2)), [[1.0, 0.0]]))  # 1 m: turns are 0.2 rad.
-        guess = RNG.uniform(-0.5, 0.5, 3)
-        found = matcher.match(points, guess, window=(0.4, 0.4, 0.2))
-        farthest = np.hypot(points[:, 0], points[:, 1]).max()
-        scores = []
-        for x, y, turn in itertools.product((-2, -1, 0, 1, 2), (-2, -1, 0, 1, 2), (-1, 0, 1)):
-            if abs(turn) * 0.2 / farthest > 0.2:
-                continue
-            pose = guess + np.array((0.2 * x, 0.2 * y, turn * 0.2 / farthest))
-            scores.append(matcher.match(points, pose, window=(0, 0, 0)).score)
-            tried += 1
-        # A shift by a cell moves all points by a cell, but for rounding at borders.
-        assert found.score == pytest.approx(max(scores), abs=0.02)
-    assert tried >= 1000
-
-
 @pytest.mark.parametrize("threads", [1, 2, 5])
 def test_many_scans_are_the_same_with_any_threads(threads):
     matcher = ndtree.Matcher(room(0.03))
@@ -153,33 +130,6 @@ def test_many_scans_are_the_same_with_any_threads(threads):
         assert (alone.score, alone.second, alone.inliers) == (found.score, found.second, found.inliers)
 
 
-def test_a_scan_is_found_in_space():
-    side = np.arange(-1.5, 1.5, 0.1)
-    x, y = (one.ravel() for one in np.meshgrid(side, side))
-    cube = np.concatenate(
-        [np.column_stack(np.roll((x, y, np.full(len(x), -1.5)), axis, axis=0)) for axis in range(3)]
-    )
-    matcher = ndtree.Matcher(cube, cell_size=0.1)
-    found = matcher.match(
-        cube[::7] - (0.1, -0.05, 0.08), (0, 0, 0, 0, 0, 0, 1), window=(0.2, 0.2, 0.2, 0.05, 0.05, 0.05)
-    )
-    np.testing.assert_allclose(found.pose[:3, 3], (0.1, -0.05, 0.08), atol=0.01)
-    np.testing.assert_allclose(found.pose[:3, :3], np.eye(3), atol=0.01)
-    assert found.covariance.shape == (6, 6) and found.is_unique
-
-
-def test_a_corridor_is_not_unique():
-    x = np.arange(-10, 10, 0.04)
-    walls = np.concatenate([np.column_stack((x, np.full(len(x), y))) for y in (-1.0, 1.0)])
-    matcher = ndtree.Matcher(walls)
-    found = matcher.match(walls[np.abs(walls[:, 0]) < 2][::3], (0, 0, 0), window=(3, 0.3, 0.1))
-    assert not found.is_unique and found.covariance[0, 0] > 50 * found.covariance[1, 1]
-    known = matcher.match(
-        walls[::9], (0, 0, 0), window=(3, 0.3, 0.1), information=np.diag((1e4, 0, 0)), second=False
-    )
-    assert known.second == 0 and known.covariance[0, 0] < 1.1e-4
-
-
 @pytest.mark.parametrize("option", ["cell_size", "sigma", "radius"])
 def test_an_option_that_is_no_number_is_named(option: str):
     make = room_map().matcher
@@ -188,15 +138,6 @@ def test_an_option_that_is_no_number_is_named(option: str):
     if option == "cell_size":
         with pytest.raises(TypeError, match=r"cell_size = 'x': must be a number$"):
             room_map().match(room(0.5), (0, 0, 0), window=(1, 1, 1), cell_size="x")
-
-
-def test_without_points_the_pose_is_the_guess():
-    guess = (0.25, -0.5, 0.125)
-    for match in (room_map().match, ndtree.Matcher(room(0.5)).match):
-        found = match(np.zeros((0, 2)), guess, window=(1, 1, 1))
-        np.testing.assert_allclose(found.pose[:2, 2], guess[:2])
-        assert np.arctan2(found.pose[1, 0], found.pose[0, 0]) == pytest.approx(guess[2])
-        assert found.score == 0
 
 
 def test_a_far_point_is_named_and_not_the_window():

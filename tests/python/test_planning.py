@@ -2,7 +2,6 @@
 """What planners and explorers ask of a map, from Python: against dense grids and SciPy."""
 
 import copy
-import threading
 
 import numpy as np
 import pytest
@@ -66,131 +65,6 @@ def test_leaves_of_a_box_and_of_states_are_some_of_all(any_room):
         any_room.leaves(box[:1])
 
 
-def test_the_nearest_point_is_as_far_as_the_distance_says(any_room):
-    points = RNG.uniform(-3, 3, (300, any_room.dim))
-    nearest = any_room.nearest_occupied(points)
-    np.testing.assert_array_equal(nearest.distance, any_room.distance_to_occupied(points))
-    np.testing.assert_allclose(np.linalg.norm(nearest.point - points, axis=1), nearest.distance, atol=1e-12)
-    near = any_room.nearest_occupied(points, max_distance=0.3)
-    far = nearest.distance > 0.3
-    assert 0 < far.sum() < 300
-    assert np.isinf(near.distance[far]).all() and np.isnan(near.point[far]).all()
-    np.testing.assert_array_equal(near.distance[~far], nearest.distance[~far])
-
-
-def test_rays_that_stop_at_unknown_space_end_before_it(any_room):
-    directions = RNG.normal(size=(200, any_room.dim))
-    origin = np.full(any_room.dim, 0.3)
-    plain = any_room.cast_rays(origin, directions, max_range=9.0, at="cell")
-    ends = any_room.cast_rays(origin, directions, max_range=9.0, details=True, at="cell")
-    np.testing.assert_array_equal(plain, ends.distance)
-    hit = np.isfinite(plain)
-    assert (ends.state[hit] == 1).all() and (ends.state[~hit] == 0).all()
-    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    at = origin + (plain[hit] + 1e-6)[:, None] * unit[hit]
-    assert (at >= ends.lower[hit] - 2e-6).all() and (
-        at <= (ends.lower + ends.size[:, None])[hit] + 2e-6
-    ).all()
-    stopped = any_room.cast_rays(origin, directions, max_range=9.0, unknown="stop", details=True, at="cell")
-    np.testing.assert_array_equal(
-        stopped.distance, any_room.cast_rays(origin, directions, max_range=9.0, unknown="stop", at="cell")
-    )
-    assert np.isfinite(stopped.distance).all(), "somewhere it ends"
-    assert set(stopped.state) == {-1, 1}
-    for share in np.linspace(0.0, 0.99, 20):
-        on_way = origin + (share * stopped.distance)[:, None] * unit
-        assert (any_room.state(on_way)[stopped.distance > 1e-6] == 0).all()
-    with pytest.raises(ValueError, match="unknown = 'no'"):
-        any_room.cast_rays(origin, directions, unknown="no")
-
-
-def test_rays_at_the_surface_end_a_little_behind_the_entry(any_room):
-    directions = RNG.normal(size=(200, any_room.dim))
-    origin = np.full(any_room.dim, 0.3)
-    for unknown in ("pass", "stop"):
-        asked = {"max_range": 9.0, "unknown": unknown, "details": True}
-        cell = any_room.cast_rays(origin, directions, at="cell", **asked)
-        surface = any_room.cast_rays(origin, directions, **asked)
-        for name in ("state", "lower", "size"):
-            np.testing.assert_array_equal(getattr(surface, name), getattr(cell, name))
-        np.testing.assert_array_equal(
-            surface.distance,
-            any_room.cast_rays(origin, directions, max_range=9.0, unknown=unknown, at="surface"),
-        )
-        met = cell.state == 1
-        assert met.sum() > 20
-        depth = (surface.distance - cell.distance)[met]
-        assert (depth > 0.0).all() and (depth <= 0.75 * any_room.min_cell_size * (1 + 1e-9)).all()
-        assert np.unique(np.round(depth, 4)).size > 10
-        np.testing.assert_array_equal(surface.distance[~met], cell.distance[~met])
-    with pytest.raises(ValueError, match="at = 'wall': must be 'cell' or 'surface'"):
-        any_room.cast_rays(origin, directions, at="wall")
-
-
-@pytest.mark.parametrize("unknown", ["free", "occupied"])
-def test_a_distance_field_is_scipys_up_to_where_cells_begin(any_room, unknown):
-    edt = pytest.importorskip("scipy.ndimage").distance_transform_edt
-    dim = any_room.dim
-    box = np.array([np.full(dim, -2.8), np.full(dim, 3.1)])
-    field = any_room.distance_field(box, 0.1, max_distance=1.5, unknown=unknown)
-    grid = any_room.to_grid(box, 0.1)
-    assert field.values.shape == grid.shape
-    obstacle = (grid == 1) | ((grid == -1) & (unknown == "occupied"))
-    inner = tuple(slice(16, -16) for _ in range(dim))  # As far from the border as a distance may be.
-    assert (np.sign(field.values) == np.where(obstacle, -1, 1)).all()
-    # SciPy measures to centres: at least half a cell more, at most half its diagonal.
-    outside = edt(~obstacle) * 0.1
-    inside = edt(obstacle) * 0.1
-    plain = np.where(obstacle, -inside, outside)[inner]
-    excess = np.abs(plain) - np.abs(field.values[inner])
-    known = np.abs(field.values[inner]) < 1.4
-    assert known.sum() > 100
-    assert excess[known].min() > 0.05 - 1e-5
-    assert excess[known].max() < 0.05 * np.sqrt(dim) + 1e-5
-
-
-def test_gradients_of_a_field_lead_away_from_obstacles():
-    m = room(2)
-    field = m.distance_field([[-2.5, -2.5], [2.5, 2.5]], 0.05)
-    points = RNG.uniform(-1.5, 1.5, (500, 2))
-    gradient = field.gradient(points)
-    ends = points + 0.01 * gradient
-    between = [np.floor((at + 2.5) / 0.05 - 0.5) for at in (points, ends)]  # At centres it has kinks.
-    smooth = (between[0] == between[1]).all(axis=1)
-    assert smooth.sum() > 300
-    np.testing.assert_allclose(
-        (field.distance(ends) - field.distance(points))[smooth],
-        0.01 * (gradient**2).sum(axis=1)[smooth],
-        atol=0.002,
-    )
-    free = field.distance(points) > 0.1
-    assert np.median(np.linalg.norm(gradient[free], axis=1)) == pytest.approx(1.0, abs=0.05)
-    assert np.isnan(field.distance([[9.0, 9.0]])).all() and np.isnan(field.gradient([[9.0, 9.0]])).all()
-    with pytest.raises(ValueError, match="cell_size"):
-        m.distance_field([[0, 0], [1, 1]], 0.0)
-    with pytest.raises(ValueError, match="box: from"):
-        m.distance_field([[0, 0], [0, 1]], 0.1)
-
-
-def test_frontiers_lie_where_free_space_ends(any_room):
-    frontiers = any_room.frontiers(min_cells=0)
-    assert frontiers
-    for frontier in frontiers:
-        assert (any_room.state(frontier.cells + 0.5 * frontier.size[:, None]) == 0).all()
-    assert [f.area for f in frontiers] == sorted((f.area for f in frontiers), reverse=True)
-    # The border of free cells with anything unknown, counted on a grid of smallest cells.
-    grid = any_room.to_grid([np.full(any_room.dim, -6.4), np.full(any_room.dim, 6.4)], 0.1)
-    faces = sum(
-        ((np.take(grid, range(1, 128), axis) == a) & (np.take(grid, range(127), axis) == b)).sum()
-        for axis in range(any_room.dim)
-        for a, b in ((0, -1), (-1, 0))
-    )
-    total = sum(f.area for f in frontiers)
-    assert total == pytest.approx(faces * 0.1 ** (any_room.dim - 1), rel=1e-6)
-    large = any_room.frontiers(min_cells=20)
-    assert len(large) == sum(f.area > 20 * 0.1 ** (any_room.dim - 1) * (1 - 1e-9) for f in frontiers)
-
-
 def test_the_goal_of_a_frontier_is_a_cell_of_it(any_room):
     """Also of one that surrounds the robot, whose center is where the robot is."""
     way = np.random.default_rng(0).normal(size=(3000, any_room.dim))
@@ -245,32 +119,6 @@ def test_a_path_collides_between_its_poses():
         m.collides(ndtree.Sphere(0.1, (0, 0, 0)), [start])
 
 
-def test_what_is_forgotten_is_unknown(any_room):
-    dim = any_room.dim
-    points = RNG.uniform(-2.2, 2.2, (2000, dim))
-    before = any_room.state(points)
-    m = copy.copy(any_room)
-    m.clear([np.full(dim, -0.5), np.full(dim, 0.7)])
-    inside = ((points > -0.5) & (points < 0.7)).all(axis=1)
-    away = ((points < -0.6) | (points > 0.8)).any(axis=1)
-    assert (m.state(points)[inside] == -1).all()
-    np.testing.assert_array_equal(m.state(points)[away], before[away])
-    m = copy.copy(any_room)
-    m.keep_near(np.zeros(dim), 1.0)
-    near = np.linalg.norm(points, axis=1) < 1.0
-    np.testing.assert_array_equal(m.state(points)[near], before[near])
-    assert m.stats().observed_leaves < any_room.stats().observed_leaves
-    m.crop([np.full(dim, 50.0), np.full(dim, 51.0)])
-    assert m.bounds() is None and m.stats().leaves == 1
-    with pytest.raises(ValueError, match="radius"):
-        m.keep_near(np.zeros(dim), 0.0)
-    m = copy.copy(any_room)
-    m.keep_near(np.zeros(dim), np.inf)
-    assert m == any_room
-    with pytest.raises(ValueError, match="radius = nan"):
-        m.keep_near(np.zeros(dim), np.nan)
-
-
 def test_equal_maps_are_equal(any_room):
     same = copy.copy(any_room)
     assert same == any_room and not (same != any_room)
@@ -288,25 +136,3 @@ def test_maps_of_others_say_that_they_cannot():
     for call in (m.bounds, m.frontiers, lambda: m.keep_near(np.zeros(3), 1.0)):
         with pytest.raises(ValueError, match="a map of ndtree's own"):
             call()
-
-
-def test_queries_run_beside_an_insertion():
-    m = room(2)
-    failed = []
-
-    def ask():
-        try:
-            for _ in range(20):
-                m.frontiers()
-                m.distance_field([[-2, -2], [2, 2]], 0.1)
-        except Exception as error:
-            failed.append(error)
-
-    threads = [threading.Thread(target=ask) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    for _ in range(20):
-        m.insert(RNG.uniform(-2, 2, (500, 2)), np.zeros(2))
-    for thread in threads:
-        thread.join()
-    assert not failed

@@ -19,7 +19,6 @@ from ndtree.logs.poses.covariances import PoseCovariances
 from ndtree.tiles.mapper import TileMapper
 from ndtree.tiles.storage import storage_of
 
-ACROSS = 0.25  # What the variance across a beam counts.
 SIZE = {2: 3, 3: 6}
 
 
@@ -57,34 +56,6 @@ def test_a_covariance_is_that_range_sigma_and_zero_is_none(kind: str, dim: int) 
         widened.insert(points, origin, range_sigma=sigma, **own)
     assert plain.to_bytes() == zero.to_bytes()
     assert unsure.to_bytes() == widened.to_bytes() != plain.to_bytes()
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_sigma_is_that_of_ends_under_random_poses(dim: int) -> None:
-    rng = np.random.default_rng(4)
-    points, origin = scans(dim, 1, 12)[0]
-    own = rng.uniform(0.01, 0.1, len(points))
-    c = covariance(rng, dim, 0.05, 0.005)
-    errors = rng.multivariate_normal(np.zeros(len(c)), c, size=40_000)
-    seen = points - origin
-    if dim == 2:
-        cos, sin = np.cos(errors[:, 2]), np.sin(errors[:, 2])
-        turned = np.stack(
-            [
-                np.outer(cos, seen[:, 0]) - np.outer(sin, seen[:, 1]),
-                np.outer(sin, seen[:, 0]) + np.outer(cos, seen[:, 1]),
-            ],
-            axis=-1,
-        )
-    else:
-        turned = seen + np.cross(errors[:, None, 3:], seen)
-    off = errors[:, None, :dim] + turned - seen
-    way = seen / np.linalg.norm(seen, axis=1)[:, None]
-    along = np.einsum("kni,ni->kn", off, way)
-    across = ((off**2).sum(-1) - along**2).mean(0) / (dim - 1)
-    expected = np.sqrt(own**2 + (along**2).mean(0) + ACROSS * across)
-    found = ndtree._native._core.pose_range_sigma(points, origin, c, own=own)
-    np.testing.assert_allclose(found, expected, rtol=0.03)
 
 
 def test_of_a_covariance_in_space_a_map_of_the_plane_takes_x_y_and_yaw() -> None:

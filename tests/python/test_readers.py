@@ -107,30 +107,6 @@ def test_carmen_is_recognised_behind_lines_of_others(first: str, end: str, tmp_p
     assert (log.format, len(list(log))) == ("carmen", 2)
 
 
-POINTS = {
-    "x y z intensity": lambda r, n: r.uniform(0, 1, (n, 1)),
-    "x y z and a constant": lambda r, n: np.full((n, 1), 37.0),
-    "x y z intensity ring": lambda r, n: np.column_stack([r.uniform(0, 255, n), np.arange(n) % 2]),
-    "x y z r g b": lambda r, n: r.integers(0, 256, (n, 3)),
-    "x y z normal": lambda r, n: np.tile([0.0, 0.0, 1.0], (n, 1)),
-    "x y z intensity r g b": lambda r, n: np.column_stack([r.normal(size=n), r.integers(0, 2, (n, 3))]),
-}
-
-
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
-@pytest.mark.parametrize("separator", [" ", "\t", ",", "; "])
-@pytest.mark.parametrize("case", POINTS)
-def test_points_in_text_are_not_taken_for_beams(case: str, separator: str, end: str, tmp_path: Path) -> None:
-    random = np.random.default_rng(8)
-    rows = np.column_stack([random.normal(0, 5, (50, 3)), POINTS[case](random, 50)])
-    rows[20:24] = rows[20]  # Some are there twice.
-    lines = ["# a comment", *(separator.join(f"{value:.4f}" for value in row) for row in rows), ""]
-    path = tmp_path / "cloud.xyz"
-    path.write_bytes(end.join(lines).encode())
-    with pytest.raises(ValueError, match=r"cloud.xyz: points in text .*\(47 of the first 50 lines "):
-        read(path)
-
-
 def test_beams_with_an_origin_each_are_read_by_their_format(tmp_path: Path) -> None:
     path = tmp_path / "beams.txt"
     path.write_text("".join(f"{i} 0 0 {i} 5 1\n" for i in range(20)))
