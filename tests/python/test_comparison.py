@@ -52,6 +52,8 @@ def test_counts_are_those_of_maps_made_by_hand(log: ndtree.Log, comparison: ndtr
         assert row["leaves"] == stats.leaves == sum(size["leaves"] for size in row["cell_sizes"])
         assert row["splits"] == stats.splits
         assert row["nodes"] == stats.nodes
+        assert row["memory_bytes"] == comparison.map_objects[name].stats().memory_bytes
+        assert row["resident_bytes"] is None or row["resident_bytes"] >= row["memory_bytes"]
         np.testing.assert_array_equal(comparison.map_objects[name].leaves().log_odds, m.leaves().log_odds)
     assert (comparison["scans"], comparison["scans_mapped"]) == (60, 54)
     sizes = [size["size"] for size in comparison.row("adaptive")["cell_sizes"]]

@@ -254,13 +254,13 @@ void add_map_rows(const Json& maps, Table& table) {
   row("  fastest run [s]", [](const Json& map) { return decimals(map["seconds"]["min"], 3); });
   row("  slowest run [s]", [](const Json& map) { return decimals(map["seconds"]["max"], 3); });
   row("million beams a second", [](const Json& map) { return decimals(map["beams_per_second"], 3, 1e-6); });
-  row("memory, own figure [MB]", [](const Json& map) { return decimals(map["memory_bytes"], 2, 1e-6); });
+  row("memory [MiB]", [](const Json& map) { return decimals(map["memory_bytes"], 2, 0x1p-20); });
   row("  bytes a node", [](const Json& map) { return decimals(map["bytes_per_node"], 1); });
-  row("memory, resident [MB]", [](const Json& map) { return decimals(map["resident_bytes"], 2, 1e-6); });
+  row("  resident [MiB]", [](const Json& map) { return decimals(map["resident_bytes"], 2, 0x1p-20); });
   row_of_truth("held out: free space free", "free", "samples");
   row_of_truth("  occupied", "occupied", "samples");
   row_of_truth("  unknown", "unknown", "samples");
-  row_of_truth("end points near occupied", "endpoints_near", "endpoints");
+  row_of_truth("end points at occupied", "endpoints_near", "endpoints");
   row("balanced accuracy", [](const Json& map) {
     const Json& accuracy = map["truth"]["balanced_accuracy"];
     return accuracy.is_number() ? decimals(accuracy, 2, 100.0) + " %" : "-";
@@ -318,8 +318,8 @@ std::string ratio_table(const Json& json) {
   row("  after prune()", "cells_pruned");
   row("cell updates", "updates");
   row("insertion time", "seconds");
-  row("memory, own figure", "memory_bytes");
-  row("memory, resident", "resident_bytes");
+  row("memory", "memory_bytes");
+  row("  resident", "resident_bytes");
   return "\n" + table.text();
 }
 

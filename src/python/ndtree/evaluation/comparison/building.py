@@ -72,7 +72,13 @@ def build_once(
         # The maps of the first run are kept, so that no map grows into memory that another has freed.
         built.map = target
         after = _resident_bytes()
-        built.resident_bytes = None if before is None or after is None else after - before
+        if before is not None and after is not None:
+            built.resident_bytes = _growth(after - before, target)
+
+
+def _growth(grown: int, target: OccupancyMap) -> int | None:
+    """Unless it is less than the map holds: then the map lies in pages that were freed before."""
+    return grown if grown >= target.stats().memory_bytes else None
 
 
 def _resident_bytes() -> int | None:
