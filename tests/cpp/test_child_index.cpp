@@ -2,12 +2,10 @@
 #include <gtest/gtest.h>
 
 #include <array>
-#include <cmath>
 #include <cstdint>
 #include <utility>
 
 #include "ndtree/tree/child_index.hpp"
-#include "shapes.hpp"
 
 namespace ndtree::test::test_child_index {
 namespace {
@@ -108,39 +106,6 @@ TEST(ChildIndex, IntegerPower) {
   EXPECT_EQ(integer_power(7, 0), 1);
   EXPECT_EQ(integer_power(3, 4), 81);
   EXPECT_EQ(integer_power(2, 40), 1099511627776);
-}
-
-template <class S>
-class ChildIndexOf : public ::testing::Test {};
-TYPED_TEST_SUITE(ChildIndexOf, Shapes, ShapeNames);
-
-TYPED_TEST(ChildIndexOf, DiagonalVerticesBoundTheChildren) {
-  NDTREE_SHAPE;
-  Box<D> box;
-  for (int a = 0; a < D; ++a) {
-    box.lower[a] = -3.0 + a;
-    box.upper[a] = box.lower[a] + 2.0 * N;
-  }
-  EXPECT_EQ((diagonal_vertex<N, D>(box, 0)), box.lower);
-  EXPECT_EQ((diagonal_vertex<N, D>(box, N)), box.upper);
-  for (int m = 0; m <= N; ++m)
-    for (int a = 0; a < D; ++a)
-      EXPECT_DOUBLE_EQ((diagonal_vertex<N, D>(box, m)[a]), box.lower[a] + 2.0 * m) << "m = " << m;
-  // Sub-volumes are as large as each other, and together as large as the whole (property 4 of Sec. II).
-  double volume = 0.0;
-  int cases = 0;
-  for (int j = 0; j < static_cast<int>(power(N, D)); ++j, ++cases) {
-    const Offset<D> offset = child_offset<N, D>(j);
-    double product = 1.0;
-    for (int a = 0; a < D; ++a) {
-      const int i = offset[static_cast<std::size_t>(a)];
-      product *= diagonal_vertex<N, D>(box, i + 1)[a] - diagonal_vertex<N, D>(box, i)[a];
-    }
-    EXPECT_NEAR(product, std::pow(2.0, D), 1e-12);
-    volume += product;
-  }
-  EXPECT_NEAR(volume, std::pow(2.0 * N, D), 1e-9);
-  EXPECT_EQ(cases, power(N, D));
 }
 
 }  // namespace

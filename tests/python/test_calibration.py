@@ -315,12 +315,6 @@ def test_what_is_no_call_has_status_2(arguments: tuple[object, ...], log: Path) 
     assert "ndtree calibrate --help" in done.output
 
 
-def test_help_has_examples() -> None:
-    done = run("--help")
-    assert done.exit_code == 0
-    assert "ndtree calibrate office.npz" in done.output
-
-
 # --- Real recordings --------------------------------------------------------------------------------
 
 

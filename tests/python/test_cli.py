@@ -343,14 +343,6 @@ def test_a_bag_is_listed_and_mapped(tmp_path: Path) -> None:
     assert ndtree.load(tmp_path / "a.ndt").state([[1 + np.cos(1.5), 2 - np.sin(1.5)]]) == 1
 
 
-def test_help_has_examples() -> None:
-    for command in ("demo", "map", "compare", "info"):
-        done = run(command, "--help")
-        assert done.exit_code == 0
-        assert f"examples: ndtree {command}" in plain(done.output)
-    assert run("--version").output == f"ndtree {ndtree.__version__}\n"
-
-
 # --- What is refused --------------------------------------------------------------------------------
 
 

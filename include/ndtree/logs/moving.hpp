@@ -89,15 +89,4 @@ struct MovingThing {
   }
 };
 
-/// Distance to the first of some shapes along a unit direction [m], none up to and including `max_range`.
-template <int D>
-std::optional<double> first_distance(const std::vector<Shape<D>>& shapes, const Vector<D>& origin,
-                                     const Vector<D>& direction, double max_range) {
-  std::optional<double> nearest;
-  for (const Shape<D>& shape : shapes)
-    if (const std::optional<double> d = shape.distance(origin, direction))
-      if (*d <= max_range && (!nearest || *d < *nearest)) nearest = d;
-  return nearest;
-}
-
 }  // namespace ndtree

@@ -47,12 +47,4 @@ template <int N, int D>
   return N == 2 ? first ^ i : (first + i) % static_cast<int>(integer_power(N, D));
 }
 
-/// diag(m), m = 0..N: the vertices on the diagonal from `lower` to `upper` whose coordinates bound the
-/// children: child `offset` spans [diag(offset[k])[k], diag(offset[k] + 1)[k]) on axis k (Sec. II-B).
-template <int N, int D>
-[[nodiscard]] Vector<D> diagonal_vertex(const Box<D>& box, int m) {
-  return (static_cast<double>(N - m) * box.lower + static_cast<double>(m) * box.upper) /
-         static_cast<double>(N);
-}
-
 }  // namespace ndtree

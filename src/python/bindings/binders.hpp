@@ -37,7 +37,6 @@ void bind_pose_graph(pybind11::module_& module);
 void bind_pose_sigma(pybind11::module_& module);
 void bind_logs(pybind11::module_& module);
 void bind_log_sample(pybind11::module_& module);
-void bind_statistics(pybind11::module_& module);
 void bind_octomap(pybind11::module_& module);
 
 }  // namespace ndtree::python

@@ -46,7 +46,6 @@ PYBIND11_MODULE(_core, module) {
   ndtree::python::bind_pose_sigma(module);
   ndtree::python::bind_logs(module);
   ndtree::python::bind_log_sample(module);
-  ndtree::python::bind_statistics(module);
 #ifdef NDTREE_HAVE_OCTOMAP
   module.attr("has_octomap") = true;
   ndtree::python::bind_octomap(module);

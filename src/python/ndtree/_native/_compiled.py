@@ -36,12 +36,10 @@ INTERNAL = frozenset(
         "SimulatedLog3",
         "XyzParser2",
         "XyzParser3",
-        "chi_square_quantile",
         "commit_together",
         "is_held_out",
         "judge_no_returns",
         "may_be_sampled",
-        "normal_quantile",
         "option_table",
         "pose_matrix",
         "pose_range_sigma",
@@ -49,10 +47,8 @@ INTERNAL = frozenset(
         "sample_runs",
         "sample_step",
         "sample_stride",
-        "sensor_probability",
         "simulate",
         "solve_pose_graph",
-        "splits",
         "write_ply",
     )
 )

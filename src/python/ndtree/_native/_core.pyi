@@ -2784,22 +2784,3 @@ def may_be_sampled(scan: Scan) -> NDArray[np.bool_]:
 
 def judge_no_returns(scans: Iterable[Scan]) -> NoReturns:
     """Decide from a sample of a log what its beams without return say."""
-
-def normal_quantile(p: ArrayLike) -> Any:
-    """Inverse of the standard normal distribution function, elementwise."""
-
-def chi_square_quantile(significance: ArrayLike) -> Any:
-    """Critical value of the chi-square test with one degree of freedom, elementwise."""
-
-def sensor_probability(entry: ArrayLike, exit: ArrayLike, range: ArrayLike, sigma: ArrayLike) -> Any:
-    """Inverse sensor model p(n|z) = F(exit) - F(entry) / 2 before clamping, elementwise; metres (Sec. III)."""
-
-def splits(
-    hits: ArrayLike,
-    misses: ArrayLike,
-    *,
-    miss_given_occupied: float,
-    hit_given_free: float,
-    significance: float,
-) -> Any:
-    """Whether a cell with these counts is split, elementwise (Sec. III-A)."""
