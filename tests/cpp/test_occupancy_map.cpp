@@ -546,55 +546,6 @@ TEST(OccupancyMap, NothingMergesAboveMaxCellSize) {
   EXPECT_EQ(map.counters().merges, 0u);
 }
 
-TEST(OccupancyMap, SpaceAndTimeInFourDimensions) {
-  // x, y, z in metres and time in units of a cell. A door stands at x = 2 while 0 <= time < 1, and is gone
-  // later.
-  MapOptions options = spelled_out_options(0.25, 1.0);
-  options.range_sigma = 0.01;
-  PaperMap<2, 4> adaptive(options);
-  FixedMap<2, 4> fixed(options);
-  int beams = 0;
-  for (int i = 0; i < 20; ++i)
-    for (const double y : {0.1, 0.4, 0.6, 0.9})
-      for (const double time : {0.5, 1.5}) {
-        const double x = time < 1.0 ? 2.125 : 3.125;
-        const auto scan = one_beam<4>({0.5, 0.5, 0.5, time}, {x, y, 0.5, time});
-        adaptive.insert(scan);
-        fixed.insert(scan);
-        ++beams;
-      }
-  EXPECT_EQ(beams, 160);
-  adaptive.check_invariants();
-  fixed.check_invariants();
-  const auto state = [](const auto& map, double x, double time) {
-    const auto leaf = map.tree().find_leaf(Vector<4>(x, 0.5 + 0.4 * (x - 0.5) / 1.625, 0.5, time));
-    return leaf ? leaf->cell().state() : CellState::unknown;
-  };
-  EXPECT_EQ(state(fixed, 2.125, 0.5), CellState::occupied);
-  EXPECT_EQ(state(adaptive, 2.125, 0.5), CellState::occupied);
-  const auto later = [](const auto& map) {
-    return map.tree().find_leaf(Vector<4>(2.125, 0.55, 0.5, 1.5))->cell();
-  };
-  EXPECT_EQ(later(fixed).state(), CellState::free);
-  EXPECT_EQ(later(adaptive).state(), CellState::free);
-  EXPECT_EQ(state(fixed, 2.125, 2.5), CellState::unknown);
-  EXPECT_LT(adaptive.stats().observed_leaves, fixed.stats().observed_leaves);
-}
-
-TEST(OccupancyMap, CopiesAreIndependent) {
-  Random random(46);
-  SCOPED_TRACE(random.trace());
-  PaperMap<2, 2> map(spelled_out_options(0.1, 0.8));
-  map.insert(random_beams<2>(random, 50, 2.0, 0.0));
-  const auto before = leaves_of(map.tree());
-  PaperMap<2, 2> copy = map;
-  copy.insert(random_beams<2>(random, 50, 8.0, 0.0));
-  EXPECT_EQ(leaves_of(map.tree()), before);
-  EXPECT_NE(leaves_of(copy.tree()), before);
-  map.check_invariants();
-  copy.check_invariants();
-}
-
 TEST(OccupancyMap, AnEmptyScanDoesNothing) {
   PaperMap<2, 2> map;
   const Scan<2> empty = scan_of<2>({Vector<2>::Zero()}, {});

@@ -45,19 +45,6 @@ def test_insert_reports_each_outcome(shape):
     assert "invalid=3" in repr(report)
 
 
-def test_a_room_is_free_inside_and_occupied_at_its_walls(filled):
-    dim = filled.dim
-    random = np.random.default_rng(1)
-    for seed in range(5, 30):
-        points, origin = room_scan(dim, seed, beams=40 * 4**dim)
-        filled.insert(points, origin)
-    state = filled.state(random.uniform(-0.4, 0.4, (200, dim)))
-    assert (state == 0).mean() > 0.97
-    walls, origin = room_scan(dim, 99, 200)
-    assert filled.occupied_within(walls, 0.15).mean() > 0.9
-    assert (filled.state(np.full((1, dim), 50.0)) == -1).all()
-
-
 def test_queries_agree_with_the_leaves(filled):
     leaves = filled.leaves()
     stats = filled.stats()

@@ -51,16 +51,6 @@ def test_matrices_and_quaternions_are_scipys_and_inverse() -> None:
     np.testing.assert_allclose(np.abs(np.sum(again * every.as_quat(), axis=1)), 1.0, atol=1e-14)
 
 
-def test_poses_compose_and_invert() -> None:
-    one = Pose.from_quaternion([1, 2, 3], spatial.Rotation.random(random_state=1).as_quat())
-    two = Pose.from_matrix(np.hstack([spatial.Rotation.random(random_state=2).as_matrix(), [[4], [5], [6]]]))
-    points = np.random.default_rng(1).normal(size=(20, 3)).astype(np.float32)
-    np.testing.assert_allclose((one @ two).apply(points), one.apply(two.apply(points)), atol=1e-12)
-    np.testing.assert_allclose(one.inverse().apply(one.apply(points)), points, atol=1e-6)
-    assert one.apply(points).dtype == np.float64
-    np.testing.assert_array_equal(Pose.identity().apply(points), points)
-
-
 def test_what_is_fixed_to_the_sensor_moves_with_it() -> None:
     one, mount = drive(), Pose.from_quaternion([0.5, 0, 0.2], [0, 0, np.sqrt(0.5), np.sqrt(0.5)])
     stamp = one.stamps[3]
