@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <cstring>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "ndtree/core/lanes.hpp"
@@ -170,6 +171,18 @@ TEST(Lanes, RowsAreTurnedIntoColumnsAndBack) {
     }
 }
 #endif
+
+TEST(Lanes, RoundToTheNearestAndTheEven) {
+  const std::pair<float, std::int32_t> rows[] = {{0.5f, 0},   {1.5f, 2},    {2.5f, 2},         {-0.5f, 0},
+                                                 {-1.5f, -2}, {2.4999f, 2}, {1e9f, 1000000000}};
+  int cases = 0;
+  for (const auto& [x, expected] : rows) {
+    EXPECT_EQ(nearest_integer(x), expected) << x;
+    ++cases;
+  }
+  EXPECT_EQ(cases, 7);
+  EXPECT_TRUE(Simd::width() == 1 || Simd::width() == 8 || Simd::width() == Simd::kWidest);
+}
 
 }  // namespace
 }  // namespace ndtree::test::test_lanes

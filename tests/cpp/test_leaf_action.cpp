@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 
 #include <cstdint>
-#include <vector>
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/mapping/insert/leaf_action.hpp"
@@ -36,73 +35,6 @@ EvidenceCell random_cell(Random& random, const EvidenceModel& model) {
   for (int scans = random.integer(0, 6); scans > 0; --scans)
     (void)model.update(cell, random_scan(random, random.chance(0.5) ? 3 : 100));
   return cell;
-}
-
-TEST(LeafAction, SmallestCellsAreUpdated) {
-  const EvidenceRefinement refinement{MapOptions()};
-  Random random(1);
-  int splits = 0;
-  for (int i = 0; i < 2000; ++i) {
-    const EvidenceCell cell = random_cell(random, refinement.model);
-    const ScanEvidence scan = random_scan(random, 8);
-    EXPECT_EQ(refinement.action(cell, scan, kChildrenAcross, 0), LeafAction::update);
-    splits += refinement.action(cell, scan, kChildrenAcross, kLevels) == LeafAction::split;
-  }
-  EXPECT_GT(splits, 50);
-}
-
-TEST(LeafAction, OfANewCellThatBeamsHaveOnlyPassedCoverageDecides) {
-  const EvidenceRefinement refinement{MapOptions()};
-  ScanEvidence scan;
-  scan.misses = scan.beams = 3;
-  scan.free = 300;
-  EXPECT_EQ(refinement.action(EvidenceCell(), scan, kChildrenAcross, kLevels), LeafAction::judge_coverage);
-  MapOptions options;
-  options.covered_share = 0.0;
-  EXPECT_EQ(EvidenceRefinement(options).action(EvidenceCell(), scan, kChildrenAcross, kLevels),
-            LeafAction::update);
-  scan.hits = scan.resolvable_hits = scan.partial_hits = 1;
-  scan.occupied = 200;
-  EXPECT_EQ(refinement.action(EvidenceCell(), scan, kChildrenAcross, kLevels), LeafAction::split);
-}
-
-TEST(LeafAction, EndsRightBeforeALeafMatterWhereItIsUnknownAndMaySplit) {
-  const EvidenceRefinement refinement{MapOptions()};
-  ScanEvidence scan;
-  scan.ends_before = 1;
-  EXPECT_EQ(refinement.action(EvidenceCell(), scan, kChildrenAcross, kLevels), LeafAction::judge_ends);
-  EXPECT_EQ(refinement.action(EvidenceCell(), scan, kChildrenAcross, 0), LeafAction::update);
-  for (const bool is_free : {true, false}) {
-    ScanEvidence seen;
-    seen.beams = 3;
-    (is_free ? seen.free : seen.occupied) = 300;
-    (is_free ? seen.misses : seen.hits) = 3;
-    EvidenceCell cell;
-    (void)refinement.model.update(cell, seen);
-    cell.set_covered(true);
-    EXPECT_EQ(refinement.action(cell, scan, kChildrenAcross, kLevels), LeafAction::update);
-  }
-}
-
-TEST(LeafAction, ACellThatIsNotCoveredIsJudgedAgainEachTimeItsMissesDouble) {
-  const EvidenceRefinement refinement{MapOptions()};
-  PassedEvidence passed;
-  passed.misses = passed.resolvable_misses = 1;
-  passed.free = 104;
-  EvidenceCell cell;
-  (void)refinement.model.update(cell, passed);
-  cell.set_covered(false);
-  std::vector<std::uint32_t> judged;
-  for (int i = 0; i < 500; ++i) {
-    if (refinement.action(cell, passed, kChildrenAcross, kLevels) == LeafAction::judge_coverage)
-      judged.push_back(cell.misses() + 1);
-    (void)refinement.model.update(cell, passed);
-  }
-  EXPECT_EQ(judged, (std::vector<std::uint32_t>{2, 4, 8, 16, 32, 64}));
-  cell.set_counts(0, 1);
-  EXPECT_EQ(refinement.action(cell, passed, kChildrenAcross, kLevels), LeafAction::judge_coverage);
-  cell.set_covered(true);
-  EXPECT_EQ(refinement.action(cell, passed, kChildrenAcross, kLevels), LeafAction::update);
 }
 
 TEST(LeafAction, IsTheSameOfBeamsThatAllPassedHoweverTheyWereAddedUp) {

@@ -105,34 +105,6 @@ TEST(MergeRule, AgreesWithThePapersRule) {
   EXPECT_GT(refused_by_counts, 15);
 }
 
-TEST(MergeRule, ByHand) {
-  const MergeOptions options = options_of(0.2, 0.9);
-  const auto at = [](double p) { return static_cast<float>(std::log(p / (1.0 - p))); };
-  struct Row {
-    const char* what;
-    std::vector<Sibling> siblings;
-    bool merges;
-    double probability = 0.0;
-  };
-  const Row rows[] = {
-      {"all free, thresholds counted in", {{at(0.2)}, {at(0.1)}, {at(0.2)}, {at(0.1)}}, true, 0.15},
-      {"all occupied, thresholds counted in", {{at(0.9)}, {at(0.95)}, {at(0.9)}, {at(0.95)}}, true, 0.925},
-      {"one just above free", {{at(0.1)}, {at(0.1)}, {at(0.1)}, {at(0.21)}}, false},
-      {"the first just above free", {{at(0.21)}, {at(0.1)}, {at(0.1)}, {at(0.1)}}, false},
-      {"one just below occupied", {{at(0.95)}, {at(0.89)}, {at(0.95)}, {at(0.95)}}, false},
-      {"free and occupied", {{at(0.1)}, {at(0.1)}, {at(0.1)}, {at(0.95)}}, false},
-      {"occupied and free", {{at(0.95)}, {at(0.1)}, {at(0.1)}, {at(0.1)}}, false},
-      {"one unknown", {{at(0.1)}, {0.0f}, {at(0.1)}, {at(0.1)}}, false},
-      {"joined counts would split", {{at(0.1), 3, 0}, {at(0.1), 0, 3}, {at(0.1)}, {at(0.1)}}, false},
-      {"joined counts would not", {{at(0.1), 0, 3}, {at(0.1), 0, 3}, {at(0.1)}, {at(0.1)}}, true, 0.1}};
-  for (const Row& row : rows) {
-    SCOPED_TRACE(row.what);
-    const auto parent = merged(options, nodes_of(row.siblings));
-    ASSERT_EQ(parent.has_value(), row.merges);
-    EXPECT_NEAR(parent ? parent->probability() : 0.0, row.probability, 1e-7);
-  }
-}
-
 TEST(MergeRule, DividedSiblingsStay) {
   int cases = 0;
   for (std::size_t inner = 0; inner < 4; ++inner, ++cases) {

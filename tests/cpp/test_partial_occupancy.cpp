@@ -74,58 +74,6 @@ TEST(PartialOccupancy, EqualsTheThreeIntegrals) {
   EXPECT_EQ(cases, 4 * 49);
 }
 
-TEST(PartialOccupancy, ManyBeamsDecide) {
-  const PartialOccupancyModel model(options_of(0.05, 0.1));
-  const OccupancyHypotheses nothing = model(0, 0);
-  EXPECT_NEAR(nothing.free, 1.0 / 3.0, 1e-9);
-  EXPECT_NEAR(nothing.occupied, 1.0 / 3.0, 1e-9);
-  EXPECT_NEAR(nothing.partial, 1.0 / 3.0, 1e-9);
-  struct Row {
-    std::uint32_t hits, misses;
-    double free, occupied, partial;
-  };
-  const Row rows[] = {{1000, 0, 0, 1, 0},  {1000, 50, 0, 1, 0},  // Fewer misses than the error rate predicts.
-                      {0, 1000, 1, 0, 0},  {20, 1000, 1, 0, 0},  // Fewer hits.
-                      {500, 500, 0, 0, 1}, {200, 1000, 0, 0, 1}, {4095, 4095, 0, 0, 1}, {1000, 300, 0, 0, 1}};
-  int cases = 0;
-  for (const Row& row : rows) {
-    SCOPED_TRACE(std::to_string(row.hits) + " hits, " + std::to_string(row.misses) + " misses");
-    const OccupancyHypotheses what = model(row.hits, row.misses);
-    EXPECT_NEAR(what.free, row.free, 1e-3);
-    EXPECT_NEAR(what.occupied, row.occupied, 1e-3);
-    EXPECT_NEAR(what.partial, row.partial, 1e-3);
-    ++cases;
-  }
-  EXPECT_EQ(cases, 8);
-}
-
-TEST(PartialOccupancy, HitsSpeakForOccupiedAndMissesForFree) {
-  int cases = 0;
-  for (const Rates& rates : kRates) {
-    const PartialOccupancyModel model(options_of(rates.hit_given_free, rates.miss_given_occupied));
-    for (std::uint32_t hits = 0; hits < 60; ++hits)
-      for (std::uint32_t misses = 0; misses < 60; ++misses, ++cases) {
-        const OccupancyHypotheses now = model(hits, misses);
-        const OccupancyHypotheses hit = model(hits + 1, misses);
-        const OccupancyHypotheses miss = model(hits, misses + 1);
-        ASSERT_GE(hit.occupied, now.occupied - 1e-8) << hits << ", " << misses;
-        ASSERT_LE(hit.free, now.free + 1e-8) << hits << ", " << misses;
-        ASSERT_LE(miss.occupied, now.occupied + 1e-8) << hits << ", " << misses;
-        ASSERT_GE(miss.free, now.free - 1e-8) << hits << ", " << misses;
-        ASSERT_GE(now.partial, 0.0);
-      }
-  }
-  EXPECT_EQ(cases, 4 * 3600);
-  // Free and occupied are each other's mirror image.
-  const PartialOccupancyModel one(options_of(0.05, 0.2));
-  const PartialOccupancyModel other(options_of(0.2, 0.05));
-  for (std::uint32_t hits = 0; hits < 40; ++hits)
-    for (std::uint32_t misses = 0; misses < 40; ++misses) {
-      ASSERT_NEAR(one(hits, misses).free, other(misses, hits).occupied, 1e-8);
-      ASSERT_NEAR(one(hits, misses).partial, other(misses, hits).partial, 1e-8);
-    }
-}
-
 TEST(PartialOccupancy, RatesThatLeaveNoRoomAreRefused) {
   struct Row {
     double hit_given_free, miss_given_occupied;

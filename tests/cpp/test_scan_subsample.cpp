@@ -317,6 +317,29 @@ TEST(CubeMap, FacesAreAsDenseAsTheirBeams) {
   EXPECT_NEAR(face.expected_beams(face.depth_for(7.0f, 0.1f), 0.1f), 7.0f, 1e-3f);
 }
 
+/// A face has a power of two of buckets, with one to two beams in each in the mean.
+TEST(CubeMap, BucketsAreOneOrTwoBeamsOfAFace) {
+  for (const std::uint32_t beams : {1u, 2u, 3u, 4u, 7u, 100u, 300'000u, 1u << 24, 0xffffffffu}) {
+    CubeFace<3> face(Vector<3>::Zero(), 0, false);
+    face.num_beams = beams;
+    face.lower = {-0.5f, -0.5f};
+    face.upper = {0.5f, 0.5f};
+    face.make_pixels();
+    const double buckets = static_cast<double>(face.num_all_buckets());
+    EXPECT_GE(buckets, std::min(0.5 * beams + 0.5, 0x1p24));
+    EXPECT_LE(buckets, std::min(static_cast<double>(beams), 0x1p24));
+    EXPECT_EQ(face.bucket_of(0), 0u);
+    EXPECT_EQ(face.bucket_of(0xffffff), static_cast<std::uint32_t>(buckets) - 1);
+    EXPECT_EQ(face.fraction_below(0), 0.0f);
+    EXPECT_EQ(face.fraction_below(static_cast<std::uint32_t>(buckets)), 1.0f);
+    // At the depth at which a cell expects ten beams: all buckets for 20, a tenth of them for one.
+    if (beams < 100) continue;
+    const float depth = face.depth_for(10.0f, 0.05f);
+    EXPECT_EQ(face.buckets_within(depth, 0.05f, 20.0f), static_cast<std::uint32_t>(buckets));
+    EXPECT_NEAR(face.buckets_within(depth, 0.05f, 1.0f), 0.1 * buckets, 1.0 + 1e-3 * buckets);
+  }
+}
+
 TEST(ScanSample, KeysAreIndependentOfWhatBeamsMeasured) {
   Random random(165);
   SCOPED_TRACE(random.trace());

@@ -55,44 +55,6 @@ TEST(SensorModel, IsTheIntegralOfItsDerivation) {
   EXPECT_EQ(cases, 1000);
 }
 
-TEST(SensorModel, ByHand) {
-  struct Row {
-    const char* what;
-    double entry, exit, probability;
-  };
-  const Row rows[] = {// Range 10, sigma 0.1.
-                      {"far before", 0.0, 5.0, 0.0},
-                      {"far behind", 15.0, 20.0, 0.5},
-                      {"all around the end point", 5.0, 15.0, 1.0},
-                      {"up to the end point", 5.0, 10.0, 0.5},
-                      {"from the end point on", 10.0, 15.0, 0.75},
-                      {"one sigma on each side", 9.9, 10.1, 0.7620171191028144},
-                      {"one sigma before", 9.9, 10.0, 0.42067237303427145}};
-  for (const Row& row : rows)
-    EXPECT_NEAR(BeamSensorModel::probability(row.entry, row.exit, 10.0, 0.1), row.probability, 1e-12)
-        << row.what;
-}
-
-TEST(SensorModel, CellsThatTileTheLineShareTheObstacle) {
-  Random random(34);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
-  for (; cases < 200; ++cases) {
-    const double range = random.uniform(2.0, 10.0);
-    const double sigma = random.uniform(0.01, 0.1);
-    double sum = 0.0;
-    double entry = range - 20.0 * sigma;
-    while (entry < range + 20.0 * sigma) {
-      const double exit = entry + random.uniform(0.05, 2.0) * sigma;
-      const double before = BeamSensorModel::cdf(entry, range, sigma);
-      sum += BeamSensorModel::probability(entry, exit, range, sigma) - 0.5 * before;
-      entry = exit;
-    }
-    ASSERT_NEAR(sum, 1.0, 1e-12);
-  }
-  EXPECT_EQ(cases, 200);
-}
-
 TEST(SensorModel, LogOddsAreClampedAndOtherwiseThoseOfTheProbability) {
   SensorOptions options;
   options.probability_min = 0.3;

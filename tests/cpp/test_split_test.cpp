@@ -63,43 +63,5 @@ TEST(SplitTest, AgreesWithThePapersFormulas) {
   EXPECT_EQ(cases, 6 * 121 * 121);
 }
 
-TEST(SplitTest, ByHand) {
-  struct Row {
-    std::uint32_t hits, misses;
-    bool splits;
-    const char* why;
-  };
-  // p(miss|occ) = 0.05, p(hit|free) = 0.01.
-  const Row rows[] = {
-      {0, 0, false, "nothing is known"},
-      {1000, 0, false, "never a miss"},
-      {0, 1000, false, "never a hit"},
-      {1, 1, true, "n = 2: chi² 8.53 if occupied, 48.5 if free"},
-      {2, 1, false, "n = 3: chi² 5.07 if occupied"},
-      {10, 10, true, "half and half"},
-      {1, 9, true, "n = 10: chi² 8.18 if free"},
-      {1, 10, false, "n = 11: chi² 7.27 if free"},
-      {1000, 5, false, "50 misses were expected, had it been occupied: cleaner, though chi² is 41.8"},
-      {1, 5000, false, "50 hits were expected, had it been free: cleaner, though chi² is 48.5"},
-      {32767, 32767, true, "saturated"},
-      {32767, 1, false, "saturated, one miss"}};
-  const ChiSquareSplitTest splits{spelled_out_options(1.0, 1.0)};
-  for (const Row& row : rows)
-    EXPECT_EQ(splits(row.hits, row.misses), row.splits)
-        << row.hits << " hits, " << row.misses << " misses: " << row.why;
-}
-
-TEST(SplitTest, NeverSplitsWhereEveryCountIsCleanerThanOneErrorRate) {
-  SplitOptions options;
-  options.miss_given_occupied = 0.5;
-  options.hit_given_free = 0.5;
-  options.significance = 1e-9;
-  const ChiSquareSplitTest splits(options);
-  int cases = 0;
-  for (std::uint32_t hits = 0; hits <= 200; ++hits)
-    for (std::uint32_t misses = 0; misses <= 200; ++misses, ++cases) ASSERT_FALSE(splits(hits, misses));
-  EXPECT_EQ(cases, 201 * 201);
-}
-
 }  // namespace
 }  // namespace ndtree::test::test_split_test

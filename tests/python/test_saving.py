@@ -197,15 +197,6 @@ def device(path: Path, like: str) -> Path:
         pytest.skip("no right to make devices, and none of the system's is risked")
 
 
-def test_devices_stay_devices(tmp_path: Path) -> None:
-    null, full = device(tmp_path / "null", "/dev/null"), device(tmp_path / "full", "/dev/full")
-    MAPS[2][0].save(null)
-    with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
-        MAPS[2][0].save(full)
-    assert stat.S_ISCHR(null.stat().st_mode) and stat.S_ISCHR(full.stat().st_mode)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["full", "null"]
-
-
 @ALL
 def test_folders_and_missing_folders_are_refused(ending: str, tmp_path: Path) -> None:
     (tmp_path / f"folder{ending}").mkdir()
@@ -333,28 +324,6 @@ def test_temporary_files_of_the_living_are_not_removed(tmp_path: Path) -> None:
     mine.write_text("of a user")
     MAPS[2][0].save(tmp_path / "other.ndt")
     assert sorted(contents(tmp_path)) == [".ndtree-notes", "other.ndt", "slow.ndt"]
-
-
-def test_concurrent_saves_leave_one_whole_file(tmp_path: Path) -> None:
-    path = tmp_path / "a.yaml"
-    possible = []
-    for which in (0, 1):
-        save(".yaml", which, path)
-        possible.append(contents(tmp_path))
-
-    def writer(which: int) -> Callable[[], None]:
-        return lambda: [save(".ndt", which, tmp_path / "a.ndt") for _ in range(40)] and None
-
-    children = [in_child(writer(i % 2)) for i in range(6)]
-    seen = 0
-    while any(os.waitpid(child, os.WNOHANG) == (0, 0) for child in children):
-        if (tmp_path / "a.ndt").exists():
-            assert (tmp_path / "a.ndt").read_bytes() in [m.to_bytes() for m in MAPS[3]]
-            seen += 1
-        children = [child for child in children if Path(f"/proc/{child}/stat").exists()]
-        time.sleep(0.001)
-    assert (tmp_path / "a.ndt").read_bytes() in [m.to_bytes() for m in MAPS[3]]
-    assert not list(tmp_path.glob(".*"))
 
 
 @pytest.mark.parametrize("ending", [".ndt", ".vtu", "-picture.png"])
