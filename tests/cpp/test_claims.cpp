@@ -430,23 +430,6 @@ TEST(SeenSpace, OfAFanIsWhatItsBeamsPass) {
   EXPECT_GT(decided, 35000);
 }
 
-TEST(SeenSpace, ScansSeeTogetherWhatEachSees) {
-  const std::vector<Scan<2>> scans{fan(0, 60, 2.0), fan(120, 180, 1.0), fan(250, 290, 3.0)};
-  const SeenSpace<2> together(views(scans), kUnlimitedRange);
-  Eigen::Index more = 0;
-  for (std::size_t k = 0; k < scans.size(); ++k) {
-    std::vector<Scan<2>> with_one = scans;  // The others' end points stay, so that the points are the same.
-    for (std::size_t other = 0; other < scans.size(); ++other)
-      if (other != k) with_one[other] = from_own_origins(scans[other]);
-    const SeenSpace<2> alone(views(with_one), kUnlimitedRange);
-    ASSERT_EQ(alone.points(), together.points());
-    EXPECT_FALSE((alone.seen() && !together.seen()).any());
-    more += alone.seen().count();
-  }
-  EXPECT_EQ(more, together.seen().count()) << "the fans see nothing in common";
-  EXPECT_GT(more, 1000);
-}
-
 TEST(SeenSpace, WithoutABeamThereIsNothingToAsk) {
   Scan<2> invalid = fan(0, 3, 1.0);
   invalid.endpoints.setConstant(kNan);
