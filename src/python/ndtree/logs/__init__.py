@@ -15,13 +15,10 @@ from ndtree.logs.core.log import Log, SizedLog
 from ndtree.logs.core.separators import are_numbers
 from ndtree.logs.core.source import Format, ReaderOption, Source, WrongOption, source_of
 from ndtree.logs.folders.cloud_files import kind_of_file
-from ndtree.logs.folders.depth_folder import DEPTH_FOLDER
-from ndtree.logs.folders.kitti import KITTI
-from ndtree.logs.folders.kitti_raw import KITTI_RAW
+from ndtree.logs.folders.depth_folders import DEPTH_FOLDER, SEVEN_SCENES, TUM_RGBD
+from ndtree.logs.folders.kitti import KITTI, KITTI_RAW
 from ndtree.logs.folders.point_clouds import POINT_CLOUDS
-from ndtree.logs.folders.seven_scenes import SEVEN_SCENES
 from ndtree.logs.folders.three_dtk import THREE_DTK
-from ndtree.logs.folders.tum_rgbd import TUM_RGBD
 from ndtree.logs.formats.carmen import CARMEN
 from ndtree.logs.formats.e57 import E57
 from ndtree.logs.formats.npz import NPZ
@@ -143,7 +140,7 @@ def read(
     given = {name: value for name, value in options.items() if value is not None}
     _require_taken(source, chosen, given)
     with readable(source.path, f"cannot be read as {chosen.description}"):
-        log = chosen.open(source, dim=dim, **given)
+        log = chosen.log(source, dim, given)
     return log.ruled(keep_going=keep_going, strict=strict)
 
 

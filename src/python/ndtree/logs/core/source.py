@@ -15,7 +15,7 @@ from ndtree.logs.core.log import Log
 from ndtree.logs.core.plain_file import open_plain
 from ndtree.logs.core.rules import INVALID, NO_ECHO
 
-__all__ = ["TIME_OFFSET", "Format", "ReaderOption", "Source", "WrongOption", "require_dim", "source_of"]
+__all__ = ["TIME_OFFSET", "Format", "ReaderOption", "Source", "WrongOption", "source_of"]
 
 HEAD_BYTES = 1 << 18
 
@@ -87,14 +87,16 @@ class Format:
         Whether a `Source` is of this format. It may raise ValueError where the source is certainly of this
         format, and damaged.
     open : callable
-        ``open(source, dim=..., **options)`` makes the `Log`; ``dim`` is None, 2 or 3.
+        ``open(source, **options)`` makes the `Log`.
     options : tuple of ReaderOption
-        What ``open`` takes beside ``dim``.
+        What ``open`` takes.
     stored_as : {"file", "folder", "either"}
         Nothing else is handed to ``recognises`` and ``open``.
     contents : callable, optional
         ``contents(source, whole)`` says as a dictionary what else is in it, also where it cannot be opened as
         a log; unless `whole`, at once and from what an index or the beginning says.
+    dim : {2, 3} or None
+        Of all logs of the format. None: of each its own, and ``open`` takes ``dim``, None, 2 or 3.
     """
 
     name: str
@@ -104,10 +106,21 @@ class Format:
     options: tuple[ReaderOption, ...] = ()
     stored_as: str = "file"
     contents: Callable[[Source, bool], dict[str, Any]] | None = None
+    dim: int | None = 3
 
     def may_be(self, source: Source) -> bool:
         """Whether it is stored as the source is: as a file or as a folder."""
         return self.stored_as in ("either", "folder" if source.is_folder else "file")
+
+    def log(self, source: Source, dim: int | None, options: dict[str, Any]) -> Log:
+        """The log of a source; ValueError where it has another dimension than `dim`."""
+        if self.dim is None:
+            return self.open(source, dim=dim, **options)
+        if dim not in (None, self.dim):
+            raise WrongValue(
+                f"{source.path}: {self.description} is {self.dim}-D, expected {key('dim')}={self.dim}"
+            )
+        return self.open(source, **options)
 
 
 def source_of(path: str, expected: str) -> Source:
@@ -124,12 +137,6 @@ def source_of(path: str, expected: str) -> Source:
         return Source(path, b"", tuple(sorted(os.listdir(path))), is_folder=True)
     head, packed = _head(path, expected)
     return Source(path, head, packed=packed)
-
-
-def require_dim(source: Source, format: Format, has: int, wanted: int | None) -> None:
-    """Refuse a `wanted` dimension that a format does not have; None is any."""
-    if wanted not in (None, has):
-        raise WrongValue(f"{source.path}: {format.description} is {has}-D, expected {key('dim')}={has}")
 
 
 def _head(path: str, expected: str) -> tuple[bytes, str]:

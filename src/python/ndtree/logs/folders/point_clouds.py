@@ -17,7 +17,7 @@ from ndtree._errors import WrongValue
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
 from ndtree.logs.core.padding import without_zeros
-from ndtree.logs.core.source import TIME_OFFSET, Format, ReaderOption, Source, require_dim, source_of
+from ndtree.logs.core.source import TIME_OFFSET, Format, ReaderOption, Source, source_of
 from ndtree.logs.core.unplaced import ORIGIN_OF_SCAN, POINTS_ONLY, Unplaced, without_sensor
 from ndtree.logs.folders.bin_files import WIDTHS, bin_points, floats_a_point, may_be_points
 from ndtree.logs.folders.cloud_files import (
@@ -43,7 +43,6 @@ from ndtree.logs.formats.text import dimension_of, first_fields, looks_like_poin
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.trajectory_files import TRAJECTORY, read_pose, trajectory_kind
 
-NO_WAY = Unplaced()
 POINTS_IN = ReaderOption("points_in", str, "Frame of the points of point clouds: sensor or map; else sensor.")
 FRAMES = ("sensor", "map")
 _PCD = kind_of_name("a.pcd")
@@ -66,18 +65,8 @@ class PointCloudLog(FolderLog):
 
     Points without poses need `origin_of_scan` or `points_only`.
 
-    Parameters
-    ----------
-    source : Source
-        A folder, or one file.
-    trajectory : str, optional
-        A trajectory file.
-    time_offset : float
-        Added to the files' times before their poses are looked up [s].
-    points_in : {"sensor", "map"}
-        Frame of the points. "map": only the positions of the poses are used, as origins of the beams.
-    unplaced : Unplaced
-        What was said of points without poses.
+    With `points_in` "map" only the positions of the poses are used, as origins of the beams. `time_offset`
+    [s] is added to the files' times before their poses are looked up.
     """
 
     format = "point_clouds"
@@ -89,8 +78,10 @@ class PointCloudLog(FolderLog):
         trajectory: str | None = None,
         time_offset: float = 0.0,
         points_in: str = "sensor",
-        unplaced: Unplaced = NO_WAY,
+        origin_of_scan: str | Sequence[float] | None = None,
+        points_only: bool = False,
     ) -> None:
+        unplaced = Unplaced.of(source.path, origin_of_scan, points_only, trajectory=trajectory)
         if points_in not in FRAMES:
             raise WrongValue.of("points_in", f"{points_in!r}", f"one of {', '.join(FRAMES)}")
         self._points_in, self._unplaced = points_in, unplaced
@@ -307,26 +298,11 @@ def _recognises(source: Source) -> bool:
     return kind_of_file(source.head) is not None or _kind_without_magic(source) is not None
 
 
-def _open(
-    source: Source,
-    *,
-    dim: int | None = None,
-    trajectory: str | None = None,
-    time_offset: float = 0.0,
-    points_in: str = "sensor",
-    origin_of_scan: str | Sequence[float] | None = None,
-    points_only: bool = False,
-) -> PointCloudLog:
-    require_dim(source, POINT_CLOUDS, 3, dim)
-    unplaced = Unplaced.of(source.path, origin_of_scan, points_only, trajectory=trajectory)
-    return PointCloudLog(source, trajectory, time_offset, points_in, unplaced)
-
-
 POINT_CLOUDS = Format(
     "point_clouds",
     "a folder of PCD, PLY, LAS, LAZ, text or .bin files",
     _recognises,
-    _open,
+    PointCloudLog,
     (TRAJECTORY, TIME_OFFSET, POINTS_IN, ORIGIN_OF_SCAN, POINTS_ONLY),
     stored_as="either",
 )

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from ndtree.logs.core.failures import one_line
 from ndtree.logs.core.plain_file import text_lines
-from ndtree.logs.core.source import Format, Source, require_dim
+from ndtree.logs.core.source import Format, Source
 from ndtree.logs.folders.folder import FolderLog, number_in, stem_of
 from ndtree.logs.folders.text_clouds import text_points
-from ndtree.logs.poses.pose import Pose
+from ndtree.logs.poses.pose import Pose, about_axes
 
 _SCAN = re.compile(r"scan\d+\.3d")
 #: The map has x ahead, y to the left and z up; 3DTK has x to the right, y up and z ahead.
@@ -67,10 +67,7 @@ def _pose_in(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
             f"{path}: expected a line with the position [cm], and one with three angles [deg] "
             f"({one_line(error)})"
         ) from None
-    (sx, cx), (sy, cy), (sz, cz) = ((math.sin(a), math.cos(a)) for a in map(math.radians, degrees))
-    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    about_x, about_y, about_z = about_axes(*map(math.radians, degrees))
     return about_x @ about_y @ about_z, np.array(position)
 
 
@@ -92,9 +89,4 @@ def _recognises(source: Source) -> bool:
     return any(_SCAN.fullmatch(name) and f"{name[:-3]}.pose" in names for name in source.names)
 
 
-def _open(source: Source, *, dim: int | None = None) -> ThreeDtkLog:
-    require_dim(source, THREE_DTK, 3, dim)
-    return ThreeDtkLog(source)
-
-
-THREE_DTK = Format("3dtk", "a folder of 3DTK", _recognises, _open, stored_as="folder")
+THREE_DTK = Format("3dtk", "a folder of 3DTK", _recognises, ThreeDtkLog, stored_as="folder")

@@ -12,7 +12,7 @@ from ndtree._native import _core
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import LineLog
 from ndtree.logs.core.rules import NO_ECHO, Rules
-from ndtree.logs.core.source import ZERO_IS, Format, ReaderOption, Source, check_zero_is, require_dim
+from ndtree.logs.core.source import ZERO_IS, Format, ReaderOption, Source, check_zero_is
 from ndtree.logs.formats.text import first_fields
 
 #: Records of the format.
@@ -41,7 +41,7 @@ class CarmenLog(LineLog):
 
     Parameters
     ----------
-    path : str
+    source : Source
     fov : float, optional
         Angle from the first to the last beam of FLASER records [deg], in (0, 360]; of an even number of
         beams, to where one more would be. Left out, it is what PARAM records declare, else that of the
@@ -51,12 +51,12 @@ class CarmenLog(LineLog):
     format = "carmen"
     may_be_zero = True
 
-    def __init__(self, path: str, fov: float | None = None, zero_is: str | None = None) -> None:
-        super().__init__(path, dim=2)
+    def __init__(self, source: Source, fov: float | None = None, zero_is: str | None = None) -> None:
+        super().__init__(source.path, dim=2)
         if fov is not None and not 0.0 < fov <= 360.0:
             raise WrongValue.of("fov", f"{fov} degrees", "in (0, 360]")
         self._fov = fov
-        check_zero_is(path, zero_is)
+        check_zero_is(source.path, zero_is)
         self.rules = Rules(zero_is=zero_is)
 
     def _scans(self) -> Iterator[Scan]:
@@ -136,11 +136,4 @@ def _is_zero(field: str) -> bool:
     return _ZERO.fullmatch(field) is not None
 
 
-def _open(
-    source: Source, *, dim: int | None = None, fov: float | None = None, zero_is: str | None = None
-) -> CarmenLog:
-    require_dim(source, CARMEN, 2, dim)
-    return CarmenLog(source.path, fov, zero_is)
-
-
-CARMEN = Format("carmen", "a CARMEN log", _recognises, _open, (ZERO_IS, FOV))
+CARMEN = Format("carmen", "a CARMEN log", _recognises, CarmenLog, (ZERO_IS, FOV), dim=2)

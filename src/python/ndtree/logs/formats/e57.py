@@ -16,7 +16,7 @@ from ndtree.base.words import number_of
 from ndtree.logs.core.failures import readable
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.plain_file import open_regular
-from ndtree.logs.core.source import Format, Source, require_dim
+from ndtree.logs.core.source import Format, Source
 from ndtree.logs.core.unplaced import ORIGIN_OF_SCAN, POINTS_ONLY, Unplaced, without_sensor
 from ndtree.logs.poses.pose import Pose
 
@@ -39,25 +39,19 @@ class E57Log(SizedLog):
     nothing in all scans, as programs write it where they have none, unless the points are in rows and
     columns, as scanners measure them.
 
-    Parameters
-    ----------
-    path : str
-    unplaced : Unplaced
-        What was said of scans without poses.
-
-    Raises
-    ------
-    NotALog
-        If a scan has no pose, and nothing was said.
+    `NotALog` is raised if a scan has no pose, and nothing was said of such.
     """
 
     format = "e57"
     knows_no_returns = False
     path: str
 
-    def __init__(self, path: str, unplaced: Unplaced) -> None:
+    def __init__(
+        self, source: Source, origin_of_scan: str | Sequence[float] | None = None, points_only: bool = False
+    ) -> None:
+        path = source.path
         super().__init__(path, dim=3)
-        self._unplaced = unplaced
+        self._unplaced = unplaced = Unplaced.of(path, origin_of_scan, points_only)
         self.has_sensor = not unplaced.points_only
         with _opened(path) as file:
             self._count = int(file.scan_count)
@@ -170,19 +164,10 @@ def _stamp(header: Any) -> float:
         return 0.0
 
 
-def _recognises(source: Source) -> bool:
-    return source.head.startswith(MAGIC)
-
-
-def _open(
-    source: Source,
-    *,
-    dim: int | None = None,
-    origin_of_scan: str | Sequence[float] | None = None,
-    points_only: bool = False,
-) -> E57Log:
-    require_dim(source, E57, 3, dim)
-    return E57Log(source.path, Unplaced.of(source.path, origin_of_scan, points_only))
-
-
-E57 = Format("e57", "an E57 of laser scans", _recognises, _open, (ORIGIN_OF_SCAN, POINTS_ONLY))
+E57 = Format(
+    "e57",
+    "an E57 of laser scans",
+    lambda source: source.head.startswith(MAGIC),
+    E57Log,
+    (ORIGIN_OF_SCAN, POINTS_ONLY),
+)

@@ -42,7 +42,8 @@ class NpzLog(SizedLog):
     may_be_cut_off = True
     marks_no_returns = True
 
-    def __init__(self, path: str, dim: int | None = None) -> None:
+    def __init__(self, source: Source, *, dim: int | None = None) -> None:
+        path = source.path
         arrays = _load(path)
         self._origins = arrays["origins"].astype(np.float64, copy=False)
         self._points = arrays["points"]
@@ -188,8 +189,4 @@ def _recognises(source: Source) -> bool:
         ) from None
 
 
-def _open(source: Source, *, dim: int | None = None) -> NpzLog:
-    return NpzLog(source.path, dim)
-
-
-NPZ = Format("npz", "an .npz recording", _recognises, _open)
+NPZ = Format("npz", "an .npz recording", _recognises, NpzLog, dim=None)

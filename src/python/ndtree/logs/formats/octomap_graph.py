@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.plain_file import DamagedStream, PlainFile, open_plain
-from ndtree.logs.core.source import Format, Source, require_dim
+from ndtree.logs.core.source import Format, Source
 from ndtree.logs.poses.pose import Pose
 
 #: Vectors and quaternions begin with the number of their coordinates.
 _POINT = np.dtype([("size", "<u4"), ("xyz", "<f8", 3)])
 _POSE = struct.Struct("<I3dI4dI")  # Position, quaternion w x y z, number of the node.
 _POINTS_AT_ONCE = 1 << 16
+_IS = "a scan graph of OctoMap"
 
 
 class OctomapGraphLog(SizedLog):
@@ -32,9 +33,11 @@ class OctomapGraphLog(SizedLog):
     may_be_cut_off = True
     path: str
 
-    def __init__(self, path: str, nodes: int) -> None:
-        super().__init__(path, dim=3)
-        self._nodes = nodes
+    def __init__(self, source: Source) -> None:
+        if not _recognises(source):
+            raise ValueError(f"{source.path}: expected {_IS}, nodes with points of 3 numbers")
+        super().__init__(source.path, dim=3)
+        (self._nodes,) = struct.unpack_from("<I", source.head)
 
     def __len__(self) -> int:
         return self._nodes
@@ -104,13 +107,4 @@ def _recognises(source: Source) -> bool:
     )
 
 
-def _open(source: Source, *, dim: int | None = None) -> OctomapGraphLog:
-    require_dim(source, OCTOMAP_GRAPH, 3, dim)
-    if not _recognises(source):
-        raise ValueError(
-            f"{source.path}: expected {OCTOMAP_GRAPH.description}, nodes with points of 3 numbers"
-        )
-    return OctomapGraphLog(source.path, struct.unpack_from("<I", source.head)[0])
-
-
-OCTOMAP_GRAPH = Format("octomap_graph", "a scan graph of OctoMap", _recognises, _open)
+OCTOMAP_GRAPH = Format("octomap_graph", _IS, _recognises, OctomapGraphLog)

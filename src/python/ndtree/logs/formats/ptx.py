@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import Log
 from ndtree.logs.core.plain_file import PlainFile, open_plain
-from ndtree.logs.core.source import Format, Source, require_dim
+from ndtree.logs.core.source import Format, Source
 from ndtree.logs.poses.pose import Pose
 
 Floats = NDArray[np.float64]
@@ -40,8 +40,8 @@ class PtxLog(Log):
     path: str
     _place = 0
 
-    def __init__(self, path: str) -> None:
-        super().__init__(path, dim=3)
+    def __init__(self, source: Source) -> None:
+        super().__init__(source.path, dim=3)
 
     def _scans(self) -> Iterator[Scan]:
         with open_plain(self.path) as file:
@@ -149,9 +149,4 @@ def _recognises(source: Source) -> bool:
     return len(lines) < 11 or len(lines[10]) in _POINT
 
 
-def _open(source: Source, *, dim: int | None = None) -> PtxLog:
-    require_dim(source, PTX, 3, dim)
-    return PtxLog(source.path)
-
-
-PTX = Format("ptx", "a PTX of registered scans", _recognises, _open)
+PTX = Format("ptx", "a PTX of registered scans", _recognises, PtxLog)

@@ -23,6 +23,17 @@ class TextLog(LineLog):
 
     format = "text"
 
+    def __init__(self, source: Source, *, dim: int | None = None) -> None:
+        line = first_line(source)
+        if line is None:
+            raise ValueError(f"{source.path}: only comments, {EXPECTED}")
+        found = dimension_of(fields_of(line[1]))
+        if found is None:
+            raise ValueError(f"{source.path}: line {line[0]}: {EXPECTED}, found {line[1].strip()[:40]!r}")
+        if dim not in (None, found):
+            raise WrongValue(f"{source.path}: the first beam is {found}-D, expected {key('dim')}={found}")
+        super().__init__(source.path, found)
+
     def _scans(self) -> Iterator[Scan]:
         parser = _core.XyzParser2() if self.dim == 2 else _core.XyzParser3()
 
@@ -114,16 +125,4 @@ _MOST_DIFFERENT, _SENSORS = 0.1, 8
 _FEW_LINES, _BRIGHT = 3, 64
 
 
-def _open(source: Source, *, dim: int | None = None) -> TextLog:
-    line = first_line(source)
-    if line is None:
-        raise ValueError(f"{source.path}: only comments, {EXPECTED}")
-    found = dimension_of(fields_of(line[1]))
-    if found is None:
-        raise ValueError(f"{source.path}: line {line[0]}: {EXPECTED}, found {line[1].strip()[:40]!r}")
-    if dim not in (None, found):
-        raise WrongValue(f"{source.path}: the first beam is {found}-D, expected {key('dim')}={found}")
-    return TextLog(source.path, found)
-
-
-TEXT = Format("text", "text with one beam a line", _recognises, _open)
+TEXT = Format("text", "text with one beam a line", _recognises, TextLog, dim=None)

@@ -16,7 +16,7 @@ from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import NoPose, NotALog, one_line
 from ndtree.logs.core.log import Log
 from ndtree.logs.core.padding import without_padding
-from ndtree.logs.core.source import TIME_OFFSET, Format, ReaderOption, Source, WrongOption, require_dim
+from ndtree.logs.core.source import TIME_OFFSET, Format, ReaderOption, Source, WrongOption
 from ndtree.logs.formats.packets import MAGICS, is_velodyne, packets, sender_of
 from ndtree.logs.poses.pose import matrices_of, rotated
 from ndtree.logs.poses.trajectory import Trajectory
@@ -122,17 +122,8 @@ def _decoder(path: str) -> Any:
     return library.StreamDecoder(config)
 
 
-def _recognises(source: Source) -> bool:
-    return source.head.startswith(MAGICS)
-
-
 def _open(
-    source: Source,
-    *,
-    dim: int | None = None,
-    trajectory: str | None = None,
-    time_offset: float = 0.0,
-    still: bool = False,
+    source: Source, trajectory: str | None = None, time_offset: float = 0.0, still: bool = False
 ) -> VelodyneLog:
     sender = sender_of(source.path)
     if sender is None:
@@ -141,7 +132,6 @@ def _open(
         raise NotALog(
             source.path, f"packets of a lidar by {sender}", [_OF_OTHERS[sender].format(path=source.path)]
         )
-    require_dim(source, VELODYNE, 3, dim)
     if trajectory is not None and still:
         raise WrongOption(f"{source.path}: {key('trajectory')} and {key('still')}: expected one of them")
     if not math.isfinite(time_offset):
@@ -163,7 +153,7 @@ STILL = ReaderOption("still", bool, "Of a ROS bag or packets: the sensor stands 
 VELODYNE = Format(
     "velodyne",
     "packets of a Velodyne (.pcap)",
-    _recognises,
+    lambda source: source.head.startswith(MAGICS),
     _open,
     (TRAJECTORY, TIME_OFFSET, STILL),
 )

@@ -112,6 +112,14 @@ def multiplied(left: Floats, right: Floats) -> Floats:
     return terms[0] + terms[1] + terms[2]
 
 
+def about_axes(x: float, y: float, z: float) -> tuple[Floats, Floats, Floats]:
+    """The rotations about x, about y, and about z by angles [rad]."""
+    (a, b), (c, d), (e, f) = ((math.cos(angle), math.sin(angle)) for angle in (x, y, z))
+    about_x = np.array([[1, 0, 0], [0, a, -b], [0, b, a]])
+    about_y = np.array([[c, 0, d], [0, 1, 0], [-d, 0, c]])
+    return about_x, about_y, np.array([[e, -f, 0], [f, e, 0], [0, 0, 1]])
+
+
 def unit_quaternions(quaternions: Floats) -> Floats:
     """(n, 4) of length 1; ValueError if one is far from it."""
     with np.errstate(over="ignore"):

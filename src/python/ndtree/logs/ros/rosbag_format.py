@@ -87,4 +87,5 @@ ROSBAG = Format(
     ),
     stored_as="either",
     contents=_contents,
+    dim=None,
 )  # fmt: skip

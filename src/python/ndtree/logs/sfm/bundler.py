@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ndtree.logs.core.plain_file import open_plain
-from ndtree.logs.core.source import Format, Source, require_dim
+from ndtree.logs.core.source import Format, Source
 from ndtree.logs.poses.pose import nearest_rotations, rotated
 from ndtree.logs.sfm.triangulation import DEFAULT_PIXEL_SIGMA, PIXEL_SIGMA, Model, ModelLog
 
@@ -23,6 +23,15 @@ class BundlerLog(ModelLog):
     """
 
     format = "bundler"
+
+    def __init__(self, source: Source, pixel_sigma: float = DEFAULT_PIXEL_SIGMA) -> None:
+        super().__init__(source, pixel_sigma)
+        first = source.head[:80].split(b"\n", 1)[0].strip()
+        if first != MAGIC + VERSION:
+            raise ValueError(
+                f"{source.path}: line 1: found {first.decode('utf-8', 'replace')!r}, "
+                f"expected {(MAGIC + VERSION).decode()!r}"
+            )
 
     def _read(self) -> Model:
         lines = _Lines(self.path)
@@ -130,19 +139,10 @@ class _Lines:
         return views
 
 
-def _recognises(source: Source) -> bool:
-    return source.head.startswith(MAGIC)
-
-
-def _open(source: Source, *, dim: int | None = None, pixel_sigma: float = DEFAULT_PIXEL_SIGMA) -> BundlerLog:
-    require_dim(source, BUNDLER, 3, dim)
-    first = source.head[:80].split(b"\n", 1)[0].strip()
-    if first != MAGIC + VERSION:
-        raise ValueError(
-            f"{source.path}: line 1: found {first.decode('utf-8', 'replace')!r}, "
-            f"expected {(MAGIC + VERSION).decode()!r}"
-        )
-    return BundlerLog(source.path, pixel_sigma)
-
-
-BUNDLER = Format("bundler", "a Bundler model", _recognises, _open, (PIXEL_SIGMA,))
+BUNDLER = Format(
+    "bundler",
+    "a Bundler model",
+    lambda source: source.head.startswith(MAGIC),
+    BundlerLog,
+    (PIXEL_SIGMA,),
+)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ndtree.base.scan import Scan
 from ndtree.logs.core.plain_file import open_regular, text_lines
-from ndtree.logs.core.source import Format, Source, require_dim
+from ndtree.logs.core.source import Format, Source
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.sfm.triangulation import DEFAULT_PIXEL_SIGMA, PIXEL_SIGMA, SfmLog, Triangulation
 
@@ -55,23 +55,17 @@ class ColmapLog(SfmLog):
     """One scan each image, in the order of the file; the points are held in memory, the images are not.
 
     Distances are in the unit of the model, which is not a metre unless the model was scaled.
-
-    Parameters
-    ----------
-    path : str
-        Folder with ``cameras``, ``images`` and ``points3D``, all ``.bin`` or all ``.txt``.
-    pixel_sigma : float
-        Standard deviation of a feature's place in its image [px].
     """
 
     format = "colmap"
 
-    def __init__(self, path: str, pixel_sigma: float = DEFAULT_PIXEL_SIGMA) -> None:
-        super().__init__(path, pixel_sigma)
-        ending = _ending(os.listdir(path))
+    def __init__(self, source: Source, pixel_sigma: float = DEFAULT_PIXEL_SIGMA) -> None:
+        super().__init__(source, pixel_sigma)
+        path = source.path
+        ending = _ending(source.names)
         if ending is None:
             raise ValueError(f"{path}: expected {' and '.join(PARTS)}, all with .bin or all with .txt")
-        self._files: type[_Files] = _Binary if ending == ".bin" else _Text
+        self._files: type[_Binary | _Text] = _Binary if ending == ".bin" else _Text
         self._names = {part: os.path.join(path, part + ending) for part in PARTS}
 
     def __len__(self) -> int:
@@ -136,31 +130,14 @@ class ColmapLog(SfmLog):
             self._skip("damaged files", error)
 
 
-class _Files:
-    """How the three files are written; the errors of all name the file and the place in it."""
+class _Text:
+    """Text files; errors of this and of `_Binary` name the file and the place in it.
 
-    @staticmethod
-    def cameras(path: str) -> Iterator[tuple[int, float]]:
-        """Name and focal length [px]."""
-        raise NotImplementedError
+    ``cameras`` has of each its name and focal length [px]; ``count``, how many images a file has, or had
+    before it was cut off; ``images``, where each stands, its camera's name, T_camera_map, and names of
+    points, -1 for a feature without; ``points``, names (n,), and points (n, 3).
+    """
 
-    @staticmethod
-    def count(path: str) -> int:
-        """How many images a file has, or had before it was cut off."""
-        raise NotImplementedError
-
-    @staticmethod
-    def images(path: str) -> Iterator[tuple[str, int, Pose, Identities]]:
-        """Where it stands, the camera's name, T_camera_map, and names of points, -1 for a feature without."""
-        raise NotImplementedError
-
-    @staticmethod
-    def points(path: str) -> tuple[Identities, Floats]:
-        """Names (n,), and points (n, 3)."""
-        raise NotImplementedError
-
-
-class _Text(_Files):
     @staticmethod
     def cameras(path: str) -> Iterator[tuple[int, float]]:
         for where, line in _lines(path):
@@ -226,7 +203,9 @@ class _Text(_Files):
         return np.array(identities, dtype=np.int64), np.array(points, dtype=np.float64).reshape(-1, 3)
 
 
-class _Binary(_Files):
+class _Binary:
+    """As `_Text`, of binary files."""
+
     @staticmethod
     def cameras(path: str) -> Iterator[tuple[int, float]]:
         with open_regular(path) as file:
@@ -336,13 +315,11 @@ def _unpacked(file: IO[bytes], path: str, where: str, layout: str) -> tuple:
     return struct.unpack(layout, _take(file, path, where, struct.calcsize(layout)))
 
 
-def _recognises(source: Source) -> bool:
-    return _ending(source.names) is not None
-
-
-def _open(source: Source, *, dim: int | None = None, pixel_sigma: float = DEFAULT_PIXEL_SIGMA) -> ColmapLog:
-    require_dim(source, COLMAP, 3, dim)
-    return ColmapLog(source.path, pixel_sigma)
-
-
-COLMAP = Format("colmap", "a COLMAP model", _recognises, _open, (PIXEL_SIGMA,), "folder")
+COLMAP = Format(
+    "colmap",
+    "a COLMAP model",
+    lambda source: _ending(source.names) is not None,
+    ColmapLog,
+    (PIXEL_SIGMA,),
+    "folder",
+)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ndtree._errors import WrongValue
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import SizedLog, Skipped
-from ndtree.logs.core.source import ReaderOption
+from ndtree.logs.core.source import ReaderOption, Source
 
 PIXEL_SIGMA = ReaderOption(
     "pixel_sigma", float, "Of structure from motion: standard deviation of a feature's place [px]; else 1."
@@ -142,10 +142,10 @@ class SfmLog(SizedLog):
 
     may_be_padded = False  # Models may have any unit of length.
 
-    def __init__(self, path: str, pixel_sigma: float) -> None:
+    def __init__(self, source: Source, pixel_sigma: float = DEFAULT_PIXEL_SIGMA) -> None:
         if not (pixel_sigma > 0 and np.isfinite(pixel_sigma)):
             raise WrongValue.of("pixel_sigma", f"{pixel_sigma:g} px", "> 0 and finite")
-        super().__init__(path, dim=3)
+        super().__init__(source.path, dim=3)
         self._pixel_sigma = pixel_sigma
 
     def _scan(self, triangulation: Triangulation, rows: Rows, center: Floats, focal_length: float) -> Scan:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from ndtree._errors import WrongValue, key
-from ndtree.logs.poses.pose import Pose
+from ndtree.logs.poses.pose import Pose, about_axes
 
 EXPECTED = "expected x,y,z,roll,pitch,yaw or x,y,yaw, lengths in metres, angles in radians or as in 90deg"
 
@@ -43,7 +43,8 @@ def mount_of(text: str) -> Pose:
         raise WrongValue(f"{key('mount')} = {text!r}: an angle of more than one turn, {EXPECTED}")
     if len(fields) == 3:
         position, angles = [*position, 0.0], [0.0, 0.0, *angles]
-    return Pose(_rotation(*angles), np.array(position))
+    about_x, about_y, about_z = about_axes(*angles)
+    return Pose(about_z @ about_y @ about_x, np.array(position))
 
 
 def _angle(field: str) -> float:
@@ -51,11 +52,3 @@ def _angle(field: str) -> float:
     if field.endswith("deg"):
         return math.radians(float(field[:-3]))
     return float(field)
-
-
-def _rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    (a, b), (c, d), (e, f) = ((math.cos(angle), math.sin(angle)) for angle in (roll, pitch, yaw))
-    about_x = np.array([[1, 0, 0], [0, a, -b], [0, b, a]])
-    about_y = np.array([[c, 0, d], [0, 1, 0], [-d, 0, c]])
-    about_z = np.array([[e, -f, 0], [f, e, 0], [0, 0, 1]])
-    return about_z @ about_y @ about_x
