@@ -47,10 +47,7 @@ TAKEN: dict[str, Axes] = {
 def refuse_masked(call: str, given: Mapping[str, Any]) -> None:
     """Masked arrays would lose their mask without a word.
 
-    Raises
-    ------
-    TypeError
-        If one of the arguments is one.
+    Raises TypeError if one of the arguments is one.
     """
     masked = getattr(sys.modules.get("numpy.ma"), "MaskedArray", None)
     if masked is None:  # Before numpy.ma is loaded, which takes a while, no array is a masked one.

@@ -61,10 +61,7 @@ _FIRST = {"AdaptiveMap": "min_cell_size", "FixedMap": "min_cell_size", "OctoMap"
 def require_options(name: str, keywords: Mapping[str, Any], known: Collection[str]) -> None:
     """Refuse an option that a map does not take, and name the one that is probably meant.
 
-    Raises
-    ------
-    WrongOption
-        For the first keyword that is not `known`, or that maps of the refinement do not read.
+    Raises WrongOption for the first keyword that is not `known`, or that maps of the refinement do not read.
     """
     refinement = keywords.get("refinement", "fixed" if name == "FixedMap" else "evidence")
     for option in keywords:
@@ -101,13 +98,8 @@ def _readers() -> dict[str, list[str]]:
 class Call:
     """What a compiled function takes, to say what is wrong with a call of it.
 
-    Parameters
-    ----------
-    name : str
-        "Class.method", or that of a function.
-    line : str
-        The one that pybind11 writes above its docstring.
-    is_method : bool
+    `name`: "Class.method", or that of a function.
+    `line`: The one that pybind11 writes above its docstring.
     """
 
     def __init__(self, name: str, line: str, *, is_method: bool) -> None:

@@ -37,12 +37,8 @@ def parameters_of(line: str) -> list[tuple[str, str, str | None]]:
 def signature_of(doc: str, options: Mapping[str, object] | None = None) -> inspect.Signature | None:
     """What `inspect` shows of a function; None if its docstring does not begin with pybind11's line.
 
-    Parameters
-    ----------
-    doc : str
-        With pybind11's line.
-    options : dict, optional
-        Keywords and their defaults that stand for ``**kwargs``.
+    `doc`: With pybind11's line.
+    `options`: Keywords and their defaults that stand for ``**kwargs``.
     """
     line = doc.partition("\n")[0]
     found = _NAMED_LINE.fullmatch(line)

@@ -22,12 +22,8 @@ def why_not(hosts: Sequence[str], origins: Sequence[str], *, only_here: bool = T
     The name of a stranger's server may lead here, and a stranger's page may call here: the first is seen by
     ``Host``, which must be a name of this computer, the second by ``Origin``, which must be the same.
 
-    Parameters
-    ----------
-    hosts, origins : sequence of str
-        What the request says, each time it says it.
-    only_here : bool
-        Whether only this computer may ask; else ``Host`` may be an address, or a name that only a
+    `hosts`, `origins`: What the request says, each time it says it.
+    `only_here`: Whether only this computer may ask; else ``Host`` may be an address, or a name that only a
         network nearby gives.
     """
     if len(hosts) != 1 or len(origins) > 1:

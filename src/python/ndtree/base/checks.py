@@ -91,14 +91,8 @@ def one_or_more(check: Check) -> Check:
 def parsed(file: Path) -> dict[str, Any]:
     """What a TOML file says.
 
-    Raises
-    ------
-    OSError
-        If it cannot be read.
-    ValueError
-        If it is no TOML.
-    ImportError
-        If Python is older than 3.11 and has no tomli.
+    Raises OSError if it cannot be read; ValueError if it is no TOML; ImportError if Python is older than 3.11
+    and has no tomli.
     """
     try:
         import tomllib

@@ -72,10 +72,7 @@ def require_kind(target: str | os.PathLike[str], fits: Callable[[str], bool] | N
 
     What is empty, and what is no regular file, is not in the way.
 
-    Raises
-    ------
-    FileExistsError
-        It names the file.
+    Raises FileExistsError: it names the file.
     """
     name = os.fspath(target)
     if _replaces_all or not os.path.isfile(name) or not os.path.getsize(name):
@@ -91,10 +88,7 @@ def require_no_input(target: str | os.PathLike[str], inputs: Iterable[str | os.P
 
     Looks at no content. O(1), but of a folder whose files could be the target by a link: O(its files).
 
-    Raises
-    ------
-    ValueError
-        It names the target and the input.
+    Raises ValueError: it names the target and the input.
     """
     path = os.path.realpath(target)
     own = _identity(path)
@@ -141,11 +135,8 @@ def _identity(path: str | os.PathLike[str]) -> tuple[int, int] | None:
 def replaced(target: str | os.PathLike[str], fits: Callable[[str], bool] | None = None) -> Iterator[Path]:
     """A hidden name with a file's ending, which takes the file's place when all went well.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be written, or libraries that write it fail for whatever reason; it names the file.
-        See `require_kind` for what is not replaced.
+    Raises OSError if the file cannot be written, or libraries that write it fail for whatever reason; it
+    names the file. See `require_kind` for what is not replaced.
     """
     require_kind(target, fits)
     with replaced_together(target) as (part,):

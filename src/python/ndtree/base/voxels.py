@@ -45,17 +45,10 @@ class VoxelReport:
 def voxelise(points: NDArray[np.floating[Any]], target: OccupancyMap) -> VoxelReport:
     """Make the smallest cells of a map occupied that hold a point; the order of the points does not matter.
 
-    Parameters
-    ----------
-    points : ndarray of float, (n, dim)
-        In the map frame [m]. Points that are not finite are counted as invalid.
-    target : OccupancyMap
-        Of 2 children per axis.
-
-    Raises
-    ------
-    ValueError
-        If the map has another branching, or a point is too far away for its cells.
+    `points` (ndarray of float, (n, dim)): In the map frame [m]. Points that are not finite are counted as
+        invalid.
+    `target`: Of 2 children per axis.
+    Raises ValueError if the map has another branching, or a point is too far away for its cells.
     """
     begin = time.perf_counter()
     if target.branching != 2 or target.refinement not in _REFINEMENTS:

@@ -35,12 +35,8 @@ def observed_region(every: Cells, track: ArrayLike | None = None) -> tuple[float
     what they alone observed is left out, and the last 0.5 % of the other observed volume at each end, but
     neither what was hit (0.2 % excepted) nor the track.
 
-    Parameters
-    ----------
-    every : Cells
-        Of which at least one was observed.
-    track : array_like, (n, dim), optional
-        Where the robot drove [m].
+    `every`: Of which at least one was observed.
+    `track` (array_like, (n, dim)): Where the robot drove [m].
     """
     seen = every.where(every.observed)
     volume = seen.size.astype(np.float64) ** every.dim
@@ -66,12 +62,9 @@ def observed_region(every: Cells, track: ArrayLike | None = None) -> tuple[float
 def found_region(some: Cells, observed: tuple[Floats, Floats] | None = None) -> tuple[float, ...]:
     """Bounds [m] of what was found: nearly all occupied cells, and some more; few strays are left out.
 
-    Parameters
-    ----------
-    some : Cells
-        All of a map, or the occupied ones.
-    observed : (lower, upper), optional
-        Corners of what was observed [m], which bound what is shown: of `some`, if left out.
+    `some`: All of a map, or the occupied ones.
+    `observed` (lower, upper): Corners of what was observed [m], which bound what is shown: of `some`, if left
+        out.
     """
     if observed is None:
         seen = some.where(some.observed)

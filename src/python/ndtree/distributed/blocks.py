@@ -56,13 +56,8 @@ class Block:
 def divided(block: Block, weights: Mapping[Tile, float], parts: int) -> list[Block]:
     """A block as some smaller ones that fill it, of about the same weight each.
 
-    Parameters
-    ----------
-    block : Block
-    weights : mapping
-        Of its tiles; others have none. A tile is not divided.
-    parts : int
-        How many; fewer if there are fewer tiles.
+    `weights`: Of its tiles; others have none. A tile is not divided.
+    `parts`: How many; fewer if there are fewer tiles.
     """
     if parts <= 1 or len(weights) <= 1:
         return [block]

@@ -285,12 +285,8 @@ def _import_tasks() -> None:
 def engine_of(engine: str | Engine, workers: int | None) -> Engine:
     """The engine of a name; an engine is itself.
 
-    Raises
-    ------
-    ValueError
-        If there is none of the name, or the number of workers is not at least 1.
-    ImportError
-        If it is not installed; it names the extra.
+    Raises ValueError if there is none of the name, or the number of workers is not at least 1; ImportError if
+    it is not installed; it names the extra.
     """
     if workers is not None and workers < 1:
         raise ValueError(f"workers = {workers}: must be >= 1")

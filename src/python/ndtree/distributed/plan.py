@@ -22,15 +22,9 @@ MOST_TILES = 4096  # Of a block: about a gigabyte of cells.
 class PlannedBlock:
     """A block with what it takes.
 
-    Attributes
-    ----------
-    block : Block
-    weight : float
-        How many beams' worth of work it has: those of each scan, as far as the scan is in it.
-    scans : list of ScanRef
-        That cross it, in their order.
-    tiles : tuple of Tile
-        Which these cross.
+    `weight`: How many beams' worth of work it has: those of each scan, as far as the scan is in it.
+    `scans`: That cross it, in their order.
+    `tiles`: Which these cross.
     """
 
     block: Block
@@ -54,15 +48,9 @@ def planned(
 ) -> list[PlannedBlock]:
     """Blocks with their scans, those with most to do first.
 
-    Parameters
-    ----------
-    scans : sequence
-        In their order.
-    within : sequence of Block
-        What to map; each is divided as its weight needs it.
-    workers : int
-    block_beams : int
-        A block has no more beams' worth of work than this, if it is more than one tile.
+    `scans`: In their order.
+    `within`: What to map; each is divided as its weight needs it.
+    `block_beams`: A block has no more beams' worth of work than this, if it is more than one tile.
     """
     where: dict[Tile, int] = {}  # In which of `within`, or -1.
     weights: list[dict[Tile, float]] = [{} for _ in within]

@@ -15,13 +15,9 @@ def run_all(
 ) -> tuple[list[Any], float]:
     """Run tasks that do not depend on each other; each is a function and its arguments.
 
-    Returns
-    -------
-    results : list
-        Of each task.
-    seconds : float
-        Sum over all tasks, from when the engine got them to when it gave their results [s]. The engine never
-        has more of them than workers, so that what is not the tasks' own time is its own.
+    Returns results list: Of each task; seconds float: Sum over all tasks, from when the engine got them to
+    when it gave their results [s]. The engine never has more of them than workers, so that what is not the
+    tasks' own time is its own.
     """
     results: list[Any] = [None] * len(tasks)
     running: dict[Any, tuple[int, float]] = {}

@@ -27,18 +27,11 @@ Floats = NDArray[np.float64]
 class IndexedScan:
     """What a plan has to know of a scan.
 
-    Attributes
-    ----------
-    time : float
-        By which it is ordered; see `Place`.
-    batch, position : int
-        In which of its log's batches it is, and where in it.
-    row, beams : int
-        Its first beam there, and how many there are.
-    box : pair of lists, or None
-        What it reaches at most [m]; None without a valid beam.
-    tiles : dict of Tile to int
-        Which it may change, and how much of it is there; see `TileGrid.shares_by`.
+    `time`: By which it is ordered; see `Place`.
+    `batch`, `position`: In which of its log's batches it is, and where in it.
+    `row`, `beams`: Its first beam there, and how many there are.
+    `box`: What it reaches at most [m]; None without a valid beam.
+    `tiles`: Which it may change, and how much of it is there; see `TileGrid.shares_by`.
     """
 
     time: float
@@ -54,16 +47,9 @@ class IndexedScan:
 class ScanIndex:
     """All scans of a log, in its order.
 
-    Attributes
-    ----------
-    log : str
-    scans : list of IndexedScan
-    stored_bytes : int
-        Of all batches.
-    refused : int
-        Scans that no map of the kind can take.
-    ignored : int
-        Beams that were left out because they did not return.
+    `stored_bytes`: Of all batches.
+    `refused`: Scans that no map of the kind can take.
+    `ignored`: Beams that were left out because they did not return.
     """
 
     log: str
@@ -149,18 +135,9 @@ def columns_of(scan: Scan) -> dict[str, NDArray[Any]]:
 class BatchWriter:
     """Stores a log's scans in batches: those that follow each other, as long as they have the same columns.
 
-    Parameters
-    ----------
-    storage : Storage
-    run, log : str
-    beams : int
-        A batch ends where it has this many.
-
-    Attributes
-    ----------
-    batch, position, row : int
-        Where the scan is that was added last.
-    stored_bytes : int
+    `beams`: A batch ends where it has this many.
+    Attributes:
+    `batch`, `position`, `row`: Where the scan is that was added last.
     """
 
     def __init__(self, storage: Storage, run: str, log: str, beams: int) -> None:
@@ -229,13 +206,8 @@ def moves_name(run: str, log: str, revision: int) -> str:
 class StoredScans:
     """Scans of several logs, wherever they were stored; the batches that were used last stay open.
 
-    Parameters
-    ----------
-    storage : Storage
-    run : str
-        Folder of the run that stored them.
-    moves : dict
-        By log, the file of its scans' motions, for logs that have some.
+    `run`: Folder of the run that stored them.
+    `moves`: By log, the file of its scans' motions, for logs that have some.
     """
 
     def __init__(self, storage: Storage, run: str, moves: dict[str, str]) -> None:

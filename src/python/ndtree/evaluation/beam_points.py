@@ -17,18 +17,9 @@ MARGIN = 0.1
 def beam_points(scan: Scan, max_range: float = math.inf) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Free space and surfaces along the returned beams of a scan, as `HeldOutTruth` asks about them.
 
-    Parameters
-    ----------
-    scan : Scan
-    max_range : float
-        Longer beams are left out [m].
-
-    Returns
-    -------
-    free : (k, dim) float64
-        Every 0.1 m along the beams up to 0.1 m before their ends [m].
-    ends : (n, dim) float64
-        Their end points [m].
+    `max_range`: Longer beams are left out [m].
+    Returns free (k, dim) float64: Every 0.1 m along the beams up to 0.1 m before their ends [m]; ends (n,
+    dim) float64: Their end points [m].
     """
     start, way, far = scan.returned_beams(max_range)
     count = np.floor(np.maximum(far - MARGIN, 0.0) / SPACING * (1 + 1e-12)).astype(np.int64)

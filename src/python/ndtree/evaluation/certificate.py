@@ -56,10 +56,7 @@ def free_and_wrong(target: OccupancyMap | TiledMap, scan: Scan, max_range: float
 def conformal_bound(shares: NDArray[np.float64], confidence: float) -> float:
     """What one more share, exchangeable with these, exceeds with a probability of at most 1 - confidence.
 
-    Returns
-    -------
-    float
-        One of the shares, or 1, which no share exceeds, where they are too few.
+    Returns: One of the shares, or 1, which no share exceeds, where they are too few.
     """
     k = math.ceil(confidence * (len(shares) + 1) - 1e-9)
     return float(np.sort(shares)[k - 1]) if k <= len(shares) else 1.0

@@ -159,10 +159,7 @@ class _Folder(Writer):
 def writer_of(log: Log, target: Path, mark: bool) -> Writer:
     """What writes a file or folder with this name.
 
-    Raises
-    ------
-    ValueError
-        If a log of this kind cannot be written so.
+    Raises ValueError if a log of this kind cannot be written so.
     """
     if log.path:
         require_no_input(target, [log.path])
@@ -182,13 +179,8 @@ def writer_of(log: Log, target: Path, mark: bool) -> Writer:
 class Cleaned:
     """A log on its way to a file, and what became of its points.
 
-    Parameters
-    ----------
-    points : MovedPoints
-        That has looked.
-    writer : Writer
-    keeps_points : bool
-        For a picture.
+    `points`: That has looked.
+    `keeps_points`: For a picture.
     """
 
     def __init__(self, points: MovedPoints, writer: Writer, keeps_points: bool) -> None:
@@ -203,10 +195,7 @@ class Cleaned:
     def write(self, progress: Progress) -> None:
         """Read the log once more, and write it.
 
-        Raises
-        ------
-        ValueError
-            If there is no scan, or a scan cannot be written so.
+        Raises ValueError if there is no scan, or a scan cannot be written so.
         """
         log = self._writer.log
         total = len(log) if isinstance(log, SizedLog) else 0

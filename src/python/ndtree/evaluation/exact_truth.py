@@ -31,14 +31,9 @@ class ExactTruth:
     "inside" in the first 0.05 m behind it. "thin" are true surface points of things that are at most 0.06 m
     wide, as table legs and poles, and "floor" those of level ground that beams graze at less than 15 degrees.
 
-    Parameters
-    ----------
-    log : SimulatedLog
-        The log that was mapped.
-    scans : sequence of Scan
-        Its scans.
-    max_range : float
-        Beams that are longer are left out [m].
+    `log`: The log that was mapped.
+    `scans`: Its scans.
+    `max_range`: Beams that are longer are left out [m].
     """
 
     def __init__(self, log: SimulatedLog, scans: Sequence[Scan], max_range: float) -> None:

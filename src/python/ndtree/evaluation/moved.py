@@ -28,16 +28,10 @@ THRESHOLD = 0.5
 class MovedPoints:
     """What scans of a log say about each other's points, after two passes over the log.
 
-    Parameters
-    ----------
-    log : Log
-        Read twice by `look`.
-    options : dict
-        Of a map: its smallest cells and its sensor. Left out options have the map's defaults.
-    max_range : float
-        As for `Scan.insert_into` [m].
-    no_return : {"free", "ignore"}
-        Whether beams without return say that space is free.
+    `log`: Read twice by `look`.
+    `options`: Of a map: its smallest cells and its sensor. Left out options have the map's defaults.
+    `max_range`: As for `Scan.insert_into` [m].
+    `no_return` ({"free", "ignore"}): Whether beams without return say that space is free.
     """
 
     log: Log
@@ -61,15 +55,8 @@ class MovedPoints:
     def look(self, progress: Progress | None = None) -> MovedPoints:
         """Read the log twice.
 
-        Parameters
-        ----------
-        progress : callable, optional
-            Called as ``progress(what, done, total)`` with numbers of scans.
-
-        Raises
-        ------
-        ValueError
-            If the log is damaged, or a scan cannot be used; it is named.
+        `progress`: Called as ``progress(what, done, total)`` with numbers of scans.
+        Raises ValueError if the log is damaged, or a scan cannot be used; it is named.
         """
         show = no_progress if progress is None else progress
         if self.log.dim == 3:
@@ -165,14 +152,9 @@ class MovedPoints:
 class MovedScores:
     """How right a cleaning is, as the field counts it.
 
-    Parameters
-    ----------
-    static_accuracy : float
-        Of points of what stands, the fraction that is kept (SA).
-    dynamic_accuracy : float
-        Of points of what moves, the fraction that is removed (DA).
-    static_points, moving_points : int
-        How many there are.
+    `static_accuracy`: Of points of what stands, the fraction that is kept (SA).
+    `dynamic_accuracy`: Of points of what moves, the fraction that is removed (DA).
+    `static_points`, `moving_points`: How many there are.
     """
 
     static_accuracy: float
@@ -211,16 +193,9 @@ def moved_scores(
 ) -> MovedScores:
     """Compare which points were removed with which moved.
 
-    Parameters
-    ----------
-    removed, truth : ndarray of bool, (n,)
-    counts : ndarray of bool, (n,), optional
-        Points that are counted; left out: all.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ.
+    `removed`, `truth`: ndarray of bool, (n,).
+    `counts` (ndarray of bool, (n,)): Points that are counted; left out: all.
+    Raises ValueError if the shapes differ.
     """
     counts = np.ones(len(truth), dtype=bool) if counts is None else counts
     if removed.shape != truth.shape or counts.shape != truth.shape:

@@ -24,15 +24,8 @@ def judge(scans: Sequence[Scan]) -> NoReturns:
     well, as for glass and dark ones, and its no-returns say nothing: nor where more than 2 % of the pieces of
     surface sent fewer beams back than none. The rule stands in ``evaluation/no_returns.hpp``.
 
-    Parameters
-    ----------
-    scans : sequence of Scan
-        In the order of the log, as from `spread`.
-
-    Returns
-    -------
-    NoReturns
-        "ignore" where too little tells.
+    `scans`: In the order of the log, as from `spread`.
+    Returns: "ignore" where too little tells.
     """
     return _core.judge_no_returns(scans)
 

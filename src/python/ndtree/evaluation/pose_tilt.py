@@ -26,12 +26,8 @@ NOTABLE = np.radians(0.1)
 class PoseTilt:
     """How wrong the poses of a log are, beside the noise of its ranges.
 
-    Parameters
-    ----------
-    tilt : float
-        Standard deviation of roll and pitch together [rad].
-    height : float
-        Standard deviation of z [m].
+    `tilt`: Standard deviation of roll and pitch together [rad].
+    `height`: Standard deviation of z [m].
     """
 
     tilt: float = 0.0
@@ -58,10 +54,7 @@ class PoseTilt:
         The poses of a pair are wrong independently, so that the variance of one is half of that of their
         difference. Medians over pairs, so that a step of the ground or a sharp turn does not count.
 
-        Parameters
-        ----------
-        scans : iterable of Scan
-            In space, in the order of their times. Without ground in five pairs: no tilt.
+        `scans`: In space, in the order of their times. Without ground in five pairs: no tilt.
         """
         planes = np.array(list(_differences(scans)))
         if len(planes) < _LEAST_PAIRS:

@@ -26,13 +26,10 @@ def reliability_of(
 ) -> dict[str, Any]:
     """How often beams of scans that were held out end where the map says that they would.
 
-    Returns
-    -------
-    dict
-        "beams", "ends_at_unknown"; "all", "free" and "occupied", by what cells are called, "by_size" and
-        "by_beams", lists of those whose "size" [m] or "beams_from" is the same, each with "pairs", "ece" and
-        "bins": of each twentieth of [0, 1] in which there are pairs, their number, mean "probability" and
-        share of "ends".
+    Returns: "beams", "ends_at_unknown"; "all", "free" and "occupied", by what cells are called, "by_size" and
+    "by_beams", lists of those whose "size" [m] or "beams_from" is the same, each with "pairs", "ece" and
+    "bins": of each twentieth of [0, 1] in which there are pairs, their number, mean "probability" and share
+    of "ends".
     """
     counts = _core.Reliability()
     for done, scan in enumerate(scans, start=1):

@@ -32,21 +32,11 @@ def spread(
     dropped, and from then on half as many are taken: the result depends on nothing but the log. The rule
     stands in ``evaluation/log_sample.hpp``.
 
-    Parameters
-    ----------
-    scans : iterable of Scan
-    progress : callable, optional
-        Called with the number of scans so far.
-    keep : callable, optional
-        Makes what is kept of a scan; left out: `some_of`.
-
-    Returns
-    -------
-    runs : list of list of Scan
-        40 to 80 runs of four scans; fewer only of a short log. Of long scans every second, third, ... beam,
-        and none that ends farther than 1e9 m from the map's origin.
-    scans, beams : int
-        How many the log has.
+    `progress`: Called with the number of scans so far.
+    `keep`: Makes what is kept of a scan; left out: `some_of`.
+    Returns runs list of list of Scan: 40 to 80 runs of four scans; fewer only of a short log. Of long scans
+    every second, third, ... beam, and none that ends farther than 1e9 m from the map's origin; scans, beams
+    int: How many the log has.
     """
     runs: list[list[Scan]] = []
     step = 1

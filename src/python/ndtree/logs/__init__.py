@@ -246,10 +246,7 @@ def require_options(
 ) -> None:
     """Refuse options that the format of a file or folder does not take, as `read` does.
 
-    Raises
-    ------
-    WrongOption
-        With those that it takes.
+    Raises WrongOption with those that it takes.
     """
     _require_taken(*_looked_up(path, format), options)
 

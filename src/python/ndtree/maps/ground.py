@@ -31,19 +31,10 @@ REACH = 1.0
 def ground_below(levels: Floats, pixel: float, slope: float = SLOPE) -> Floats:
     """The highest surface below some levels that rises from none within reach by more than a slope.
 
-    Parameters
-    ----------
-    levels : (rows, columns)
-        Inf where nothing is known [m].
-    pixel : float
-        Edge of a pixel [m].
-    slope : float
-        Along x or y [m/m].
-
-    Returns
-    -------
-    (rows, columns)
-        Inf where nothing is known within reach [m].
+    `levels` (rows, columns): Inf where nothing is known [m].
+    `pixel`: Edge of a pixel [m].
+    `slope`: Along x or y [m/m].
+    Returns (rows, columns): Inf where nothing is known within reach [m].
     """
     ground = levels.copy()
     for axis in (0, 1):
@@ -71,26 +62,15 @@ def seen_above_ground(
 ) -> NDArray[np.int8]:
     """A grid of what is between two heights above the ground.
 
-    Parameters
-    ----------
-    first, last : (n, 2)
-        First pixel (x, y) of each known cell, and those behind the last; inside the grid.
-    bounds : (bottom, top)
-        Of each cell, (n,) each [m].
-    state : (n,)
-        0 free, 1 occupied.
-    shape : (rows, columns)
-    pixel : float
-        Edge of a pixel [m].
-    height : (low, high)
-        Above the ground [m].
-    slope : float
-        As for `ground_below`.
-
-    Returns
-    -------
-    (rows, columns) int8
-        100 where some occupied cell overlaps low <= height < high, else 0 where a free one does, else -1.
+    `first`, `last` (n, 2): First pixel (x, y) of each known cell, and those behind the last; inside the grid.
+    `bounds` (bottom, top): Of each cell, (n,) each [m].
+    `state` (n,): 0 free, 1 occupied.
+    `shape`: (rows, columns).
+    `pixel`: Edge of a pixel [m].
+    `height` (low, high): Above the ground [m].
+    `slope`: As for `ground_below`.
+    Returns (rows, columns) int8: 100 where some occupied cell overlaps low <= height < high, else 0 where a
+    free one does, else -1.
     """
     bottom, top = bounds
     at, which = pixels_in(first, last, shape[1])

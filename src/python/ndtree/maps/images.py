@@ -37,16 +37,10 @@ _UNKNOWN, _UNKNOWN_ABOVE = 205, 0.196
 class MapImage:
     """What an image says.
 
-    Attributes
-    ----------
-    states : (columns, rows) int8
-        -1 unknown, 0 free, 1 occupied; the first axis is x, the second y.
-    lower : (2,) float64
-        Lower corner of the first [m].
-    cell_size : float
-        [m]
-    notes : tuple of str
-        What a user should know of how it was read, a line each.
+    `states` (columns, rows) int8: -1 unknown, 0 free, 1 occupied; the first axis is x, the second y.
+    `lower` (2,) float64: Lower corner of the first [m].
+    `cell_size`: [m]
+    `notes`: What a user should know of how it was read, a line each.
     """
 
     states: NDArray[np.int8]
@@ -58,15 +52,8 @@ class MapImage:
 def map_image(name: str) -> MapImage:
     """Read an image of map_server's by the thresholds of its YAML file, which count as reached.
 
-    Parameters
-    ----------
-    name : str
-        Its YAML file.
-
-    Raises
-    ------
-    OSError, ValueError, ImportError
-        As `ndtree.maps.open.open_map`.
+    `name`: Its YAML file.
+    Raises OSError, ValueError, ImportError as `ndtree.maps.open.open_map`.
     """
     entries = _entries(name)
     if "image" not in entries:

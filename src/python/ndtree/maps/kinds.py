@@ -17,22 +17,12 @@ DEFAULT_REFINEMENT = _core.AdaptiveMap(dim=2).refinement
 class MapOption:
     """A keyword of the maps' constructors, a flag, a key of files and a parameter of the nodes.
 
-    Parameters
-    ----------
-    name : str
-    type : type
-        int, float or str.
-    default : int, float or str
-    unit : str
-        Empty for a plain number.
-    read_by : tuple of str
-        Refinements of the maps that read it: "evidence", "paper", "fixed", "octomap".
-    placeholder : str
-        What is typed behind the flag.
-    what : str
-        What it is.
-    when : str
-        When to touch it.
+    `type`: int, float or str.
+    `unit`: Empty for a plain number.
+    `read_by`: Refinements of the maps that read it: "evidence", "paper", "fixed", "octomap".
+    `placeholder`: What is typed behind the flag.
+    `what`: What it is.
+    `when`: When to touch it.
     """
 
     name: str
@@ -87,21 +77,11 @@ KINDS = ("adaptive", "paper", "fixed", *_INSERTIONS)
 def make_map(name: str, *, dim: int, **options: Any) -> OccupancyMap:
     """A map by the name of its kind; of the options it gets those that it takes.
 
-    Parameters
-    ----------
-    name : str
-        One of `KINDS`, with "@" and a cell size [m] if that is not the common one, as in "fixed@0.1".
-    dim : int
-        Number of coordinates of a point.
-    **options
-        As in `AdaptiveMap`.
-
-    Raises
-    ------
-    ValueError
-        If there is no such kind, or an option is out of its limits.
-    RuntimeError
-        If OctoMap was not there when the module was built.
+    `name`: One of `KINDS`, with "@" and a cell size [m] if that is not the common one, as in "fixed@0.1".
+    `dim`: Number of coordinates of a point.
+    `**options`: As in `AdaptiveMap`.
+    Raises ValueError if there is no such kind, or an option is out of its limits; RuntimeError if OctoMap was
+    not there when the module was built.
     """
     kind, _, own_size = name.partition("@")
     if kind not in KINDS:

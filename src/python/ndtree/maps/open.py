@@ -36,15 +36,9 @@ _ON_LATTICE = 1e-6  # [cells]
 class PlacedMap:
     """A map whose frame may be shifted: what it says of a point p is found at p - offset.
 
-    Attributes
-    ----------
-    map : OccupancyMap
-    offset : (dim,) float64
-        [m]; 0 but for images that do not begin at a whole number of pixels from 0.
-    name : str
-        The file's name as it was given, for messages.
-    notes : tuple of str
-        What a user should know of how it was read, a line each.
+    `offset` (dim,) float64: [m]; 0 but for images that do not begin at a whole number of pixels from 0.
+    `name`: The file's name as it was given, for messages.
+    `notes`: What a user should know of how it was read, a line each.
     """
 
     map: OccupancyMap
@@ -85,10 +79,7 @@ class PlacedMap:
 
         Without a cell size its own cells are moved by half of one at most, all alike.
 
-        Raises
-        ------
-        ValueError
-            If the cell size is none.
+        Raises ValueError if the cell size is none.
         """
         if cell_size is not None and not (cell_size > 0 and math.isfinite(cell_size)):
             raise WrongValue.of("cell_size", f"{cell_size} m", "> 0 and finite")
@@ -116,10 +107,7 @@ class PlacedMap:
 def is_map(path: str | os.PathLike[str]) -> bool:
     """Whether a file is a map of any kind, and not a log; decided by its first bytes, or by ``.yaml``.
 
-    Raises
-    ------
-    OSError
-        If it cannot be read.
+    Raises OSError if it cannot be read.
     """
     if tiles_url(path) is not None:
         return True
@@ -162,14 +150,9 @@ def open_map(path: str | os.PathLike[str]) -> PlacedMap:
     mode, as nav2's map_server has it: where an image has an alpha channel, the mode trinary takes that for a
     fourth color, and the mode scale calls all pixels unknown that are not opaque.
 
-    Raises
-    ------
-    OSError
-        If a file cannot be read.
-    ValueError
-        If it is damaged or no map: which file, what was found, and what was expected.
-    ImportError
-        If map_server's files need a library that is not installed; it names the extra.
+    Raises OSError if a file cannot be read; ValueError if it is damaged or no map: which file, what was
+    found, and what was expected; ImportError if map_server's files need a library that is not installed; it
+    names the extra.
     """
     name = os.fspath(path)
     with readable(name, "cannot be read as a map"):

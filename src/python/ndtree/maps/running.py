@@ -18,15 +18,8 @@ MOST = 1 << 32
 class RunningMap:
     """The map of a live mapper on this or another computer.
 
-    Parameters
-    ----------
-    url : str
-        As the mapper says it: ``http://robot:8090``.
-
-    Raises
-    ------
-    ValueError
-        If it is no address.
+    `url`: As the mapper says it: ``http://robot:8090``.
+    Raises ValueError if it is no address.
     """
 
     def __init__(self, url: str) -> None:
@@ -38,10 +31,7 @@ class RunningMap:
     def newest(self) -> AdaptiveMap | FixedMap | None:
         """The map as it is now; None where it is as it was, or where there is none yet.
 
-        Raises
-        ------
-        OSError
-            If there is no answer, or one that is no map.
+        Raises OSError if there is no answer, or one that is no map.
         """
         request = urllib.request.Request(f"{self.url}/map.ndt", headers={"If-None-Match": self._tag})
         try:

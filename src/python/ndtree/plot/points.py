@@ -22,19 +22,10 @@ def moved_points(
 ) -> Figure:
     """Draw points from above: what stands and, in red, what moved; and beside it what is left.
 
-    Parameters
-    ----------
-    points : (n, 2) or (n, 3)
-        In the map [m].
-    moved : (n,) bool
-    path : str or path, optional
-        Where the picture is written.
-    dpi : float
-        Dots an inch.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    `points` (n, 2) or (n, 3): In the map [m].
+    `moved`: (n,) bool.
+    `path`: Where the picture is written.
+    `dpi`: Dots an inch.
     """
     lower, upper = (
         np.percentile(points[:, :2], [0.2, 99.8], axis=0)

@@ -44,22 +44,12 @@ _MAX_TRACK = 2000
 class Recorder:
     """Draws a growing map every few scans into a film, which is there when it is closed, whole or not at all.
 
-    Parameters
-    ----------
-    path : str or path
-        The film to write; its ending, .mp4 or .gif, chooses the format.
-    every : int
-        Scans from one picture to the next. A .gif of more than 300 pictures keeps every second, and then
+    `path`: The film to write; its ending, .mp4 or .gif, chooses the format.
+    `every`: Scans from one picture to the next. A .gif of more than 300 pictures keeps every second, and then
         takes a picture half as often, so that memory does not grow with the log.
-    color : str
-        Of the cubes of 3-D maps, as for `ndtree.plot.occupied`.
-
-    Raises
-    ------
-    ValueError
-        If the ending or `every` is not one of these.
-    RuntimeError
-        If there is no ffmpeg where it is needed.
+    `color`: Of the cubes of 3-D maps, as for `ndtree.plot.occupied`.
+    Raises ValueError if the ending or `every` is not one of these; RuntimeError if there is no ffmpeg where
+    it is needed.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, every: int = 10, color: str = "height") -> None:
@@ -101,12 +91,8 @@ class Recorder:
     def close(self) -> None:
         """Draw the map as it is now, and put the film in its place.
 
-        Raises
-        ------
-        ValueError
-            If there was nothing to draw.
-        OSError
-            If ffmpeg fails, or the file cannot be written.
+        Raises ValueError if there was nothing to draw; OSError if ffmpeg fails, or the file cannot be
+        written.
         """
         try:
             if self._scans and self._last_drawn != self._scans:

@@ -22,18 +22,11 @@ PICTURES = ("png", "pdf", "svg")
 class StudyLog:
     """A log of a study.
 
-    Parameters
-    ----------
-    name : str
-        Its own in the study.
-    path : Path or None
-        The file; None if it is simulated.
-    world : str
-        The world that is simulated.
-    simulating : dict
-        Keywords of `ndtree.simulate`.
-    config : Config
-        How it is read and mapped.
+    `name`: Its own in the study.
+    `path`: The file; None if it is simulated.
+    `world`: The world that is simulated.
+    `simulating`: Keywords of `ndtree.simulate`.
+    `config`: How it is read and mapped.
     """
 
     name: str

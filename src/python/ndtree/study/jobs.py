@@ -49,10 +49,7 @@ class Job:
     def key(self) -> str:
         """The hash under which the figures are kept.
 
-        Raises
-        ------
-        OSError
-            If a file cannot be read.
+        Raises OSError if a file cannot be read.
         """
         path = self.log.path
         content = None if path is None else content_hash(path)

@@ -16,14 +16,7 @@ Floats = NDArray[np.float64]
 class Growth:
     """Where the root of a map is depends on all scans in their order, and on nothing else.
 
-    Parameters
-    ----------
-    frame : OccupancyMap
-        With the root so far, and no cell; it grows.
-
-    Attributes
-    ----------
-    map : OccupancyMap
+    `frame`: With the root so far, and no cell; it grows.
     """
 
     def __init__(self, frame: OccupancyMap) -> None:

@@ -18,12 +18,8 @@ _PREAMBLE = struct.Struct("<8sIQ")  # Magic, version, length; see io/map_file.hp
 class MapKind:
     """What all tiles have in common: enough to make an empty map.
 
-    Attributes
-    ----------
-    dim, branching : int
-    refinement : str
-    options : dict of float
-        All that the refinement reads; of tiles that an older version made, constants of the method, too.
+    `options`: All that the refinement reads; of tiles that an older version made, constants of the method,
+        too.
     """
 
     dim: int
@@ -35,10 +31,7 @@ class MapKind:
     def of(cls, m: OccupancyMap) -> MapKind:
         """That of a map.
 
-        Raises
-        ------
-        ValueError
-            For an OctoMap, and a map with layers, of which there are no tiles.
+        Raises ValueError for an OctoMap, and a map with layers, of which there are no tiles.
         """
         if m.refinement == "octomap":
             raise ValueError("an OctoMap has no tiles: must be a map of ndtree's own")

@@ -181,12 +181,7 @@ def _name(held: Any) -> str:
 def open_manifest(storage: Storage) -> Manifest:
     """The manifest of a tiled map.
 
-    Raises
-    ------
-    OSError
-        If there is none, or it cannot be read.
-    ValueError
-        If it is damaged.
+    Raises OSError if there is none, or it cannot be read; ValueError if it is damaged.
     """
     place = storage.place(NAME)
     try:
@@ -227,12 +222,7 @@ def store_tile(storage: Storage, m: OccupancyMap, tile: Tile, revision: int) -> 
 def read_map(storage: Storage, stored: StoredFile) -> OccupancyMap:
     """A map that the manifest counts on.
 
-    Raises
-    ------
-    OSError
-        If it cannot be read.
-    ValueError
-        If it is not there, or not what was written.
+    Raises OSError if it cannot be read; ValueError if it is not there, or not what was written.
     """
     place = storage.place(stored.file)
     try:

@@ -20,13 +20,8 @@ Sources = Union[Source, Sequence["str | os.PathLike[str]"], Mapping[str, Source]
 class Place:
     """Which scan of which log.
 
-    Attributes
-    ----------
-    time : float
-        Of the scan, or of an earlier one of its log where clocks went back [s].
-    log : str
-    number : int
-        From 0.
+    `time`: Of the scan, or of an earlier one of its log where clocks went back [s].
+    `number`: From 0.
     """
 
     time: float
@@ -42,10 +37,7 @@ class Place:
 def named(sources: Sources) -> dict[str, Source]:
     """Logs by name, those of files by what they are called, in the order of their names.
 
-    Raises
-    ------
-    ValueError
-        If there is none, or two have the same name.
+    Raises ValueError if there is none, or two have the same name.
     """
     if isinstance(sources, Mapping):
         logs = dict(sources)

@@ -14,23 +14,13 @@ from ndtree.tiles.grid import Tile, TileGrid
 class Resident:
     """A map that holds some tiles of a larger one, each of them whole.
 
-    Parameters
-    ----------
-    m : OccupancyMap
-        The frame: no cells, and the root of the whole map.
-    grid : TileGrid
-    load : callable
-        The map of a tile; None if nothing was ever seen there.
-    limit : float
-        Of the tiles' bytes in memory: beyond it those go that were not asked for longest, but for the ones
-        that are being asked for.
-
-    Attributes
-    ----------
-    map : OccupancyMap
-        What is in memory. What is not is unknown to it.
-    loads, hits : int
-        How often a tile was read, and how often it was there already.
+    `m`: The frame: no cells, and the root of the whole map.
+    `load`: The map of a tile; None if nothing was ever seen there.
+    `limit`: Of the tiles' bytes in memory: beyond it those go that were not asked for longest, but for the
+        ones that are being asked for.
+    Attributes:
+    `map`: What is in memory. What is not is unknown to it.
+    `loads`, `hits`: How often a tile was read, and how often it was there already.
     """
 
     def __init__(

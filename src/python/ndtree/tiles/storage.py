@@ -20,10 +20,7 @@ from ndtree.base.files import replaced
 class Storage(ABC):
     """A folder. Names have ``/`` between their parts.
 
-    Attributes
-    ----------
-    url : str
-        As it was given, for messages.
+    `url`: As it was given, for messages.
     """
 
     def __init__(self, url: str) -> None:

@@ -415,12 +415,8 @@ class TiledMap:
     ) -> Any:
         """Answers to many questions, in batches whose tiles fit into memory.
 
-        Parameters
-        ----------
-        needed, ask : callable
-            Which tiles the questions with some numbers need, and what a map says to them.
-        order : callable
-            Returns (count,) int: the numbers, those beside each other that need the same tiles.
+        `needed`, `ask`: Which tiles the questions with some numbers need, and what a map says to them.
+        `order`: Returns (count,) int: the numbers, those beside each other that need the same tiles.
         """
         answers: list[Any] = []
 

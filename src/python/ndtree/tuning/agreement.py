@@ -44,14 +44,10 @@ _DAMPING = 0.04
 class Disagreement:
     """From when on poses do not fit the scans, from `disagreement`.
 
-    Parameters
-    ----------
-    since : float
-        Time of the first run that disagrees, from the log's first scan on [s]; nan where scans have no times.
-    error : float
-        Median of what scans of a run have to be moved [m], over the runs that disagree.
-    moved : float
-        Median way of the robot over these runs by its poses [m].
+    `since`: Time of the first run that disagrees, from the log's first scan on [s]; nan where scans have no
+        times.
+    `error`: Median of what scans of a run have to be moved [m], over the runs that disagree.
+    `moved`: Median way of the robot over these runs by its poses [m].
     """
 
     since: float
@@ -71,15 +67,8 @@ class Disagreement:
 def disagreement(runs: Sequence[Sequence[Scan]]) -> Disagreement | None:
     """Find from when on the poses of a 2-D log do not fit its scans.
 
-    Parameters
-    ----------
-    runs : sequence of sequence of Scan
-        Consecutive scans in each, as from `ndtree.evaluation.sampling.spread`.
-
-    Returns
-    -------
-    Disagreement or None
-        None where they fit, or nothing can be told.
+    `runs`: Consecutive scans in each, as from `ndtree.evaluation.sampling.spread`.
+    Returns: None where they fit, or nothing can be told.
     """
     found: list[tuple[float, float, float]] = []
     for run in runs:

@@ -41,12 +41,8 @@ _KNOWN = 0.15  # Standard deviation [m] of a direction that the surroundings tel
 class Drift:
     """How far apart surfaces lie that were seen twice, from `drift`.
 
-    Parameters
-    ----------
-    error : float
-        Median of what scans have to be moved [m].
-    places : int
-        Where the robot came back, and the scans were found.
+    `error`: Median of what scans have to be moved [m].
+    `places`: Where the robot came back, and the scans were found.
     """
 
     error: float
@@ -63,15 +59,8 @@ class Drift:
 def drift(runs: Sequence[Sequence[Scan]]) -> Drift | None:
     """Find how far poses of a 2-D log drift between visits of a place.
 
-    Parameters
-    ----------
-    runs : sequence of sequence of Scan
-        Consecutive scans in each, as from `ndtree.evaluation.sampling.spread`.
-
-    Returns
-    -------
-    Drift or None
-        None where surfaces lie on each other, or nothing can be told.
+    `runs`: Consecutive scans in each, as from `ndtree.evaluation.sampling.spread`.
+    Returns: None where surfaces lie on each other, or nothing can be told.
     """
     runs = [run for run in runs if run and _is_of_one_place(run)]
     if len(runs) < 2:

@@ -18,12 +18,8 @@ MOST_CELLS = 20_000
 class Scale:
     """What of some scans is absurdly large for cells of a size; silent for those who gave a `max_range`.
 
-    Parameters
-    ----------
-    cell_size : float
-        Of the smallest cells [m].
-    max_range : float
-        Longer beams are cut there: those who say so mean it [m].
+    `cell_size`: Of the smallest cells [m].
+    `max_range`: Longer beams are cut there: those who say so mean it [m].
     """
 
     def __init__(self, cell_size: float, max_range: float = math.inf) -> None:

@@ -36,10 +36,7 @@ class Cells:
     def of(cls, m: OccupancyMap) -> Cells:
         """All leaves of a map, in units of the smallest.
 
-        Raises
-        ------
-        ValueError
-            If nothing was inserted.
+        Raises ValueError if nothing was inserted.
         """
         leaves: Leaves = m.leaves()
         if not leaves.size.size or not np.any(leaves.observed):
@@ -111,10 +108,7 @@ class Cells:
 def occupied_cells(m: OccupancyMap) -> Cells:
     """The occupied leaves of a map alone, which takes less memory than `Cells.of`.
 
-    Raises
-    ------
-    ValueError
-        If nothing was inserted.
+    Raises ValueError if nothing was inserted.
     """
     some = _chosen(m, states=("occupied",))
     if some is not None:

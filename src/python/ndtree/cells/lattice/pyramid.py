@@ -178,14 +178,9 @@ class Pyramid:
     def chosen(self, eye: Floats | None, budget: int, finest: float = 0.0) -> Integers:
         """Numbers of the boxes to be drawn.
 
-        Parameters
-        ----------
-        eye : (3,), optional
-            Where the viewer stands [m]; left out, all boxes are equally far.
-        budget : int
-            No more boxes than this, if the tree has so coarse a cut.
-        finest : float
-            Boxes whose extent by distance is less are not told apart.
+        `eye` (3,): Where the viewer stands [m]; left out, all boxes are equally far.
+        `budget`: No more boxes than this, if the tree has so coarse a cut.
+        `finest`: Boxes whose extent by distance is less are not told apart.
         """
         if self.leaves <= budget:
             return np.flatnonzero(self.is_leaf)

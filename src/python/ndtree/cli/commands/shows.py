@@ -61,10 +61,7 @@ def wait_at(url: str) -> None:
 class Showing:
     """An observer of a map that shows it to sinks, each no more often than its period.
 
-    Attributes
-    ----------
-    url : str
-        Where a server shows it; "" where none does.
+    `url`: Where a server shows it; "" where none does.
     """
 
     def __init__(self, sinks: Sequence[Any], way: Way) -> None:

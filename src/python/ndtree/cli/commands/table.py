@@ -15,16 +15,10 @@ from ndtree.maps.kinds import MAP_OPTIONS
 class Row:
     """An option.
 
-    Parameters
-    ----------
-    name : str
-        Of the command's parameter.
-    value : str
-        What is typed behind the flag; empty for a switch.
-    default : str
-        What stands if it is left out, with its unit.
-    when : str
-        When to touch it.
+    `name`: Of the command's parameter.
+    `value`: What is typed behind the flag; empty for a switch.
+    `default`: What stands if it is left out, with its unit.
+    `when`: When to touch it.
     """
 
     name: str

@@ -166,19 +166,11 @@ def map_in_turns(
 class Trial:
     """Maps of one log, which have not been judged yet.
 
-    Parameters
-    ----------
-    log : Log or iterable of Scan
-    scans : list of Scan
-        All of them, without the beams that say nothing.
-    mapped : dict of int to Scan
-        Those that were mapped, by their numbers.
-    unseen : list of Scan
-        Those that were held out.
-    built : dict of str to Built
-        The maps, by name.
-    max_range, held_out, no_return, repeat
-        As `compare` took them, but "auto" is decided.
+    `scans`: All of them, without the beams that say nothing.
+    `mapped`: Those that were mapped, by their numbers.
+    `unseen`: Those that were held out.
+    `built`: The maps, by name.
+    `max_range`, `held_out`, `no_return`, `repeat`: As `compare` took them, but "auto" is decided.
     """
 
     log: Log | Iterable[Scan]

@@ -43,10 +43,7 @@ def hit_log_score(target: OccupancyMap, scans: Sequence[Scan], max_range: float)
     rate of hits is the probability among all beams that reach it; of the points that are asked about, r are
     free for each end point. So the odds of the rate, times r, are those that the score asks for.
 
-    Returns
-    -------
-    float
-        [nats]; nan without points of both kinds.
+    Returns: [nats]; nan without points of both kinds.
     """
     kinds: tuple[list[NDArray[np.float32]], ...] = ([], [])
     for scan in scans:

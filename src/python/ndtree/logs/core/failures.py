@@ -25,14 +25,9 @@ def readable(path: str | None, what: str = "cannot be read", *, foreign: bool = 
     ImportError, `WrongOption`. Others of these get the name. MemoryError stays one. Anything else becomes a
     ValueError with the original as its cause: libraries at the mercy of foreign bytes raise whatever comes.
 
-    Parameters
-    ----------
-    path : str or None
-        The file; None passes everything, for logs that have none.
-    what : str
-        What could not be done, as in "cannot be read as a ROS bag".
-    foreign : bool
-        All is done by a library: its ValueErrors say nothing without `what`.
+    `path`: The file; None passes everything, for logs that have none.
+    `what`: What could not be done, as in "cannot be read as a ROS bag".
+    `foreign`: All is done by a library: its ValueErrors say nothing without `what`.
     """
     try:
         yield
@@ -99,12 +94,8 @@ def _shortened(text: str) -> str:
 class NoPose(ValueError):
     """A time at which a pose is not known.
 
-    Attributes
-    ----------
-    where : {"before", "after", "in a gap"}
-        On which side of the poses that are known.
-    seconds : float
-        How far outside of them, or how long the gap is.
+    `where` ({"before", "after", "in a gap"}): On which side of the poses that are known.
+    `seconds`: How far outside of them, or how long the gap is.
     """
 
     def __init__(self, message: str, where: str, seconds: float) -> None:

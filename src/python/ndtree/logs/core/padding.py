@@ -20,17 +20,10 @@ def without_padding(points: Points, origin: ArrayLike = 0.0) -> Points:
     Drivers fill their arrays with (0, 0, 0) where a beam did not return, often with a time of its own: from
     a sensor that moved meanwhile it would be a beam of some millimetres.
 
-    Parameters
-    ----------
-    points : ndarray of float, (n, dim)
-        End points, in any frame [m].
-    origin : array_like, (dim,) or (n, dim)
-        The sensor, in the same frame [m]; left out, the points are in the sensor's own.
-
-    Returns
-    -------
-    ndarray of float, (n, dim)
-        `points` itself where there is no padding.
+    `points` (ndarray of float, (n, dim)): End points, in any frame [m].
+    `origin` (array_like, (dim,) or (n, dim)): The sensor, in the same frame [m]; left out, the points are in
+        the sensor's own.
+    Returns ndarray of float, (n, dim): `points` itself where there is no padding.
     """
     own = np.broadcast_to(np.asarray(origin, dtype=points.dtype), points.shape)
     with np.errstate(invalid="ignore", over="ignore"):

@@ -32,12 +32,8 @@ _LOOKED_AT = 200
 class DamagedStream(ValueError):
     """What gzip or bzip2 has packed cannot be unpacked to its end.
 
-    Attributes
-    ----------
-    kind : str
-        "gzip" or "bzip2".
-    is_cut_off : bool
-        It only ends too early.
+    `kind`: "gzip" or "bzip2".
+    `is_cut_off`: It only ends too early.
     """
 
     def __init__(self, message: str, kind: str, is_cut_off: bool) -> None:
@@ -49,10 +45,7 @@ class DamagedStream(ValueError):
 def open_regular(path: str | os.PathLike[str]) -> IO[bytes]:
     """Open a file for reading, if it is one: a FIFO would wait for a writer, and a device may have no end.
 
-    Raises
-    ------
-    OSError
-        If there is none, it cannot be read, or is a folder or anything else; it names the file.
+    Raises OSError if there is none, it cannot be read, or is a folder or anything else; it names the file.
     """
     return open(path, "rb", opener=_opened)
 
@@ -76,12 +69,8 @@ class PlainFile:
     and where it unpacks to more than any log does: beyond `FREE_BYTES`, `MOST_PACKED` for each byte that is
     packed.
 
-    Attributes
-    ----------
-    line : int
-        Number of the line that was read last, from 1.
-    packed : str
-        "gzip" or "bzip2"; "" for a file that is not packed.
+    `line`: Number of the line that was read last, from 1.
+    `packed`: "gzip" or "bzip2"; "" for a file that is not packed.
     """
 
     def __init__(self, path: str, file: IO[bytes]) -> None:

@@ -76,16 +76,9 @@ class Selection:
 class OneByOne:
     """A selection of scans that come one after the other.
 
-    Parameters
-    ----------
-    selection : Selection
-    name : str
-        How errors call their log.
-
-    Attributes
-    ----------
-    is_over : bool
-        Whether no later scan belongs to it.
+    `name`: How errors call their log.
+    Attributes:
+    `is_over`: Whether no later scan belongs to it.
     """
 
     def __init__(self, selection: Selection, name: str) -> None:

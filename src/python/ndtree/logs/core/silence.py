@@ -45,12 +45,8 @@ MOST_NOISY = 20_000
 def noise_below(below: NDArray[np.floating[Any]], there: int) -> float:
     """How far noise reaches below a limit at which `there` readings are, its other half [m]; 0 if none does.
 
-    Parameters
-    ----------
-    below : ndarray, (n,)
-        Distances of other readings from the limit, up to `NOISE_REACH` of it [m].
-    there : int
-        Readings at the limit, and above.
+    `below` (ndarray, (n,)): Distances of other readings from the limit, up to `NOISE_REACH` of it [m].
+    `there`: Readings at the limit, and above.
     """
     half = (there + 1) // 2
     if len(below) < max(half, _LEAST_NOISY) or there < _LEAST_NOISY // 2:
@@ -70,12 +66,8 @@ def noise_below(below: NDArray[np.floating[Any]], there: int) -> float:
 class CutOff:
     """Where the ranges of a log end.
 
-    Attributes
-    ----------
-    at : float
-        Their largest [m].
-    tolerance : float
-        What is as near to it is there: end points are rounded, or the limit has noise [m].
+    `at`: Their largest [m].
+    `tolerance`: What is as near to it is there: end points are rounded, or the limit has noise [m].
     """
 
     at: float
@@ -93,17 +85,10 @@ class CutOff:
 class CutOffSearch:
     """Looks for where the ranges of a log are cut off; they are not if all its readings are equal.
 
-    Parameters
-    ----------
-    says_itself : bool
-        The log has a mark for beams that did not return: if it has any, it means all.
-    least_scans : int
-        This many scans have several readings there: 1 where all scans are given, more of a sample.
-
-    Attributes
-    ----------
-    is_said : bool
-        The log has such marks: nothing is cut off, whatever else is added.
+    `says_itself`: The log has a mark for beams that did not return: if it has any, it means all.
+    `least_scans`: This many scans have several readings there: 1 where all scans are given, more of a sample.
+    Attributes:
+    `is_said`: The log has such marks: nothing is cut off, whatever else is added.
     """
 
     def __init__(self, *, says_itself: bool, least_scans: int = 1) -> None:

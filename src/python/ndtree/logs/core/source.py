@@ -24,18 +24,11 @@ HEAD_BYTES = 1 << 18
 class Source:
     """A file or a folder that somebody wants to read.
 
-    Attributes
-    ----------
-    path : str
-        Its name as it was given.
-    head : bytes
-        The first 256 KiB of a file, unpacked by gzip, without a byte order mark, cut at the end of a line
+    `path`: Its name as it was given.
+    `head`: The first 256 KiB of a file, unpacked by gzip, without a byte order mark, cut at the end of a line
         where there is more; empty for a folder.
-    names : tuple of str
-        Names of a folder's entries, sorted; empty for a file.
-    is_folder : bool
-    packed : str
-        By what a file is packed, "gzip" or "bzip2"; "" for others.
+    `names`: Names of a folder's entries, sorted; empty for a file.
+    `packed`: By what a file is packed, "gzip" or "bzip2"; "" for others.
     """
 
     path: str
@@ -77,26 +70,17 @@ def check_zero_is(path: str, zero_is: str | None) -> None:
 class Format:
     """One row of the table of formats: how to recognise it, and how to open it.
 
-    Attributes
-    ----------
-    name : str
-        The word for ``format=``.
-    description : str
-        With its article, for messages: "a CARMEN log".
-    recognises : callable
-        Whether a `Source` is of this format. It may raise ValueError where the source is certainly of this
-        format, and damaged.
-    open : callable
-        ``open(source, **options)`` makes the `Log`.
-    options : tuple of ReaderOption
-        What ``open`` takes.
-    stored_as : {"file", "folder", "either"}
-        Nothing else is handed to ``recognises`` and ``open``.
-    contents : callable, optional
-        ``contents(source, whole)`` says as a dictionary what else is in it, also where it cannot be opened as
-        a log; unless `whole`, at once and from what an index or the beginning says.
-    dim : {2, 3} or None
-        Of all logs of the format. None: of each its own, and ``open`` takes ``dim``, None, 2 or 3.
+    `name`: The word for ``format=``.
+    `description`: With its article, for messages: "a CARMEN log".
+    `recognises`: Whether a `Source` is of this format. It may raise ValueError where the source is certainly
+        of this format, and damaged.
+    `open`: ``open(source, **options)`` makes the `Log`.
+    `options`: What ``open`` takes.
+    `stored_as` ({"file", "folder", "either"}): Nothing else is handed to ``recognises`` and ``open``.
+    `contents`: ``contents(source, whole)`` says as a dictionary what else is in it, also where it cannot be
+        opened as a log; unless `whole`, at once and from what an index or the beginning says.
+    `dim` ({2, 3} or None): Of all logs of the format. None: of each its own, and ``open`` takes ``dim``,
+        None, 2 or 3.
     """
 
     name: str
@@ -126,12 +110,8 @@ class Format:
 def source_of(path: str, expected: str) -> Source:
     """Look at a file or a folder.
 
-    Raises
-    ------
-    OSError
-        If there is no such file, or it cannot be read.
-    ValueError
-        If it is empty, or gzip cannot unpack its beginning; `expected` says what it should have been.
+    Raises OSError if there is no such file, or it cannot be read; ValueError if it is empty, or gzip cannot
+    unpack its beginning; `expected` says what it should have been.
     """
     if os.path.isdir(path):
         return Source(path, b"", tuple(sorted(os.listdir(path))), is_folder=True)

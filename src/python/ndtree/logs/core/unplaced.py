@@ -28,12 +28,8 @@ POINTS_ONLY = ReaderOption(
 class Unplaced:
     """What a user said of points without poses.
 
-    Attributes
-    ----------
-    origin : (3,) float64 or None
-        Where all were measured from [m], in the frame of the points.
-    points_only : bool
-        There was no sensor. If not, and without an origin, poses have to be found.
+    `origin` (3,) float64 or None: Where all were measured from [m], in the frame of the points.
+    `points_only`: There was no sensor. If not, and without an origin, poses have to be found.
     """
 
     origin: NDArray[np.float64] | None = None
@@ -49,12 +45,7 @@ class Unplaced:
     ) -> Unplaced:
         """From the options of a reader; `others` that are given say the poses in another way.
 
-        Raises
-        ------
-        WrongOption
-            If more than one way is given.
-        ValueError
-            If the origin is no point.
+        Raises WrongOption if more than one way is given; ValueError if the origin is no point.
         """
         ways = {"origin_of_scan": origin_of_scan, "points_only": points_only or None, **others}
         given = [name for name, value in ways.items() if value is not None]

@@ -47,10 +47,7 @@ def floats_a_point(files: Sequence[str]) -> int:
     and rings, and spread more. Compared is the mean logarithm of the columns' standard deviations. Where all
     files hold whole points of 4, a number of which most files do not is none.
 
-    Raises
-    ------
-    ValueError
-        If another number than 4 fits better, though not clearly.
+    Raises ValueError if another number than 4 fits better, though not clearly.
     """
     samples, sizes, path = [], [], files[0]
     for path in _spread_out(files):

@@ -21,19 +21,10 @@ Numbers = NDArray[np.float32]
 def write_rows(source: str, target: str, keep: Bools, moved: Numbers | None = None) -> None:
     """Write a PCD, PLY, LAS or LAZ with some points of another of its kind.
 
-    Parameters
-    ----------
-    source, target : str
-        Paths; a compressed PCD becomes a binary one.
-    keep : ndarray of bool, (n,)
-        For each point of the file.
-    moved : ndarray of float32, (n,), optional
-        A field of this name is added.
-
-    Raises
-    ------
-    ValueError
-        If the file is none of these, or has another number of points; it is named.
+    `source`, `target`: Paths; a compressed PCD becomes a binary one.
+    `keep` (ndarray of bool, (n,)): For each point of the file.
+    `moved` (ndarray of float32, (n,)): A field of this name is added.
+    Raises ValueError if the file is none of these, or has another number of points; it is named.
     """
     kind = kind_of_name(source)
     write = {"PCD": _pcd, "PLY": _ply, "LAS": _las}.get(kind.name if kind else "")

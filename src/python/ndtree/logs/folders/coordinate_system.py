@@ -24,14 +24,9 @@ _MOST_NESTED = 40
 class Units:
     """Of coordinates.
 
-    Attributes
-    ----------
-    across, height : float
-        Of x and y, and of z [m].
-    are_degrees : bool
-        x and y are longitude and latitude.
-    unknown : str
-        What does not say its unit: metres are taken.
+    `across`, `height`: Of x and y, and of z [m].
+    `are_degrees`: x and y are longitude and latitude.
+    `unknown`: What does not say its unit: metres are taken.
     """
 
     across: float = 1.0
@@ -79,10 +74,7 @@ class _Node:
 def units_of_wkt(text: str) -> Units:
     """By a coordinate system as WKT.
 
-    Raises
-    ------
-    ValueError
-        If it is none.
+    Raises ValueError if it is none.
     """
     root = _parsed(text)
     name = f"a coordinate system {root.nodes[0].word}"

@@ -30,14 +30,9 @@ PIXEL_STRIDE = ReaderOption("pixel_stride", int, "Use each n-th row and column o
 class Camera:
     """A pinhole camera whose image holds depths along its optical axis, z.
 
-    Attributes
-    ----------
-    fx, fy : float
-        Focal lengths [px], fx > 0; fy < 0 where the first row of the image is its lowest.
-    cx, cy : float
-        Principal point [px]; the middle of the first pixel is (0, 0).
-    scale : float
-        Image values in a metre, > 0.
+    `fx`, `fy`: Focal lengths [px], fx > 0; fy < 0 where the first row of the image is its lowest.
+    `cx`, `cy`: Principal point [px]; the middle of the first pixel is (0, 0).
+    `scale`: Image values in a metre, > 0.
     """
 
     fx: float
@@ -60,17 +55,9 @@ class Camera:
 def camera_of(text: str, *, scale: float) -> Camera:
     """The camera that a text names.
 
-    Parameters
-    ----------
-    text : str
-        ``"fx,fy,cx,cy"`` or ``"fx,fy,cx,cy,scale"``.
-    scale : float
-        Where the text names none.
-
-    Raises
-    ------
-    ValueError
-        If it is something else.
+    `text`: ``"fx,fy,cx,cy"`` or ``"fx,fy,cx,cy,scale"``.
+    `scale`: Where the text names none.
+    Raises ValueError if it is something else.
     """
     try:
         numbers = [float(field) for field in text.split(",")]
@@ -86,20 +73,12 @@ def points_of(
 ) -> NDArray[np.float64]:
     """Points that a depth image measured.
 
-    Parameters
-    ----------
-    image : ndarray, (rows, columns)
-        Integers or floats, ``camera.scale`` a metre. Zero, negative and not finite values are no depth.
-    camera : Camera
-    pixel_stride : int
-        Of each block of this many rows and columns, its middle pixel is used; >= 1.
-    no_depth : tuple of int
-        Further values that are no depth.
-
-    Returns
-    -------
-    ndarray of float64, (n, 3)
-        In the camera's frame [m]: x to the right, y down, z ahead. Row by row.
+    `image` (ndarray, (rows, columns)): Integers or floats, ``camera.scale`` a metre. Zero, negative and not
+        finite values are no depth.
+    `pixel_stride`: Of each block of this many rows and columns, its middle pixel is used; >= 1.
+    `no_depth`: Further values that are no depth.
+    Returns ndarray of float64, (n, 3): In the camera's frame [m]: x to the right, y down, z ahead. Row by
+    row.
     """
     x, y = _rays(camera, image.shape, pixel_stride)
     first = pixel_stride // 2
@@ -167,21 +146,9 @@ def _check_size(path: str, columns: int, rows: int) -> None:
 def load_png(path: str) -> NDArray[np.unsignedinteger[Any]]:
     """A depth image of one channel.
 
-    Parameters
-    ----------
-    path : str
-        A PNG of 16 bits a pixel.
-
-    Returns
-    -------
-    ndarray of uint16, (rows, columns)
-
-    Raises
-    ------
-    ImportError
-        If Pillow is not there.
-    ValueError
-        If it is no such image, or damaged.
+    `path`: A PNG of 16 bits a pixel.
+    Returns ndarray of uint16, (rows, columns).
+    Raises ImportError if Pillow is not there; ValueError if it is no such image, or damaged.
     """
     try:
         from PIL import Image, UnidentifiedImageError

@@ -32,12 +32,8 @@ class FolderLog(SizedLog):
 
     A scan at a time outside of the poses is left out; a pose that should be there, and is not, is an error.
 
-    Parameters
-    ----------
-    path : str
-        The folder.
-    files : sequence of str
-        Paths, in the order of the scans.
+    `path`: The folder.
+    `files`: Paths, in the order of the scans.
     """
 
     def __init__(self, path: str, files: Sequence[str]) -> None:
@@ -124,18 +120,11 @@ class PosesOfFiles:
     are whole numbers, they are the files' numbers. Files without a number are counted in their order, and
     there must be a line for each.
 
-    Parameters
-    ----------
-    trajectory : str
-        Its file, which is read when the first pose is asked for.
-    files : sequence of str
-        Paths, in their order.
-    times : str, optional
-        File of times, one a line [s].
-    time_offset : float
-        Added to the files' times before their poses are looked up [s].
-    stamps : sequence of float
-        The files' times [s], where their names or `times` do not say them.
+    `trajectory`: Its file, which is read when the first pose is asked for.
+    `files`: Paths, in their order.
+    `times`: File of times, one a line [s].
+    `time_offset`: Added to the files' times before their poses are looked up [s].
+    `stamps`: The files' times [s], where their names or `times` do not say them.
     """
 
     def __init__(
@@ -268,10 +257,8 @@ def stamps_in(stems: Sequence[str]) -> list[float | None]:
     a word or not; or seconds and nanoseconds as in ``cloud_1583836591_182590976``. Nanoseconds may lack
     leading zeros.
 
-    Raises
-    ------
-    ValueError
-        If names end in seconds since 1970 and another number that is too short for nanoseconds in all.
+    Raises ValueError if names end in seconds since 1970 and another number that is too short for nanoseconds
+    in all.
     """
     stamps = [stamp_in(stem) for stem in stems]
     if None not in stamps:

@@ -55,10 +55,7 @@ def pcd_columns(path: str) -> list[NDArray[Any]]:
     VERSION, COUNT, HEIGHT, VIEWPOINT and, in old files, SIZE and TYPE may be missing. A field of COUNT 0 has
     no values, or one where only that fits the data. Beside such fields, padding (``_``) may be missing.
 
-    Raises
-    ------
-    ValueError
-        If the header is not one, or there are more or fewer points than it says.
+    Raises ValueError if the header is not one, or there are more or fewer points than it says.
     """
     with open_regular(path) as file:
         header = _header(path, file)

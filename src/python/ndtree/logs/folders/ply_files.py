@@ -48,10 +48,7 @@ class _Element:
 def ply_columns(path: str) -> list[NDArray[Any]]:
     """x, y and z of the vertices, each in the type that the file has.
 
-    Raises
-    ------
-    ValueError
-        If the header is not one, or the file ends before what it says.
+    Raises ValueError if the header is not one, or the file ends before what it says.
     """
     with open_regular(path) as file:
         order, elements = _header(path, file)

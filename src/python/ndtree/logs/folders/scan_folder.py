@@ -57,10 +57,7 @@ class FoundPoses:
 def scans_in(path: str, names: Sequence[str]) -> Scans | None:
     """Clouds of a folder, else those of its only subfolder that has some; None where there are none.
 
-    Raises
-    ------
-    ValueError
-        If several subfolders have clouds, or one has clouds of several kinds.
+    Raises ValueError if several subfolders have clouds, or one has clouds of several kinds.
     """
     found = _clouds(path, names)
     if found is not None:
@@ -75,10 +72,7 @@ def scans_in(path: str, names: Sequence[str]) -> Scans | None:
 def poses_of(path: str, scans: Scans) -> FoundPoses:
     """Poses nearest to some scans: in their folder, those above it up to `path`, or one for poses there.
 
-    Raises
-    ------
-    ValueError
-        If a folder has several trajectories.
+    Raises ValueError if a folder has several trajectories.
     """
     for folder in _places(path, scans.folder):
         found = _poses_in(folder, scans)

@@ -59,23 +59,13 @@ def _unquoted(field: bytes) -> bytes:
 class Columns:
     """How the lines of a file are to be read.
 
-    Attributes
-    ----------
-    separator : bytes or None
-        None for blanks.
-    decimal_comma : bool
-    xyz : tuple of 3 int
-        Columns of the coordinates.
-    count : int
-        Columns of a line.
-    named : bool
-        A header says which columns they are.
-    counted : bool
-        A line with one whole number says how many points follow, as in PTS.
-    worded : bool
-        There are words behind the coordinates.
-    metres : float
-        What a 1 in the file is [m], as a header may say.
+    `separator`: None for blanks.
+    `xyz`: Columns of the coordinates.
+    `count`: Columns of a line.
+    `named`: A header says which columns they are.
+    `counted`: A line with one whole number says how many points follow, as in PTS.
+    `worded`: There are words behind the coordinates.
+    `metres`: What a 1 in the file is [m], as a header may say.
     """
 
     separator: bytes | None
@@ -163,10 +153,7 @@ def columns_in(source: Source) -> Columns | None:
 def text_points(path: str) -> Floats:
     """(n, 3) points of a file of points in text; fields that are empty or nan are not measured.
 
-    Raises
-    ------
-    ValueError
-        If a line has no coordinates: which, and what was found.
+    Raises ValueError if a line has no coordinates: which, and what was found.
     """
     with open_plain(path) as file:
         columns = columns_of(file)

@@ -39,13 +39,9 @@ _NO_ECHO_RANGE = "80"
 class CarmenLog(LineLog):
     """The FLASER and ROBOTLASER1 records of a CARMEN log.
 
-    Parameters
-    ----------
-    source : Source
-    fov : float, optional
-        Angle from the first to the last beam of FLASER records [deg], in (0, 360]; of an even number of
-        beams, to where one more would be. Left out, it is what PARAM records declare, else that of the
-        laser that is known for its number of beams, else 180, with a note.
+    `fov`: Angle from the first to the last beam of FLASER records [deg], in (0, 360]; of an even number of
+        beams, to where one more would be. Left out, it is what PARAM records declare, else that of the laser
+        that is known for its number of beams, else 180, with a note.
     """
 
     format = "carmen"

@@ -39,10 +39,7 @@ class Packet:
 def packets(path: str) -> Iterator[Packet]:
     """UDP packets over IPv4 in the order of recording; fragments and other traffic are passed over.
 
-    Raises
-    ------
-    ValueError
-        Where the file is damaged or cut off, with the byte.
+    Raises ValueError where the file is damaged or cut off, with the byte.
     """
     with open_regular(path) as file:
         magic = file.read(4)

@@ -39,13 +39,8 @@ _LONGEST_TURN = 1.0
 class VelodyneLog(Log):
     """Turns of a Velodyne, each beam from the pose of its own time.
 
-    Parameters
-    ----------
-    path : str
-    trajectory : Trajectory or None
-        Of the sensor, by the time of recording; None for one that stands at 0.
-    time_offset : float
-        Added to the times of the beams before their poses are looked up [s].
+    `trajectory`: Of the sensor, by the time of recording; None for one that stands at 0.
+    `time_offset`: Added to the times of the beams before their poses are looked up [s].
     """
 
     format = "velodyne"

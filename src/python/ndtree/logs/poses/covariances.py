@@ -31,22 +31,13 @@ class PoseCovariances:
     grows for ever: how unsure the way since the beginning is, not the map around the robot. "auto" takes
     covariances that change, and fall at least once, from then on.
 
-    Parameters
-    ----------
-    topic : str
-        For reports.
-    use : {"auto", "ignore", "use"}
-    dim : int
-        Of the log: in the plane x, y and yaw count.
-    most : int, optional
-        As many of the last are remembered. Left out: all.
-
-    Attributes
-    ----------
-    told : int
-        Poses with a covariance.
-    wrong : int
-        Of these, how many had none that is one: not finite, not symmetric, or with negative eigenvalues.
+    `topic`: For reports.
+    `use`: {"auto", "ignore", "use"}.
+    `dim`: Of the log: in the plane x, y and yaw count.
+    `most`: As many of the last are remembered. Left out: all.
+    Attributes:
+    `told`: Poses with a covariance.
+    `wrong`: Of these, how many had none that is one: not finite, not symmetric, or with negative eigenvalues.
     """
 
     def __init__(self, topic: str, use: str = AUTO, dim: int = 3, most: int | None = None) -> None:
@@ -108,12 +99,8 @@ class PoseCovariances:
     def at(self, stamp: float, lever: ArrayLike) -> Floats | None:
         """Covariance of the pose of a sensor at a time; None where they are not used.
 
-        Parameters
-        ----------
-        stamp : float
-            Between those of poses, covariances are interpolated; outside, the nearest holds [s].
-        lever : (3,)
-            The sensor's place as seen from the body's, along the axes of the map [m].
+        `stamp`: Between those of poses, covariances are interpolated; outside, the nearest holds [s].
+        `lever` (3,): The sensor's place as seen from the body's, along the axes of the map [m].
         """
         if not self.are_used:
             return None

@@ -40,15 +40,9 @@ class FollowedTree:
     Where the times of a transform fall by more than 0.5 s and stay there, its clock has begun again, and what
     was known of it is forgotten.
 
-    Attributes
-    ----------
-    tree : TransformTree
-    late : int
-        Transforms that came after a pose at their time, or at a later one, was asked for.
-    fallen : int
-        How often the clock of a transform has begun again.
-    released : int
-        Transforms that were taken for fixed until they changed.
+    `late`: Transforms that came after a pose at their time, or at a later one, was asked for.
+    `fallen`: How often the clock of a transform has begun again.
+    `released`: Transforms that were taken for fixed until they changed.
     """
 
     def __init__(self, tree: TransformTree) -> None:

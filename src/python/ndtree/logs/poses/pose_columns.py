@@ -37,16 +37,10 @@ LONGEST_STEP = 86400.0
 class PoseColumns:
     """Where in a row the parts of a pose stand.
 
-    Attributes
-    ----------
-    count : int
-        Columns of a row.
-    time, part : int, int or None
-        Columns of the time and of the nanoseconds behind its seconds.
-    unit : str or None
-        Unit of the time, as the header says.
-    pose : tuple of 7 int
-        Columns of x y z qx qy qz qw.
+    `count`: Columns of a row.
+    `time`, `part`: Columns of the time and of the nanoseconds behind its seconds.
+    `unit`: Unit of the time, as the header says.
+    `pose`: Columns of x y z qx qy qz qw.
     """
 
     count: int
@@ -189,10 +183,7 @@ def _role(name: str, unit: str | None) -> tuple[str, str | None]:
 def seconds_of(stamps: Floats, unit: str | None, path: str) -> Floats:
     """Stamps in seconds; without a unit in the header, it is told from their size and their steps.
 
-    Raises
-    ------
-    ValueError
-        If poses would be more than a day apart, and the size does not tell the unit.
+    Raises ValueError if poses would be more than a day apart, and the size does not tell the unit.
     """
     if unit is not None:
         return stamps / PER_SECOND[unit]

@@ -66,10 +66,7 @@ def kind_of_list(path: str) -> str | None:
 def read_list(path: str, kind: str) -> PoseList:
     """Poses of a file of a kind that `kind_of_list` has told.
 
-    Raises
-    ------
-    ValueError
-        If a line is not as it should be: which, what was found, and what was expected.
+    Raises ValueError if a line is not as it should be: which, what was found, and what was expected.
     """
     if kind == "g2o":
         return _of_g2o(path)

@@ -35,23 +35,12 @@ GAP_DISTANCE, GAP_TURN = 0.1, 0.1
 class Trajectory:
     """Poses over time: positions are interpolated along lines, rotations along great circles.
 
-    Parameters
-    ----------
-    stamps : array_like, (n,)
-        Rising times [s], at least one.
-    positions : array_like, (n, 3)
-        Where the sensor was in the map [m].
-    rotations : array_like, (n, 4) or (n, 3, 3)
-        Quaternions (x, y, z, w), or matrices.
-    name : str
-        How errors call it.
-    is_numbered : bool
-        Stamps are the poses' numbers, not times.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit together, stamps do not rise, or something is no rotation.
+    `stamps` (array_like, (n,)): Rising times [s], at least one.
+    `positions` (array_like, (n, 3)): Where the sensor was in the map [m].
+    `rotations` (array_like, (n, 4) or (n, 3, 3)): Quaternions (x, y, z, w), or matrices.
+    `name`: How errors call it.
+    `is_numbered`: Stamps are the poses' numbers, not times.
+    Raises ValueError if shapes do not fit together, stamps do not rise, or something is no rotation.
     """
 
     def __init__(
@@ -132,23 +121,11 @@ class Trajectory:
     def poses_at(self, stamps: ArrayLike) -> tuple[Floats, Floats]:
         """Interpolated poses.
 
-        Parameters
-        ----------
-        stamps : array_like, (n,)
-            Times [s], in any order.
-
-        Returns
-        -------
-        positions : (n, 3) float64
-        quaternions : (n, 4) float64
-            Unit quaternions (x, y, z, w).
-
-        Raises
-        ------
-        ValueError
-            A `NoPose`, if a time lies more than ``STAMP_TOLERANCE`` before the first or after the last pose;
-            closer, it gets that pose. Or if it lies in a gap: between poses that are more than 1 s and 10
-            times the usual interval apart, and more than 0.1 m or 0.1 rad in place.
+        `stamps` (array_like, (n,)): Times [s], in any order.
+        Returns positions (n, 3) float64; quaternions (n, 4) float64: Unit quaternions (x, y, z, w).
+        Raises ValueError: a `NoPose`, if a time lies more than ``STAMP_TOLERANCE`` before the first or after
+        the last pose; closer, it gets that pose. Or if it lies in a gap: between poses that are more than 1 s
+        and 10 times the usual interval apart, and more than 0.1 m or 0.1 rad in place.
         """
         wanted = np.atleast_1d(np.asarray(stamps, dtype=np.float64))
         first, last = self.stamps[0], self.stamps[-1]

@@ -41,26 +41,12 @@ def read_trajectory(
     other names are passed over. Stamps are in the unit that it names; without one, stamps since 1970 in ms,
     us and ns are told from their size.
 
-    Parameters
-    ----------
-    path : str or path
-        8 numbers a line are a time [s], a position [m] and a quaternion (x, y, z, w), in this order unless a
-        header says otherwise; 12 are the upper three
-        rows of a pose's matrix.
-    times : str or path, optional
-        Times of the poses of a KITTI file, one a line [s]. Left out, a pose's time is its number, from 0, or
-        as a graph or log numbers it.
-
-    Returns
-    -------
-    Trajectory
-
-    Raises
-    ------
-    OSError
-        If a file cannot be read.
-    ValueError
-        If a line is not as it should be: which, what was found, and what was expected.
+    `path`: 8 numbers a line are a time [s], a position [m] and a quaternion (x, y, z, w), in this order
+        unless a header says otherwise; 12 are the upper three rows of a pose's matrix.
+    `times`: Times of the poses of a KITTI file, one a line [s]. Left out, a pose's time is its number, from
+        0, or as a graph or log numbers it.
+    Raises OSError if a file cannot be read; ValueError if a line is not as it should be: which, what was
+    found, and what was expected.
     """
     name = os.fspath(path)
     kind = kind_of_list(name)

@@ -26,10 +26,7 @@ class TransformTree:
     Where several ways connect two frames, the shortest counts. A transform that was ever said to be fixed
     is fixed, and holds at every time.
 
-    Attributes
-    ----------
-    spaces : set of str or None
-        Namespaces of the topics that its transforms are from; None: of all.
+    `spaces`: Namespaces of the topics that its transforms are from; None: of all.
     """
 
     def __init__(self, spaces: Collection[str] | None = None) -> None:
@@ -119,10 +116,7 @@ class TransformTree:
     def pose_at(self, target: str, source: str, stamp: float) -> Pose:
         """``T_target_source`` at a time [s].
 
-        Raises
-        ------
-        ValueError
-            If the frames are not connected, or a transform is not known at that time.
+        Raises ValueError if the frames are not connected, or a transform is not known at that time.
         """
         T_at_source = Pose.identity()
         at = plain(source)
@@ -138,10 +132,7 @@ class TransformTree:
     def poses_at(self, target: str, source: str, stamps: ArrayLike) -> tuple[Floats, Floats]:
         """``T_target_source`` at times (n,) [s]: rotations (n, 3, 3) and positions (n, 3) [m].
 
-        Raises
-        ------
-        ValueError
-            As `pose_at`, for any of the times.
+        Raises ValueError as `pose_at`, for any of the times.
         """
         times = np.asarray(stamps, dtype=np.float64)
         rotations = np.broadcast_to(np.eye(3), (len(times), 3, 3))

@@ -25,15 +25,9 @@ class Clock:
     A stamp of 0 says nothing, and the message counts as measured when it was received; unless its clock
     begins at 0, as a simulator's does.
 
-    Parameters
-    ----------
-    streams : mapping of Hashable to Stream
-        Of each topic, or each transform on a topic: what one writer stamps should rise.
-
-    Attributes
-    ----------
-    falls : list of float
-        Stamps at which it began again [s].
+    `streams`: Of each topic, or each transform on a topic: what one writer stamps should rise.
+    Attributes:
+    `falls`: Stamps at which it began again [s].
     """
 
     def __init__(self, streams: Mapping[Hashable, Stream]) -> None:

@@ -19,20 +19,11 @@ from ndtree.logs.ros.survey import POSES_STREAM, TF, is_static, poses_in, space_
 class Follower:
     """Adds the poses in messages to the trees of sensors' places.
 
-    Parameters
-    ----------
-    places : mapping of str to Placement
-        By the sensors' topics.
-    clock : Clock
-    decoded : callable
-        Makes a message of a Raw; raises ValueError.
-    covariances : PoseCovariances, optional
-        Takes what comes with the poses of its topic.
-
-    Attributes
-    ----------
-    damaged : int
-        Messages that could not be read.
+    `places`: By the sensors' topics.
+    `decoded`: Makes a message of a Raw; raises ValueError.
+    `covariances`: Takes what comes with the poses of its topic.
+    Attributes:
+    `damaged`: Messages that could not be read.
     """
 
     def __init__(

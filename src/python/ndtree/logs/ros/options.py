@@ -49,9 +49,7 @@ class BagOptions:
     def check(self, path: str) -> None:
         """Refuse what makes no sense for any bag.
 
-        Raises
-        ------
-        WrongOption
+        Raises WrongOption.
         """
         ways = ("fixed_frame", "odometry", "poses", "trajectory")
         given = [name for name in ways if getattr(self, name) is not None]
@@ -72,9 +70,7 @@ class BagOptions:
     def check_topics(self, path: str, topics: list[Topic]) -> None:
         """Refuse what makes no sense for some sensors.
 
-        Raises
-        ------
-        WrongOption
+        Raises WrongOption.
         """
         names = ", ".join(one.name for one in topics)
         if self.camera is not None and not any(one.type in IMAGES for one in topics):

@@ -47,19 +47,11 @@ class _Beginnings:
 def outline(bag: Bag, *, whole: bool = True) -> dict[str, Any]:
     """Topics with their types, numbers and rates of messages and frames, when they were recorded, and /tf.
 
-    Parameters
-    ----------
-    bag : Bag
-    whole : bool
-        Read all of it. Else what its index says, and the first messages: frames that appear later are
+    `whole`: Read all of it. Else what its index says, and the first messages: frames that appear later are
         missing, and rates are over all of the recording.
-
-    Returns
-    -------
-    dict
-        "start" and "end" [s]; "topics", each with "topic", "type", "messages", "frame", "rate" [Hz] and of
-        images and of what cannot be read "encoding", None where it is not known; "frames", the lines of a
-        tree; "damage", lines about files that are not whole.
+    Returns: "start" and "end" [s]; "topics", each with "topic", "type", "messages", "frame", "rate" [Hz] and
+    of images and of what cannot be read "encoding", None where it is not known; "frames", the lines of a
+    tree; "damage", lines about files that are not whole.
     """
     framed = [one.name for one in bag.topics if one.messages and one.type in (*SENSORS, *POSES, CAMERA_INFO)]
     survey = Survey(bag if whole else _Beginnings(bag), framed)  # type: ignore[arg-type]

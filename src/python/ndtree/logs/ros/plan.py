@@ -34,24 +34,15 @@ TWO_CLOCKS = 1.0
 class BagPlan:
     """All that a reader of a bag's messages obeys; what goes by topic has its name as the key.
 
-    Attributes
-    ----------
-    places : dict of str to Placement
-        How poses are found.
-    sweeps : dict of str to Sweep
-        What the times of beams mean.
-    covariances : PoseCovariances
-        Of the topic of the first sensor's poses.
-    elsewhere : dict of str to list of str
-        Frames of messages without a known place.
-    body, bodies : Body, dict of str to str
-        The robot's, whose beams are left out, and the frame that it is in.
-    damaged, damage : list
-        An error for each message with poses that is not whole, and why files were read without their index.
-    hint : str
-        What may help where no scan has a pose.
-    decisions : dict of str to Decision
-        The options by which the next bag of the robot is read alike.
+    `places`: How poses are found.
+    `sweeps`: What the times of beams mean.
+    `covariances`: Of the topic of the first sensor's poses.
+    `elsewhere`: Frames of messages without a known place.
+    `body`, `bodies`: The robot's, whose beams are left out, and the frame that it is in.
+    `damaged`, `damage`: An error for each message with poses that is not whole, and why files were read
+        without their index.
+    `hint`: What may help where no scan has a pose.
+    `decisions`: The options by which the next bag of the robot is read alike.
     """
 
     options: BagOptions

@@ -35,10 +35,7 @@ _UNLIMITED = "the largest range makes no sense, and counts as not given"
 class OtherFrame(ValueError):
     """A message is in a frame of which nothing says where it is.
 
-    Attributes
-    ----------
-    sensor : Sensor
-        Of its topic.
+    `sensor`: Of its topic.
     """
 
     def __init__(self, message: str, sensor: Sensor) -> None:
@@ -50,19 +47,11 @@ class OtherFrame(ValueError):
 class Measured:
     """What one message measured, before its pose is asked for.
 
-    Attributes
-    ----------
-    topic : str
-    number : int
-        Of the message among those of its topic, from 0.
-    frame : str
-        In which the beams are.
-    stamp : float
-        By the poses' clock, without the offset of the scans' [s].
-    beams : Beams
-        In the sensor's frame, each with the time that counts.
-    where : str
-        How errors call the message.
+    `number`: Of the message among those of its topic, from 0.
+    `frame`: In which the beams are.
+    `stamp`: By the poses' clock, without the offset of the scans' [s].
+    `beams`: In the sensor's frame, each with the time that counts.
+    `where`: How errors call the message.
     """
 
     topic: str
@@ -76,17 +65,9 @@ class Measured:
 class MessageReader:
     """Makes scans of the messages of some sensors, in the order in which they come.
 
-    Parameters
-    ----------
-    bag : Bag
-        That decodes them.
-    plan : BagPlan
-    rules : Rules
-
-    Attributes
-    ----------
-    zeros : int
-        Beams with a range of 0.
+    `bag`: That decodes them.
+    Attributes:
+    `zeros`: Beams with a range of 0.
     """
 
     def __init__(self, bag: Bag, plan: BagPlan, rules: Rules) -> None:
@@ -111,12 +92,7 @@ class MessageReader:
     def measured(self, raw: Raw) -> Measured:
         """What a message measured.
 
-        Raises
-        ------
-        OtherFrame
-            If it is in a frame without a known place.
-        ValueError
-            If it is damaged.
+        Raises OtherFrame if it is in a frame without a known place; ValueError if it is damaged.
         """
         name = raw.connection.topic
         sensor, place = self._sensors[name], self._places[name]
@@ -248,12 +224,9 @@ def heading_of(
 ) -> float | None:
     """Yaw of a sensor [rad]: how far its beams are turned in the map; None if not all are turned alike.
 
-    Parameters
-    ----------
-    local, ends : (n, 3)
-        End points in the sensor's frame and in the map [m]; a sensor that turns fast may turn beams apart.
-    origins : (3,) or (n, 3)
-        Of the beams in the map [m].
+    `local`, `ends` (n, 3): End points in the sensor's frame and in the map [m]; a sensor that turns fast may
+        turn beams apart.
+    `origins` (3,) or (n, 3): Of the beams in the map [m].
     """
     ways = ends - origins
     turns = np.arctan2(ways[:, 1], ways[:, 0]) - np.arctan2(local[:, 1], local[:, 0])

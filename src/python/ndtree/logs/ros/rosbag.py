@@ -26,13 +26,8 @@ class RosbagLog(SizedLog):
     it is iterated. The length is the topics' number of messages. With `bag`, messages in memory are read
     instead of the files at `path`, which is then a name for errors; `so_far` more of them may follow.
 
-    Attributes
-    ----------
-    plan : BagPlan
-        What was decided when it was opened.
-    sensors : list of Sensor
-    fixed_frame : str
-        Of the map.
+    `plan`: What was decided when it was opened.
+    `fixed_frame`: Of the map.
     """
 
     format = "rosbag"

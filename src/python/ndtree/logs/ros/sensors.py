@@ -61,24 +61,12 @@ class Wanted:
 class Sensor:
     """One topic with measurements.
 
-    Parameters
-    ----------
-    bag : Bag
-    topic : Topic
-    survey : Survey
-    sigma : float, optional
-        Of its ranges [m].
-    camera : str, optional
-        Of depth images.
-    pixel_stride : int
-        Of depth images.
-
-    Attributes
-    ----------
-    camera_topic : str or None
-        Where its cameras are from.
-    note : str
-        What was found out of the unit of its depths.
+    `sigma`: Of its ranges [m].
+    `camera`: Of depth images.
+    `pixel_stride`: Of depth images.
+    Attributes:
+    `camera_topic`: Where its cameras are from.
+    `note`: What was found out of the unit of its depths.
     """
 
     def __init__(

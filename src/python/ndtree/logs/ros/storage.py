@@ -22,21 +22,12 @@ HEAD_BYTES = 512
 class Connection:
     """What a file says of the messages of one topic from one writer.
 
-    Attributes
-    ----------
-    id : int
-        Its number in the file.
-    topic : str
-    type : str
-        As ROS 2 spells it: package/msg/Name.
-    encoding : {"ros1", "cdr", "json", "protobuf"}
-        How its messages are packed.
-    definition : str or None
-        The text of its type where the file has it in the form of .msg files.
-    name : str
-        The type's own name, where `type` is the one of ROS that says the same.
-    schema : bytes
-        Of messages packed by protobuf, the descriptors of their types.
+    `id`: Its number in the file.
+    `type`: As ROS 2 spells it: package/msg/Name.
+    `encoding` ({"ros1", "cdr", "json", "protobuf"}): How its messages are packed.
+    `definition`: The text of its type where the file has it in the form of .msg files.
+    `name`: The type's own name, where `type` is the one of ROS that says the same.
+    `schema`: Of messages packed by protobuf, the descriptors of their types.
     """
 
     id: int
@@ -63,19 +54,13 @@ class Raw:
 class Storage(ABC):
     """One file of a bag, open for reading.
 
-    Attributes
-    ----------
-    path : str
-        How errors call it: where a file that was unpacked came from.
-    connections : list of Connection
-    counts : dict of int to int
-        Messages of each connection.
-    span : (int, int) or None
-        When the first and the last message were recorded [ns]; None where there is none.
-    damage : str or None
-        Why the file was read without its index, and what is missing then.
-    unread : list of Connection
-        Those whose messages are packed so that no library can read them; `type` is as the file spells it.
+    `path`: How errors call it: where a file that was unpacked came from.
+    `counts`: Messages of each connection.
+    `span` (int, int) or None: When the first and the last message were recorded [ns]; None where there is
+        none.
+    `damage`: Why the file was read without its index, and what is missing then.
+    `unread`: Those whose messages are packed so that no library can read them; `type` is as the file spells
+        it.
     """
 
     def __init__(self, name: str) -> None:

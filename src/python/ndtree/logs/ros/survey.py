@@ -40,20 +40,12 @@ POSE_NAMES = ", ".join(short(type) for type in POSES)
 class Seen:
     """What the heads of a topic's messages say.
 
-    Attributes
-    ----------
-    stamps : list of float
-        In the order of recording [s].
-    received : list of float
-        When each message was recorded [s].
-    lags : list of float
-        How long after its stamp each was recorded [s].
-    frames : dict of str to int
-        And in how many messages they are.
-    each : list of str
-        The frame of each message.
-    placed : list of str
-        Frames that are connected with others by transforms.
+    `stamps`: In the order of recording [s].
+    `received`: When each message was recorded [s].
+    `lags`: How long after its stamp each was recorded [s].
+    `frames`: And in how many messages they are.
+    `each`: The frame of each message.
+    `placed`: Frames that are connected with others by transforms.
     """
 
     stamps: list[float] = field(default_factory=list)
@@ -109,32 +101,16 @@ class Survey:
 
     Transforms with NaN, or quaternions of another length than 1, are passed over, as ROS does.
 
-    Parameters
-    ----------
-    bag : Bag
-    sensors : collection of str
-        Topics of which stamps and frames are wanted.
-    poses : str, optional
-        Topic with poses, of one of `POSES`.
-    offset : float
-        Added to the stamps of the sensors [s].
-
-    Attributes
-    ----------
-    tree : TransformTree
-        All that is in /tf and /tf_static, of all robots.
-    seen : dict of str to Seen
-    poses : list of PoseRow
-    lags : list of float
-        How long after their stamps poses and transforms were recorded [s].
-    infos : dict of str to list of (float, message)
-        CameraInfo with its stamps [s], by topic.
-    clock : Clock
-        Of sensors by topic and frame, of poses by "poses".
-    damaged : list of ValueError
-        One for each message that was needed and is not whole.
-    ends : list of ValueError
-        Why what follows in a file could not be read.
+    `sensors`: Topics of which stamps and frames are wanted.
+    `poses`: Topic with poses, of one of `POSES`.
+    `offset`: Added to the stamps of the sensors [s].
+    Attributes:
+    `tree`: All that is in /tf and /tf_static, of all robots.
+    `lags`: How long after their stamps poses and transforms were recorded [s].
+    `infos` (dict of str to list of (float, message)): CameraInfo with its stamps [s], by topic.
+    `clock`: Of sensors by topic and frame, of poses by "poses".
+    `damaged`: One for each message that was needed and is not whole.
+    `ends`: Why what follows in a file could not be read.
     """
 
     def __init__(

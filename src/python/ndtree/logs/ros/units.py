@@ -19,21 +19,9 @@ def recorded_unit(bag: Bag, topic: str) -> tuple[float, str] | None:
     The recorder of the RealSense SDK writes the options of each sensor beside its images. That of the same
     sensor counts, else that of the same device.
 
-    Parameters
-    ----------
-    bag : Bag
-    topic : str
-        With the images.
-
-    Returns
-    -------
-    (float, str), or None
-        None where it is not stated.
-
-    Raises
-    ------
-    ValueError
-        If the option is no length.
+    `topic`: With the images.
+    Returns (float, str), or None: None where it is not stated.
+    Raises ValueError if the option is no length.
     """
     own = _SENSOR.match(topic)
     if own is None:

@@ -46,11 +46,8 @@ class Triangulation:
     It is never said to be below s of the image itself: what many images share, the errors of their poses,
     does not average out.
 
-    Parameters
-    ----------
-    points : (n, 3) float64
-    pixel_sigma : float
-        [px], > 0.
+    `points`: (n, 3) float64.
+    `pixel_sigma`: [px], > 0.
     """
 
     def __init__(self, points: Floats, pixel_sigma: float) -> None:
@@ -61,14 +58,9 @@ class Triangulation:
     def observe(self, rows: Rows, center: Floats, focal_length: float) -> None:
         """Count what one image sees.
 
-        Parameters
-        ----------
-        rows : (m,) integers
-            Of the points, each once.
-        center : (3,) float64
-            Of the camera.
-        focal_length : float
-            [px].
+        `rows` (m,) integers: Of the points, each once.
+        `center` (3,) float64: Of the camera.
+        `focal_length`: [px].
         """
         ray, across = self._rays(rows, center, focal_length)
         x, y, z = ray.T
@@ -79,15 +71,9 @@ class Triangulation:
     def range_sigma(self, rows: Rows, center: Floats, focal_length: float) -> Floats:
         """Standard deviations of the ranges from a camera, after all images were counted.
 
-        Parameters
-        ----------
-        rows, center, focal_length
-            As for `observe`.
-
-        Returns
-        -------
-        ndarray of float64, (m,)
-            In the unit of the points; inf where not two images saw the point, or all from one direction.
+        `rows`, `center`, `focal_length`: As for `observe`.
+        Returns ndarray of float64, (m,): In the unit of the points; inf where not two images saw the point,
+        or all from one direction.
         """
         ray, across = self._rays(rows, center, focal_length)
         xx, yy, zz, xy, xz, yz = self._information[rows].T
@@ -115,15 +101,11 @@ class Triangulation:
 class Model:
     """What structure from motion found, held in memory.
 
-    Attributes
-    ----------
-    points : (P, 3) float64
-    centers : (C, 3) float64
-        Of the cameras.
-    focal_lengths : (C,) float64
-        [px].
-    cameras_seeing, points_seen : (O,) integers
-        Rows of the above; one pair each observation, in any order, and as often as it was found.
+    `points`: (P, 3) float64.
+    `centers` (C, 3) float64: Of the cameras.
+    `focal_lengths` (C,) float64: [px].
+    `cameras_seeing`, `points_seen` (O,) integers: Rows of the above; one pair each observation, in any order,
+        and as often as it was found.
     """
 
     points: Floats

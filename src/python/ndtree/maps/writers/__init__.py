@@ -23,18 +23,11 @@ OPTIONS = ("cell_size", "height", "wall_depth", "states", "faces")
 class MapFormat:
     """One row of the table of formats.
 
-    Attributes
-    ----------
-    name : str
-        The word for ``format=``.
-    suffixes : tuple of str
-        Endings of its files.
-    options : tuple of str
-        Which of `OPTIONS` it reads.
-    write : callable
-        ``write(map, path, **options)``; the file appears whole or not at all.
-    fits : callable
-        Whether a file that begins as this format's is no recording, and may be replaced.
+    `name`: The word for ``format=``.
+    `suffixes`: Endings of its files.
+    `options`: Which of `OPTIONS` it reads.
+    `write`: ``write(map, path, **options)``; the file appears whole or not at all.
+    `fits`: Whether a file that begins as this format's is no recording, and may be replaced.
     """
 
     name: str
@@ -72,10 +65,7 @@ FORMATS = (
 def format_of(path: Path, format: str | None, options: dict[str, Any]) -> MapFormat:
     """The format of a file that is to be written.
 
-    Raises
-    ------
-    ValueError
-        If there is none for the ending or of that name, or it does not read one of the options.
+    Raises ValueError if there is none for the ending or of that name, or it does not read one of the options.
     """
     if format is not None:
         named = {one.name: one for one in FORMATS}

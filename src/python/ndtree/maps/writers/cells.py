@@ -28,10 +28,7 @@ def selected(m: OccupancyMap, states: Sequence[str], cell_size: float | None = N
     With a cell size other than the map's smallest, cells of that size by the rule of
     ``OccupancyMap.to_grid()``, the last axis first; they have no counts of hits and misses.
 
-    Raises
-    ------
-    ValueError
-        If a name is none of `STATES`, there is none, or the map has no such cells.
+    Raises ValueError if a name is none of `STATES`, there is none, or the map has no such cells.
     """
     if isinstance(states, str) or not states or any(state not in STATES for state in states):
         raise WrongValue.of("states", f"{states!r}", f"some of {', '.join(STATES)}")
@@ -54,10 +51,7 @@ def selected(m: OccupancyMap, states: Sequence[str], cell_size: float | None = N
 def _of_size(m: OccupancyMap, own: Cells, cell_size: float) -> Cells:
     """The known cells of one size.
 
-    Raises
-    ------
-    ValueError
-        If nothing is known, or the size is not > 0 and finite.
+    Raises ValueError if nothing is known, or the size is not > 0 and finite.
     """
     if not (cell_size > 0 and math.isfinite(cell_size)):
         raise WrongValue.of("cell_size", f"{cell_size} m", "> 0 and finite")
@@ -118,10 +112,7 @@ def in_space(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def as_float32(points: NDArray[np.float64], unit: float, what: str) -> NDArray[np.float32]:
     """Coordinates for formats that have no more digits.
 
-    Raises
-    ------
-    ValueError
-        If that would move them by more than a hundredth of the smallest cell.
+    Raises ValueError if that would move them by more than a hundredth of the smallest cell.
     """
     narrow = points.astype(np.float32)
     moved = float(np.abs(narrow.astype(np.float64) - points).max(initial=0.0))

@@ -20,10 +20,8 @@ def write(
 ) -> None:
     """See ``OccupancyMap.save_map_server()``; the image and the YAML file have the same name.
 
-    Parameters
-    ----------
-    wall_depth : float, optional
-        Left out, two standard deviations of a range and a smallest cell: no wall is thicker than its noise.
+    `wall_depth`: Left out, two standard deviations of a range and a smallest cell: no wall is thicker than
+        its noise.
     """
     if wall_depth is None and "range_sigma" in m.options:
         wall_depth = 2 * m.options["range_sigma"] + m.options["min_cell_size"]

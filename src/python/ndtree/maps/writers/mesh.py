@@ -25,12 +25,8 @@ def quads(cells: Cells) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     In space, all faces but those that lie wholly on others of the cells, their corners counter-clockwise seen
     from outside; in the plane, the cells themselves.
 
-    Returns
-    -------
-    corners : (n, dim) int64
-        In units of the smallest cell, each once.
-    faces : (m, 4) int64
-        Numbers of corners.
+    Returns corners (n, dim) int64: In units of the smallest cell, each once; faces (m, 4) int64: Numbers of
+    corners.
     """
     dim = cells.dim
     parts = []

@@ -172,10 +172,7 @@ class _Seen:
 def range_noise(scans: Iterable[Scan], *, max_range: float = math.inf) -> tuple[Estimate, Estimate] | None:
     """Standard deviation of a range [m] and its growth with the squared range [1/m], as by `calibrate`.
 
-    Returns
-    -------
-    tuple of Estimate, or None
-        None where fewer than 100 beams returned, or several scans saw no flat surface.
+    Returns: None where fewer than 100 beams returned, or several scans saw no flat surface.
     """
     generator = np.random.default_rng(SEED)
     points = Points(generator)

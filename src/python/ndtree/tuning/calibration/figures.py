@@ -23,13 +23,9 @@ LEAST_SIGMA = 1e-4  # The sigma of a sensor without noise [m].
 class Estimate:
     """A number from data.
 
-    Parameters
-    ----------
-    value : float
-    low, high : float
-        Its 90 % interval, by bootstrap over places (noise) or scans (rates); never apart from the value.
-    count : int
-        Observations behind it: residuals, or beams.
+    `low`, `high`: Its 90 % interval, by bootstrap over places (noise) or scans (rates); never apart from the
+        value.
+    `count`: Observations behind it: residuals, or beams.
     """
 
     value: float

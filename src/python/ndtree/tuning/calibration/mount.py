@@ -37,18 +37,11 @@ SLACK = 0.3
 class Mounting:
     """What `find_mount` found: the mount in the plane, and what to add to the times of scans.
 
-    Parameters
-    ----------
-    x, y : float
-        [m]
-    yaw : float
-        [rad]
-    others : (float, float, float)
-        z [m], roll and pitch [rad], as they were given.
-    time_offset : float
-        [s]
-    gain : float
-        By what share of its cells the map is smaller than with the mount that was given.
+    `x`, `y`: [m]
+    `yaw`: [rad]
+    `others` (float, float, float): z [m], roll and pitch [rad], as they were given.
+    `time_offset`: [s]
+    `gain`: By what share of its cells the map is smaller than with the mount that was given.
     """
 
     x: float
@@ -86,17 +79,9 @@ def find_mount(log: RosbagLog, *, progress: Callable[[str, int, int], None] | No
     down, then each of the four in turn in ever smaller steps. Where the robot does not turn, x and y cannot
     be found, and stay as given; a log with drift finds what makes the drift look smallest.
 
-    Parameters
-    ----------
-    log : RosbagLog
-        Opened with a ``mount``.
-    progress : callable, optional
-        Called as ``progress(what, done, total)``.
-
-    Raises
-    ------
-    ValueError
-        If its poses are known at fewer than two scans, or do not move.
+    `log`: Opened with a ``mount``.
+    `progress`: Called as ``progress(what, done, total)``.
+    Raises ValueError if its poses are known at fewer than two scans, or do not move.
     """
     place = log.place
     base, given = place.tree.fixed_parent(place.frame)

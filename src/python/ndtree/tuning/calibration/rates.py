@@ -28,17 +28,10 @@ CLEAR = 0.9  # Share of the largest and smallest log-odds from which a cell is c
 class Trial:
     """What the error rates are judged by: a map, and which beams count.
 
-    Attributes
-    ----------
-    dim : int
-    cell : float
-        Of the map [m].
-    model : tuple of float
-        Standard deviation of a range [m] and its growth with the squared range [1/m].
-    max_range : float
-        [m].
-    ignores : bool
-        Beams that did not return say nothing.
+    `cell`: Of the map [m].
+    `model`: Standard deviation of a range [m] and its growth with the squared range [1/m].
+    `max_range`: [m].
+    `ignores`: Beams that did not return say nothing.
     """
 
     dim: int

@@ -40,17 +40,11 @@ class Topic:
 class Bag:
     """A bag that is open: its topics, and their messages in the order of recording.
 
-    Attributes
-    ----------
-    path : str
-    topics : list of Topic
-        By name.
-    start, end : float
-        When the first and the last message were recorded [s].
-    damage : list of str
-        A line for each file of which not everything can be read.
-    unread : list of (Topic, str)
-        Topics whose messages are packed so that they cannot be read, and how they are packed.
+    `topics`: By name.
+    `start`, `end`: When the first and the last message were recorded [s].
+    `damage`: A line for each file of which not everything can be read.
+    `unread` (list of (Topic, str)): Topics whose messages are packed so that they cannot be read, and how
+        they are packed.
     """
 
     def __init__(self, path: str, files: list[Storage]) -> None:
@@ -87,10 +81,7 @@ class Bag:
     ) -> Iterator[Raw]:
         """Messages of some topics; of those in `heads` the beginnings are enough.
 
-        Raises
-        ------
-        ValueError
-            Where the bag is damaged, unless `on_damage` takes note of it.
+        Raises ValueError where the bag is damaged, unless `on_damage` takes note of it.
         """
         rows = [
             file.messages(
@@ -221,20 +212,10 @@ def _is_known(field: Any, types: dict[str, Any]) -> bool:
 def open_bag(path: str) -> Iterator[Bag]:
     """Open a bag of ROS 1 or ROS 2 for as long as it is read.
 
-    Parameters
-    ----------
-    path : str
-        A file, or a folder with the files of one recording: those that its metadata.yaml names, and without
-        one all of them.
-
-    Raises
-    ------
-    ImportError
-        If a library is not there.
-    OSError
-        If there is no such file.
-    ValueError
-        If it is no bag, or damaged so that nothing in it can be read.
+    `path`: A file, or a folder with the files of one recording: those that its metadata.yaml names, and
+        without one all of them.
+    Raises ImportError if a library is not there; OSError if there is no such file; ValueError if it is no
+    bag, or damaged so that nothing in it can be read.
     """
     _typesys()  # So that a missing library is reported before anything else.
     with ExitStack() as stack:

@@ -54,10 +54,7 @@ def most_bytes_of(packed: int) -> int:
 def unpacked(packing: str, data: bytes, size: int) -> bytes:
     """What is in a chunk that says that it unpacks to `size` bytes.
 
-    Raises
-    ------
-    Damaged
-        If it does not, or that is more than any chunk holds.
+    Raises Damaged if it does not, or that is more than any chunk holds.
     """
     if packing in ("", "none"):
         return data
@@ -76,10 +73,7 @@ def unpacked(packing: str, data: bytes, size: int) -> bytes:
 def unpacked_message(data: bytes) -> bytes:
     """What zstd has packed by itself, which does not say how much it is.
 
-    Raises
-    ------
-    Damaged
-        If it is cut off, or more than any message.
+    Raises Damaged if it is cut off, or more than any message.
     """
     most = most_bytes_of(len(data))
     content = b"".join(_parts("zstd", data, most + 1))

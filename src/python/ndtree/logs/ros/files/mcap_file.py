@@ -29,12 +29,7 @@ class _Chunk:
 class McapFile(FileStorage):
     """An .mcap file. One without its last part, as a crash leaves it, is read up to where it ends.
 
-    Raises
-    ------
-    ImportError
-        If the library mcap is not there.
-    ValueError
-        If nothing in it can be read.
+    Raises ImportError if the library mcap is not there; ValueError if nothing in it can be read.
     """
 
     def __init__(self, path: str, name: str) -> None:

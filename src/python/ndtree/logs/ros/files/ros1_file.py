@@ -39,10 +39,7 @@ class Ros1File(FileStorage):
     the file says which chunks hold what; where it is missing or wrong, as in a bag that was never closed,
     every chunk is looked into once. The indexes behind the chunks are never used.
 
-    Raises
-    ------
-    ValueError
-        If the file is of another version, or encrypted.
+    Raises ValueError if the file is of another version, or encrypted.
     """
 
     def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:

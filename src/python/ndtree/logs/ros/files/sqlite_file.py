@@ -20,10 +20,7 @@ _WHOLE = "typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
 class SqliteFile(Storage):
     """A .db3 file of a ROS 2 bag.
 
-    Raises
-    ------
-    ValueError
-        If the database has no messages and topics, or is too damaged to say which.
+    Raises ValueError if the database has no messages and topics, or is too damaged to say which.
     """
 
     def __init__(self, path: str, name: str) -> None:

@@ -41,27 +41,18 @@ SENSOR_NAMES = "LaserScan, MultiEchoLaserScan, PointCloud2, PointCloud, Livox Cu
 class Beams:
     """What one message measured, in the sensor's frame.
 
-    Attributes
-    ----------
-    points : (n, 3)
-        End points [m], NaN where invalid.
-    returned : (n,) bool or None
-        Which met a surface; None: all.
-    times : (n,) float64 or None
-        When each was measured, from the message's stamp on [s]; None: all at the stamp.
-    is_guess : bool
-        The message does not say `times` but only how long the sweep may have taken: they count if the log
-        bears them out.
-    senseless : str
-        What is wrong with the message's times of its beams, where they can be none: `times` is None then.
-    unlimited : str
-        What is wrong with the message's largest range, where it can be none: it counts as not given.
-    zeros : int
-        Beams with a range of 0.
-    endless : int
-        Beams that met nothing, but of which the message does not say up to where: they are invalid.
-    swapped : bool
-        The message's bytes are in the other order than it says.
+    `points` (n, 3): End points [m], NaN where invalid.
+    `returned` (n,) bool or None: Which met a surface; None: all.
+    `times` (n,) float64 or None: When each was measured, from the message's stamp on [s]; None: all at the
+        stamp.
+    `is_guess`: The message does not say `times` but only how long the sweep may have taken: they count if the
+        log bears them out.
+    `senseless`: What is wrong with the message's times of its beams, where they can be none: `times` is None
+        then.
+    `unlimited`: What is wrong with the message's largest range, where it can be none: it counts as not given.
+    `zeros`: Beams with a range of 0.
+    `endless`: Beams that met nothing, but of which the message does not say up to where: they are invalid.
+    `swapped`: The message's bytes are in the other order than it says.
     """
 
     points: NDArray[np.floating[Any]]
@@ -92,15 +83,9 @@ def pitch_of(said: int, rows: int, width: int, size: int) -> int:
     What the message says counts, unless it leaves no room for a row or needs more bytes than there are, or
     the rows fill all bytes without space between them.
 
-    Parameters
-    ----------
-    said : int
-        By the message.
-    rows : int
-    width : int
-        Bytes of a row.
-    size : int
-        Bytes that there are.
+    `said`: By the message.
+    `width`: Bytes of a row.
+    `size`: Bytes that there are.
     """
     fits = said >= width and (rows - 1) * said + width <= size
     if size == rows * width or (size > rows * width and not fits):

@@ -25,10 +25,8 @@ _ROUGHER = 16.0
 def is_swapped(values: NDArray[Any]) -> bool:
     """Whether numbers, as their message says they are to be read, make sense only in the other byte order.
 
-    Parameters
-    ----------
-    values : ndarray
-        Lengths as floats of any shape [m], or integers of a depth image (rows, columns); of a byte order.
+    `values` (ndarray): Lengths as floats of any shape [m], or integers of a depth image (rows, columns); of a
+        byte order.
     """
     other = values.view(values.dtype.newbyteorder())
     if values.dtype.kind == "f":

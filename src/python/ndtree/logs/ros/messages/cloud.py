@@ -82,12 +82,8 @@ def times_of(values: NDArray[Any], stamp: float, measured: NDArray[np.bool_]) ->
     are absolute where they then lie within a sweep of the stamp, else they count from it. Padding may have
     any time: where it makes no sense, only points that were `measured` are asked.
 
-    Returns
-    -------
-    times : ndarray of float64, or None
-        None where the points have one time, or senseless ones.
-    wrong : str
-        What is wrong with senseless times.
+    Returns times ndarray of float64, or None: None where the points have one time, or senseless ones; wrong
+    str: What is wrong with senseless times.
     """
     wrong = ""
     finite = np.isfinite(values.astype(np.float64))

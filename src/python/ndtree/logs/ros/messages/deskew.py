@@ -28,10 +28,7 @@ def in_map(
     End points always have the pose of their own time. Origins are one for all where the sensor moves less
     than the edge of a small cell, so that maps still know them for one scan.
 
-    Raises
-    ------
-    ValueError
-        A `NoPose`, if the pose is not known at one of the times.
+    Raises ValueError: a `NoPose`, if the pose is not known at one of the times.
     """
     if beams.times is None or not len(beams.times):
         pose = tree.pose_at(fixed_frame, frame, stamp)
@@ -61,15 +58,11 @@ def _between(
 
     The sums are those of `Pose.apply`, block by block and axis by axis.
 
-    Parameters
-    ----------
-    rotations : (k, 3, 3)
-    positions : (k, 3)
-    before : (n,)
-        Of each point, which pose is before its time; there is one after.
-    share : (n,)
-        Of the time between both, 0 to 1.
-    points : (n, 3)
+    `rotations`: (k, 3, 3).
+    `positions`: (k, 3).
+    `before` (n,): Of each point, which pose is before its time; there is one after.
+    `share` (n,): Of the time between both, 0 to 1.
+    `points`: (n, 3).
     """
     turns, moves = np.ascontiguousarray(np.moveaxis(rotations, 0, -1)), np.ascontiguousarray(positions.T)
     ends = np.empty(points.shape)

@@ -38,10 +38,7 @@ def header_of(data: bytes, is_ros1: bool) -> tuple[Header, int]:
     In ROS 1 a Header begins with a number of 4 bytes, in ROS 2 a message begins with 4 bytes that say how it
     is packed: all that follows stands in the same place.
 
-    Raises
-    ------
-    ValueError
-        If they are too few.
+    Raises ValueError if they are too few.
     """
     if len(data) < 16:
         raise ValueError(f"the message has {len(data)} bytes, expected a whole Header")

@@ -16,21 +16,10 @@ _TIME, _DURATION = "google.protobuf.Timestamp", "google.protobuf.Duration"
 def fields_of(data: bytes, type: str, schema: bytes) -> dict[str, Any]:
     """Fields of a message by their names, those of messages in it, too.
 
-    Parameters
-    ----------
-    data : bytes
-        The message.
-    type : str
-        Its name in the schema.
-    schema : bytes
-        A FileDescriptorSet, as MCAP files have it.
-
-    Raises
-    ------
-    ImportError
-        If the library is not there.
-    ValueError
-        If the schema or the message is damaged.
+    `data`: The message.
+    `type`: Its name in the schema.
+    `schema`: A FileDescriptorSet, as MCAP files have it.
+    Raises ImportError if the library is not there; ValueError if the schema or the message is damaged.
     """
     try:
         return _fields(_decoder(type, schema)(data))

@@ -25,10 +25,7 @@ def unpacked(data: bytes) -> NDArray[np.uint16]:
     over and over: how many pixels have no depth, how many then have one, and for each of these the difference
     to the one before, with its sign as the lowest bit.
 
-    Raises
-    ------
-    ValueError
-        If they are too few, or say something impossible.
+    Raises ValueError if they are too few, or say something impossible.
     """
     if len(data) < _SIZE.size:
         raise ValueError(f"the image has {len(data)} bytes, expected its size and RVL")

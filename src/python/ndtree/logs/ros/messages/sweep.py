@@ -31,16 +31,10 @@ GRIDS, KEY = (0.2, 0.6, 1.0, 1.4), (1, 1 << 20, 1 << 40)
 class Sweep:
     """How to read the times of beams.
 
-    Attributes
-    ----------
-    name : str
-        For reports.
-    is_used : bool
-        Else all beams count as measured at the stamp.
-    is_reversed : bool
-        The last beam of a message was the first.
-    ends_at_stamp : bool
-        The stamp is the time of the last beam, not of the first.
+    `name`: For reports.
+    `is_used`: Else all beams count as measured at the stamp.
+    `is_reversed`: The last beam of a message was the first.
+    `ends_at_stamp`: The stamp is the time of the last beam, not of the first.
     """
 
     name: str
@@ -118,18 +112,9 @@ def sharpest(
     spread. The times as the messages say them are believed unless another understanding, one that drivers
     are known for, spreads them over at least 5 % fewer cells.
 
-    Parameters
-    ----------
-    groups : sequence of sequences of (Beams, float)
-        Scans that follow each other, with their stamps [s].
-    base : Sweep
-        What counts as said.
-
-    Returns
-    -------
-    Sweep
-    float
-        Cells that it needs, as a share of those under what the messages say.
+    `groups` (sequence of sequences of (Beams, float)): Scans that follow each other, with their stamps [s].
+    `base`: What counts as said.
+    Returns Sweep; float: Cells that it needs, as a share of those under what the messages say.
     """
     said = spread_of(tree, fixed_frame, frame, groups, base)
     best, least = base, said * (1 - LEAST_GAIN)

@@ -28,12 +28,8 @@ EXPECTED = (
 class Body:
     """Shapes that a robot consists of, in one of its frames.
 
-    Attributes
-    ----------
-    parts : tuple of callable
-        Each says which points (n, 3) are in it [m]; its border is in it.
-    frame : str
-        "" for the robot's base.
+    `parts`: Each says which points (n, 3) are in it [m]; its border is in it.
+    `frame`: "" for the robot's base.
     """
 
     parts: tuple[Callable[[Floats], NDArray[np.bool_]], ...]
@@ -61,15 +57,9 @@ class Body:
     ) -> tuple[Beams, int]:
         """The beams, without a word of those that end in the body, and how many these are.
 
-        Parameters
-        ----------
-        beams : Beams
-        place : Placement
-            Of their sensor.
-        frame, body : str
-            That the beams, and the body, are in.
-        stamp : float
-            When they were measured [s].
+        `place`: Of their sensor.
+        `frame`, `body`: That the beams, and the body, are in.
+        `stamp`: When they were measured [s].
         """
         points = place.tree.pose_at(body, frame, stamp).apply(beams.points)
         inside = np.zeros(len(points), dtype=bool)

@@ -16,17 +16,11 @@ EXPECTED = "expected x,y,z,roll,pitch,yaw or x,y,yaw, lengths in metres, angles 
 def mount_of(text: str) -> Pose:
     """The pose of a sensor on its base.
 
-    Parameters
-    ----------
-    text : str
-        ``"x,y,z,roll,pitch,yaw"``, or in the plane ``"x,y,yaw"``: metres, and radians or degrees with "deg"
-        behind the number. As in URDF the sensor is turned about the base's x axis (roll), then about its y,
-        then about its z axis.
-
-    Raises
-    ------
-    ValueError
-        If it is something else. An angle in radians of more than one turn is taken for a mistake.
+    `text`: ``"x,y,z,roll,pitch,yaw"``, or in the plane ``"x,y,yaw"``: metres, and radians or degrees with
+        "deg" behind the number. As in URDF the sensor is turned about the base's x axis (roll), then about
+        its y, then about its z axis.
+    Raises ValueError if it is something else. An angle in radians of more than one turn is taken for a
+    mistake.
     """
     fields = text.split(",")
     if len(fields) not in (3, 6):

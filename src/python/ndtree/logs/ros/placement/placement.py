@@ -35,21 +35,13 @@ ENOUGH = 0.5
 class Placement:
     """How the pose of a sensor is found.
 
-    Attributes
-    ----------
-    tree : TransformTree
-    fixed_frame : str
-        That of the map.
-    frame : str
-        The sensor's.
-    is_own : bool
-        Each message's own frame counts; else all have `frame`.
-    origin : str
-        Where the poses come from, for reports.
-    notes : tuple of str
-        What was taken for granted.
-    observer : str or None
-        The frame that beams come from, where `frame` is a fixed one into which points were moved already.
+    `fixed_frame`: That of the map.
+    `frame`: The sensor's.
+    `is_own`: Each message's own frame counts; else all have `frame`.
+    `origin`: Where the poses come from, for reports.
+    `notes`: What was taken for granted.
+    `observer`: The frame that beams come from, where `frame` is a fixed one into which points were moved
+        already.
     """
 
     tree: TransformTree
@@ -82,21 +74,10 @@ class Placement:
 def placed(path: str, survey: Survey, topic: Topic, asked: BagOptions, others: dict[str, str]) -> Placement:
     """Find the way from a topic's sensor to the map.
 
-    Parameters
-    ----------
-    path : str
-        The bag, for errors.
-    survey : Survey
-        With the stamps of the topic.
-    topic : Topic
-    asked : BagOptions
-    others : dict of str to str
-        Topics with poses that the bag has and their types, for errors.
-
-    Raises
-    ------
-    ValueError
-        If there is none: which frames there are, and what to say.
+    `path`: The bag, for errors.
+    `survey`: With the stamps of the topic.
+    `others`: Topics with poses that the bag has and their types, for errors.
+    Raises ValueError if there is none: which frames there are, and what to say.
     """
     own = survey.seen[topic.name].frame
     frame = plain(asked.sensor_frame) if asked.sensor_frame is not None else own

@@ -21,15 +21,9 @@ Surveyed = Callable[["str | None"], Survey]
 class Placed:
     """Sensors, and how the pose of each is found.
 
-    Attributes
-    ----------
-    topics : list of Topic
-    places : dict of str to Placement
-        By topic.
-    survey : Survey
-        That they are from.
-    notes : list of str
-        What was taken for granted.
+    `places`: By topic.
+    `survey`: That they are from.
+    `notes`: What was taken for granted.
     """
 
     topics: list[Topic]
@@ -49,10 +43,7 @@ def find_places(
     Where nothing was said of poses and the transforms do not tell, a topic with Odometry counts whose
     messages say of which frame they are, if the sensor is connected with that.
 
-    Raises
-    ------
-    ValueError
-        If it is not known; of the first topic.
+    Raises ValueError if it is not known; of the first topic.
     """
     survey = surveyed(asked.poses)
     try:

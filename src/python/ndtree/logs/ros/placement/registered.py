@@ -25,18 +25,9 @@ def observer_of(tree: TransformTree, frame: str, wanted: str | None) -> str | No
     is no sensor's. It is a usual fixed one, or the root of the tree, and a frame below it moves about. Of
     these the one that was asked for counts, else a robot's usual base, else the uppermost.
 
-    Parameters
-    ----------
-    tree : TransformTree
-    frame : str
-        Of the cloud.
-    wanted : str or None
-        Asked for.
-
-    Returns
-    -------
-    str or None
-        None where the frame may be that of a sensor.
+    `frame`: Of the cloud.
+    `wanted`: Asked for.
+    Returns: None where the frame may be that of a sensor.
     """
     if posixpath.basename(frame) in BASES:
         return None
