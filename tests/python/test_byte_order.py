@@ -14,7 +14,7 @@ pytest.importorskip("rosbags")
 from bags import Messages, write_bag
 
 from ndtree import read
-from ndtree.logs.ros.messages.byte_order import is_swapped
+from ndtree.logs.ros.messages.beams import is_swapped
 
 START = 1_700_000_000.0
 RANDOM = np.random.default_rng(2)

@@ -18,7 +18,7 @@ from ndtree.live.ros.parameters import ROWS, config_of
 from ndtree.logs.core.rules import GIVEN, MEASURED, USUAL
 from ndtree.logs.ros.reading import MessageReader
 from ndtree.study.config import load
-from ndtree.study.jobs import jobs_of, opened
+from ndtree.study.run import jobs_of, opened
 from ndtree.tuning.config import Config
 from ndtree.tuning.inspection import inspect
 

@@ -13,10 +13,10 @@ import pytest
 from numpy.typing import NDArray
 
 import ndtree
-from ndtree.evaluation.beam_points import beam_points
 from ndtree.evaluation.certificate import conformal_bound, free_and_wrong
 from ndtree.evaluation.comparison.truth import hit_log_score
 from ndtree.evaluation.reliability import expected_calibration_error, reliability_of
+from ndtree.evaluation.sampling import beam_points
 
 DATA = Path(os.environ.get("NDTREE_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
 OFFICE = {"max_range": 20.0}

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ndtree.logs import read
-from ndtree.logs.core.padding import NEAREST, without_padding
+from ndtree.logs.core.silence import NEAREST, without_padding
 
 POSITION = np.array([1.5, -2.25, 0.5])
 POINTS = np.array([[3, 4, 1], [-2, 5, 0.5], [0, 0.01, 0], [6, -1, 2]], dtype=np.float32)

@@ -26,11 +26,10 @@ from ndtree import plot
 from ndtree.cells.lattice import Cells
 from ndtree.plot import cubes
 from ndtree.plot.close_ups import close_up_region
-from ndtree.plot.colors import CUBE_SIZE_COLORS, HEIGHT_COLORS
+from ndtree.plot.colors import CUBE_SIZE_COLORS, HEIGHT_COLORS, round_length
 from ndtree.plot.faces import painted
 from ndtree.plot.figures import SIZE_COLORS
 from ndtree.plot.images import MAX_IMAGE_CELLS
-from ndtree.plot.legends import round_length
 
 
 def inserted(m: Any, scans: int = 8) -> Any:

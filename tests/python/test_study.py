@@ -26,8 +26,7 @@ from typer.testing import CliRunner
 import ndtree
 from ndtree.cli.commands import app
 from ndtree.study import StudyTable, load, run
-from ndtree.study.jobs import jobs_of
-from ndtree.study.run import _outcome
+from ndtree.study.run import _outcome, jobs_of
 
 SMALL = """
 [logs.office]

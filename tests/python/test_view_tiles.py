@@ -15,7 +15,7 @@ pytest.importorskip("viser")
 import ndtree
 from ndtree.cells.lattice import Pyramid
 from ndtree.viewer import snapshot
-from ndtree.viewer.boxes import drawn_boxes
+from ndtree.viewer.layers import drawn_boxes
 from ndtree.viewer.look import Look
 from ndtree.viewer.snapshot import Snapshot
 from ndtree.viewer.tiles import Tiles

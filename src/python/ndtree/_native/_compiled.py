@@ -18,8 +18,7 @@ from typing import Any
 from ndtree import _lazy
 from ndtree._native import _core, results
 from ndtree._native._arguments import TAKEN, flattened, refuse_masked, shaped
-from ndtree._native._calls import Call, require_options
-from ndtree._native._signatures import signature_of, text_of
+from ndtree._native._calls import Call, require_options, signature_of, text_of
 
 #: By the compiled type of a result: the one that takes its place.
 RESULTS: dict[type, type] = {

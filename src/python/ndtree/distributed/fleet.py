@@ -26,10 +26,10 @@ from ndtree.distributed.run import run_all
 from ndtree.distributed.scans import ScanIndex, StoredScans, index_name, moved, moves_name
 from ndtree.distributed.stages import BlockRecord, Job, entries_of, indexed, integrate, prepare
 from ndtree.tiles.grid import Tile, TileGrid
-from ndtree.tiles.growth import Growth
 from ndtree.tiles.kind import MapKind, with_counters
 from ndtree.tiles.manifest import TILES, Manifest, TileEntry, commit, open_manifest, store_bytes, tidy
 from ndtree.tiles.order import Sources, named, opened
+from ndtree.tiles.resident import Growth
 from ndtree.tiles.storage import Storage, storage_of
 
 BLOCK_BEAMS = 50_000_000

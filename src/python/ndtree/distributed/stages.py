@@ -18,10 +18,10 @@ from ndtree.base.scan import Scan
 from ndtree.distributed.blocks import Block
 from ndtree.distributed.scans import BatchWriter, IndexedScan, ScanIndex, StoredScans, index_name
 from ndtree.tiles.grid import Tile, TileGrid, beams_of, reach_of
-from ndtree.tiles.growth import Growth
 from ndtree.tiles.kind import MapKind
 from ndtree.tiles.manifest import TileEntry, store_tile
 from ndtree.tiles.order import Source, opened, placed
+from ndtree.tiles.resident import Growth
 from ndtree.tiles.storage import Storage, storage_of
 
 try:

@@ -13,7 +13,7 @@ from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
 from ndtree.base.certificate import Certificate
 from ndtree.base.scan import Scan
-from ndtree.evaluation.beam_points import beam_points
+from ndtree.evaluation.sampling import beam_points
 from ndtree.tiles import TiledMap
 
 

@@ -19,7 +19,7 @@ from ndtree.logs.poses.following import FollowedTree
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.transforms import TransformTree, is_transform
 from ndtree.logs.ros.messages.beams import Beams
-from ndtree.logs.ros.messages.deskew import in_map
+from ndtree.logs.ros.messages.sweep import in_map
 from ndtree.tuning.config import Config
 
 

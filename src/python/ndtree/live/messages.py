@@ -23,7 +23,7 @@ from ndtree.live.corrections import Correction, Jumps, Motion
 from ndtree.live.figures import LiveFigures
 from ndtree.live.intake import PosedIntake, Verdict, motion_in
 from ndtree.live.queue import Entry
-from ndtree.logs.core.selection import OneByOne, Selection
+from ndtree.logs.core.rules import OneByOne, Selection
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.clock import Clock
 from ndtree.logs.ros.files.bag import Bag

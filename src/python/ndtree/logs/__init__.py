@@ -12,7 +12,7 @@ from ndtree._errors import WrongValue, key
 from ndtree.logs.core.failures import NotALog, readable
 from ndtree.logs.core.joined import JoinedLog
 from ndtree.logs.core.log import Log, SizedLog
-from ndtree.logs.core.separators import are_numbers
+from ndtree.logs.core.plain_file import are_numbers
 from ndtree.logs.core.source import Format, ReaderOption, Source, WrongOption, source_of
 from ndtree.logs.folders.cloud_files import kind_of_file
 from ndtree.logs.folders.depth_folders import DEPTH_FOLDER, SEVEN_SCENES, TUM_RGBD
@@ -28,7 +28,7 @@ from ndtree.logs.formats.simulated import SimulatedLog, simulate
 from ndtree.logs.formats.text import TEXT, fields_of, first_line
 from ndtree.logs.formats.velodyne import VELODYNE
 from ndtree.logs.kinds import before_formats, not_a_log, packed
-from ndtree.logs.ros.rosbag_format import ROSBAG
+from ndtree.logs.ros.rosbag import ROSBAG
 from ndtree.logs.sfm.bal import BAL
 from ndtree.logs.sfm.bundler import BUNDLER
 from ndtree.logs.sfm.colmap import COLMAP

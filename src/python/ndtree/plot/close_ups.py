@@ -11,9 +11,9 @@ from matplotlib.patches import Rectangle
 from ndtree._native._core import OccupancyMap
 from ndtree.cells.lattice import Cells
 from ndtree.cells.regions import picture_region
+from ndtree.plot.colors import explain_states, scale_bar
 from ndtree.plot.figures import Path, Picture, Region, kind_of, require_dim, shape_of, title_of, written
 from ndtree.plot.images import draw_borders, draw_occupancy
-from ndtree.plot.legends import explain_states, scale_bar
 
 #: Width of a close-up, of the smallest cells of the map with the finest ones, and its height by its width.
 CLOSE_UP_CELLS, CLOSE_UP_SHAPE = 100, 0.45

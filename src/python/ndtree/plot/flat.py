@@ -12,6 +12,7 @@ from matplotlib.colors import LogNorm
 from ndtree._native._core import OccupancyMap
 from ndtree.cells.lattice import Cells, cells_through
 from ndtree.cells.regions import picture_region
+from ndtree.plot.colors import name_axes
 from ndtree.plot.figures import (
     BORDER_COLOR,
     SIZE_COLORS,
@@ -25,7 +26,6 @@ from ndtree.plot.figures import (
     require_dim,
 )
 from ndtree.plot.images import PooledImage, draw_borders, draw_occupancy, image_of, smallest_of
-from ndtree.plot.legends import name_axes
 
 
 def cells(

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ndtree._native._core import OccupancyMap
 from ndtree.cells.lattice import Cells, cells_through, observed_bounds, occupied_cells
 from ndtree.cells.regions import ceiling, found_region, picture_region
-from ndtree.plot.colors import coloring
+from ndtree.plot.colors import coloring, explain_states, name_axes, scale_bar
 from ndtree.plot.cubes import bounds_on_screen, chosen_cubes, draw_cubes
 from ndtree.plot.figures import (
     WITHOUT_BAR,
@@ -34,7 +34,6 @@ from ndtree.plot.figures import (
 )
 from ndtree.plot.flat import cell_sizes, occupancy, slice
 from ndtree.plot.images import draw_borders, draw_occupancy
-from ndtree.plot.legends import explain_states, name_axes, scale_bar
 
 
 def side_by_side(

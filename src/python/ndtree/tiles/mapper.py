@@ -17,7 +17,6 @@ from ndtree._native._core import OccupancyMap
 from ndtree._native.results import InsertReport
 from ndtree.base.scan import Scan
 from ndtree.tiles.grid import Tile, TileGrid, beams_of, reach_of
-from ndtree.tiles.growth import Growth
 from ndtree.tiles.kind import MapKind, with_counters
 from ndtree.tiles.manifest import (
     TILES,
@@ -30,7 +29,7 @@ from ndtree.tiles.manifest import (
     store_tile,
     tidy,
 )
-from ndtree.tiles.resident import Resident
+from ndtree.tiles.resident import Growth, Resident
 from ndtree.tiles.storage import Storage
 
 #: Memory of cells, unless it is given.

@@ -9,7 +9,7 @@ import numpy as np
 import viser
 
 from ndtree.cells.lattice import Floats
-from ndtree.plot.legends import round_length
+from ndtree.plot.colors import round_length
 
 _GREY, _LINE, _FINE = (40, 40, 40), (150, 150, 150), (210, 210, 210)
 _SQUARES = 12  # Of the grid along the longer side, about.

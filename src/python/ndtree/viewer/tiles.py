@@ -12,7 +12,7 @@ import numpy as np
 import viser
 
 from ndtree.cells.lattice import Block, Integers, Pyramid
-from ndtree.viewer.boxes import drawn_boxes
+from ndtree.viewer.layers import drawn_boxes
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,9 @@ import viser
 
 from ndtree.cells.lattice import Floats
 from ndtree.plot.figures import kind_of
-from ndtree.viewer.boxes import edges_of
 from ndtree.viewer.controls import Controls
 from ndtree.viewer.frame import draw_frame
-from ndtree.viewer.layers import Layer
+from ndtree.viewer.layers import Layer, edges_of
 from ndtree.viewer.look import IN_PLANE, KINDS, Look, shown_kinds
 from ndtree.viewer.picking import numbers_of
 from ndtree.viewer.snapshot import Snapshot

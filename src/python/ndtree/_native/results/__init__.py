@@ -3,15 +3,15 @@
 
 from ndtree._native.results.arrays import Answers as Answers
 from ndtree._native.results.arrays import Changes, Frontier, Leaves, NearestOccupied, RayEnds
-from ndtree._native.results.match import Match
-from ndtree._native.results.path import Path
 from ndtree._native.results.reports import (
     Claims,
     CompressReport,
     HistoryReport,
     InsertReport,
     MapStats,
+    Match,
     NoReturns,
+    Path,
 )
 
 __all__ = [

@@ -23,7 +23,7 @@ from ndtree.logs import (
     contents,
     require_options,
 )
-from ndtree.logs.core.selection import Selection
+from ndtree.logs.core.rules import Selection
 from ndtree.logs.ros.placement.mount import mount_of
 from ndtree.maps.kinds import MAP_OPTIONS
 from ndtree.tuning.config import Config

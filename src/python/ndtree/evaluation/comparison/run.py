@@ -18,7 +18,7 @@ from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.evaluation.certificate import certify as make_certificate
 from ndtree.evaluation.comparison.building import OUTCOMES, Built, Maps, build_once, figures_of, makers_of
-from ndtree.evaluation.comparison.result import Comparison
+from ndtree.evaluation.comparison.table import Comparison
 from ndtree.evaluation.comparison.truth import (
     claims_of,
     finite_or_none,

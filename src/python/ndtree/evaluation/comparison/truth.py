@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
-from ndtree.evaluation.beam_points import beam_points
 from ndtree.evaluation.exact_truth import FOUND_WITHIN, NEAR_SURFACE
+from ndtree.evaluation.sampling import beam_points
 from ndtree.logs.core.log import Log
 from ndtree.logs.formats.simulated import SimulatedLog
 

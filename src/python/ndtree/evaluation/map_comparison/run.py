@@ -7,6 +7,7 @@ import json
 import math
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Union
 
@@ -15,10 +16,99 @@ import numpy as np
 from ndtree._errors import WrongValue
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
-from ndtree.evaluation.map_comparison.blocks import STATES, common_grid
-from ndtree.evaluation.map_comparison.distances import distances_between
-from ndtree.evaluation.map_comparison.table import table_of
+from ndtree.evaluation.map_comparison.blocks import STATES, Floats, Integers, common_grid
 from ndtree.maps.open import PlacedMap, open_map
+
+
+def table_of(result: Mapping[str, Any]) -> str:
+    lines = [
+        f"{key}: {result[key]['map']}, {result[key]['cells']:,} cells from {result[key]['cell_size']:g} m"
+        for key in "ab"
+    ]
+    lines += ["", f"cells of {result['cell_size']:g} m, by their state in a and in b:", ""]
+    rows = [["a \\ b", *STATES]]
+    for one in STATES:
+        rows.append(
+            [one, *(f"{result['cells'][one][o]:,}" if o in result["cells"][one] else "" for o in STATES)]
+        )
+    lines += _aligned(rows)
+    lines.append("")
+    for key, text in (
+        ("agreement", "of the cells that both know, their states agree on"),
+        ("known_in_both", "of the cells that one knows, both know"),
+        ("occupied_overlap", "of the cells that are occupied in one, both have occupied"),
+    ):
+        share = result[key]
+        lines.append(f"{text}: " + (f"{100 * share:.2f} %" if share is not None else "there are none"))
+    distances = result["distances"]
+    rows = [["distance to the nearest [m]", "cells", "mean", "median", "95 %", "largest"]]
+    for key, text in (("a_to_b", "from a's occupied to b's"), ("b_to_a", "from b's occupied to a's")):
+        if distances[key]:
+            figures = (f"{distances[key][name]:.3f}" for name in ("mean", "median", "p95", "max"))
+            rows.append([text, f"{distances[key]['points']:,}", *figures])
+    if len(rows) > 1:
+        lines += ["", *_aligned(rows)]
+    return "\n".join(lines)
+
+
+def _aligned(rows: list[list[str]]) -> list[str]:
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return [
+        "  ".join(
+            [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:]))]
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def distances_between(
+    one: PlacedMap, other: PlacedMap, cell_size: float, max_points: int
+) -> dict[str, Any] | None:
+    """From occupied cells of one map to the other; None where one of them has none."""
+    points = _surface(one, cell_size, max_points)
+    if not len(points):
+        return None
+    distance = other.map.distance_to_occupied(points + one.offset - other.offset)
+    if np.isnan(distance).any():
+        return None
+    return {
+        "points": len(points),
+        "mean": float(distance.mean()),
+        "median": float(np.median(distance)),
+        "p95": float(np.percentile(distance, 95)),
+        "max": float(distance.max()),
+    }
+
+
+def _surface(one: PlacedMap, cell_size: float, max_points: int) -> Floats:
+    """Centres of the parts of occupied leaves, in the map's own frame: each divided into as many as have
+    about the cell size, of which those inside it are left out."""
+    leaves = one.map.leaves()
+    chosen = leaves.state == 1
+    lower, size = leaves.lower[chosen], leaves.size[chosen]
+    dim = lower.shape[1]
+    parts = np.maximum(1, np.rint(size / cell_size).astype(np.int64))
+    count = parts**dim - np.maximum(parts - 2, 0) ** dim
+    total = int(count.sum())
+    share = min(1.0, max_points / total) if total else 1.0
+    generator = np.random.default_rng(0)
+    result = []
+    for n in np.unique(parts):
+        here = parts == n
+        border = _border(int(n), dim)
+        at = (border + 0.5) / n
+        points = (lower[here, None, :] + at * size[here, None, None]).reshape(-1, dim)
+        if share < 1:
+            points = points[generator.random(len(points)) < share]
+        result.append(points)
+    return np.concatenate(result) if result else np.empty((0, dim))
+
+
+def _border(n: int, dim: int) -> Integers:
+    """Numbers (m, dim) of the cells at the border of a cube of n cells an axis."""
+    every = np.stack(np.meshgrid(*[np.arange(n)] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
+    return every[((every == 0) | (every == n - 1)).any(axis=1)]
+
 
 AnyMap = Union[OccupancyMap, PlacedMap, str, "os.PathLike[str]"]
 MAX_POINTS = 200_000

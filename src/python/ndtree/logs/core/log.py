@@ -22,11 +22,9 @@ from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
 from ndtree.logs.core.archive import save_archive
 from ndtree.logs.core.failures import NoPose, readable
-from ndtree.logs.core.padding import without_padding
 from ndtree.logs.core.plain_file import DamagedStream, open_plain
-from ndtree.logs.core.rules import UNSEARCHED, Decision, Rules
-from ndtree.logs.core.selection import Selection
-from ndtree.logs.core.silence import CutOff, CutOffSearch
+from ndtree.logs.core.rules import UNSEARCHED, Decision, Rules, Selection
+from ndtree.logs.core.silence import CutOff, CutOffSearch, without_padding
 
 if TYPE_CHECKING:
     from typing_extensions import Self

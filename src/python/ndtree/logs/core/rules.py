@@ -1,12 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How a log is read: decided before it is, and the same for all of it."""
+"""How a log is read: rules, decided before it is; and which of its scans, and what of them."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ndtree._errors import WrongValue, key
+from ndtree.base.scan import Scan
 from ndtree.logs.core.silence import CutOff
 
 NO_ECHO, INVALID = "no-echo", "invalid"
@@ -51,3 +57,136 @@ class Decision:
     value: Any
     source: str = GIVEN
     why: str = ""
+
+
+Floats = NDArray[np.float64]
+
+
+class Selection:
+    """Which scans of a log, and what of them; see `Log.select` for the parameters."""
+
+    def __init__(
+        self,
+        dim: int,
+        *,
+        every: int = 1,
+        start: float | None = None,
+        stop: float | None = None,
+        min_range: float = 0.0,
+        stride: int = 1,
+        box: tuple[ArrayLike, ArrayLike] | None = None,
+        origin: ArrayLike | None = None,
+    ) -> None:
+        for name, value in (("every", every), ("stride", stride)):
+            if value != int(value) or value < 1:
+                raise WrongValue.of(name, value, "a whole number >= 1")
+        self.every, self._stride = int(every), int(stride)
+        if not 0 <= min_range < math.inf:
+            raise WrongValue.of("min_range", f"{min_range:g} m", ">= 0 and finite")
+        self._min_range = float(min_range)
+        self.is_timed = start is not None or stop is not None
+        self.start = 0.0 if start is None else float(start)
+        self.stop = math.inf if stop is None else float(stop)
+        if not 0 <= self.start < self.stop:
+            raise WrongValue(
+                f"{key('start')} = {self.start:g} s, {key('stop')} = {self.stop:g} s: must be 0 <= "
+                f"{key('start')} < {key('stop')}"
+            )
+        self._box = None if box is None else _box(box, dim)
+        self._origin = None if origin is None else _point("origin", origin, dim)
+
+    def of(self, scans: Iterable[Scan], name: str) -> Iterator[Scan]:
+        """The part of some scans, read as they are asked for; `name` is how errors call their log."""
+        one_by_one = OneByOne(self, name)
+        for scan in scans:
+            part = one_by_one.part(scan)
+            if one_by_one.is_over:
+                return
+            if part is not None:
+                yield part
+
+    def cut(self, scan: Scan) -> Scan:
+        """What of one scan is used, wherever it stands among the others."""
+        if self._origin is not None:
+            # In double precision whatever the log has: far-away coordinates lose nothing more than they have.
+            ends = scan.endpoints.astype(np.float64) - self._origin
+            scan = replace(scan, endpoints=ends, origin=scan.origin.astype(np.float64) - self._origin)
+        if self._stride > 1:
+            scan = scan.only(slice(None, None, self._stride))
+        if self._min_range > 0 and not scan.points_only:
+            length = np.linalg.norm(scan.endpoints - scan.origin, axis=1)
+            scan = scan.only(~(length < self._min_range))
+        return scan if self._box is None else _cropped(scan, *self._box)
+
+
+class OneByOne:
+    """A selection of scans that come one after the other.
+
+    `name`: How errors call their log.
+    Attributes:
+    `is_over`: Whether no later scan belongs to it.
+    """
+
+    def __init__(self, selection: Selection, name: str) -> None:
+        self._selection, self._name = selection, name
+        self.is_over = False
+        self._seen = self._number = 0
+        self._first = math.nan
+
+    def part(self, scan: Scan) -> Scan | None:
+        """What of the next scan is used; None for nothing."""
+        selection = self._selection
+        if self._seen == 0:
+            self._first = scan.stamp
+        elif self._seen == 1 and selection.is_timed and self._first == scan.stamp == 0.0:
+            raise WrongValue(
+                f"{self._name}: its scans have no times, expected neither {key('start')} nor {key('stop')}"
+            )
+        self._seen += 1
+        after = scan.stamp - self._first
+        self.is_over = self.is_over or after >= selection.stop
+        if self.is_over or not after >= selection.start:
+            return None
+        self._number += 1
+        return selection.cut(scan) if (self._number - 1) % selection.every == 0 else None
+
+
+def _cropped(scan: Scan, lower: Floats, upper: Floats) -> Scan:
+    """The beams that touch a box, cut off where they leave it."""
+    start = np.broadcast_to(scan.origin, scan.endpoints.shape).astype(np.float64)
+    end = scan.endpoints.astype(np.float64)
+    way = end - start
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = np.stack([(lower - start) / way, (upper - start) / way])
+    # Along an axis on which a beam does not move, it is inside all the way or nowhere.
+    still, between = way == 0, (start >= lower) & (start < upper)
+    enter = np.where(still, np.where(between, -np.inf, np.inf), at.min(axis=0)).max(axis=1)
+    leave = np.where(still, np.where(between, np.inf, -np.inf), at.max(axis=0)).min(axis=1)
+    ends_inside = ((end >= lower) & (end < upper)).all(axis=1)
+    touches = np.isfinite(way).all(axis=1) & (enter < leave) & (enter < 1) & (leave > 0)
+    keep = ends_inside | touches
+    cut = keep & ~ends_inside & (leave < 1)
+    end[cut] = start[cut] + leave[cut, None] * way[cut]
+    returned = np.ones(len(scan), dtype=bool) if scan.returned is None else scan.returned
+    cropped = replace(scan, endpoints=end, returned=returned & ends_inside)
+    return cropped.only(keep)
+
+
+def _box(box: tuple[ArrayLike, ArrayLike], dim: int) -> tuple[Floats, Floats]:
+    if len(box) != 2:
+        raise WrongValue(f"{key('box')} has {len(box)} corners: must be (lower, upper)")
+    lower, upper = (_point("box", corner, dim) for corner in box)
+    if not (lower < upper).all():
+        raise WrongValue(
+            f"{key('box')} from {lower.tolist()} to {upper.tolist()}: must be lower < upper on every axis"
+        )
+    return lower, upper
+
+
+def _point(name: str, values: ArrayLike, dim: int) -> Floats:
+    point = np.asarray(values, dtype=np.float64)
+    if point.shape != (dim,) or not np.isfinite(point).all():
+        raise WrongValue(
+            f"{key(name)} has a point {np.asarray(values).tolist()}: must be {dim} finite numbers"
+        )
+    return point

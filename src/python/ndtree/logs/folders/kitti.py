@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ndtree.logs.core.failures import NotALog, one_line
 from ndtree.logs.core.plain_file import text_lines
 from ndtree.logs.core.source import TIME_OFFSET, Format, Source
-from ndtree.logs.folders.bin_files import WIDTHS, bin_points, floats_a_point
+from ndtree.logs.folders.cloud_files import WIDTHS, bin_points, floats_a_point
 from ndtree.logs.folders.folder import FolderLog, PosesOfFiles, number_in, stem_of
 from ndtree.logs.poses.pose import Pose, about_axes
 from ndtree.logs.poses.trajectory_files import TRAJECTORY

@@ -16,16 +16,28 @@ from numpy.typing import NDArray
 from ndtree._errors import WrongValue
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
-from ndtree.logs.core.padding import without_zeros
-from ndtree.logs.core.source import TIME_OFFSET, Format, ReaderOption, Source, source_of
-from ndtree.logs.core.unplaced import ORIGIN_OF_SCAN, POINTS_ONLY, Unplaced, without_sensor
-from ndtree.logs.folders.bin_files import WIDTHS, bin_points, floats_a_point, may_be_points
+from ndtree.logs.core.silence import without_zeros
+from ndtree.logs.core.source import (
+    ORIGIN_OF_SCAN,
+    POINTS_ONLY,
+    TIME_OFFSET,
+    Format,
+    ReaderOption,
+    Source,
+    Unplaced,
+    source_of,
+    without_sensor,
+)
 from ndtree.logs.folders.cloud_files import (
     BIN_CLOUD,
     TEXT_CLOUD,
+    WIDTHS,
     CloudFile,
+    bin_points,
+    floats_a_point,
     kind_of_file,
     kind_of_name,
+    may_be_points,
     points_of_file,
 )
 from ndtree.logs.folders.folder import FolderLog, PosesOfFiles, number_in, stamps_in, stem_of

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 from ndtree._errors import WrongValue, key
 from ndtree.logs.core.plain_file import open_plain
-from ndtree.logs.folders.bin_files import may_be_points
-from ndtree.logs.folders.cloud_files import BIN_CLOUD, TEXT_CLOUD, CloudFile, kind_of_name
+from ndtree.logs.folders.cloud_files import BIN_CLOUD, TEXT_CLOUD, CloudFile, kind_of_name, may_be_points
 from ndtree.logs.folders.folder import number_in, stem_of
 from ndtree.logs.folders.text_clouds import MAYBE, columns_of
 from ndtree.logs.poses.trajectory_files import read_pose, trajectory_kind

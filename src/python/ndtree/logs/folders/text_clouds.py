@@ -20,8 +20,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.plain_file import open_plain
-from ndtree.logs.core.separators import separator_of
+from ndtree.logs.core.plain_file import open_plain, separator_of
 from ndtree.logs.core.source import Source
 
 Floats = NDArray[np.float64]

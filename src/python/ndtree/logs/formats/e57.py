@@ -16,8 +16,7 @@ from ndtree.base.words import number_of
 from ndtree.logs.core.failures import readable
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.plain_file import open_regular
-from ndtree.logs.core.source import Format, Source
-from ndtree.logs.core.unplaced import ORIGIN_OF_SCAN, POINTS_ONLY, Unplaced, without_sensor
+from ndtree.logs.core.source import ORIGIN_OF_SCAN, POINTS_ONLY, Format, Source, Unplaced, without_sensor
 from ndtree.logs.poses.pose import Pose
 
 MAGIC = b"ASTM-E57"

@@ -12,7 +12,7 @@ from ndtree._errors import WrongValue, key
 from ndtree._native import _core
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import LineLog
-from ndtree.logs.core.separators import are_numbers
+from ndtree.logs.core.plain_file import are_numbers
 from ndtree.logs.core.source import Format, Source
 
 EXPECTED = "expected 4 or 5 numbers a line in 2-D, 6 or 7 in 3-D"

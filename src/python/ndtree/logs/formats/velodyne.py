@@ -15,7 +15,7 @@ from ndtree._errors import key
 from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import NoPose, NotALog, one_line
 from ndtree.logs.core.log import Log
-from ndtree.logs.core.padding import without_padding
+from ndtree.logs.core.silence import without_padding
 from ndtree.logs.core.source import TIME_OFFSET, Format, ReaderOption, Source, WrongOption
 from ndtree.logs.formats.packets import MAGICS, is_velodyne, packets, sender_of
 from ndtree.logs.poses.pose import matrices_of, rotated

@@ -12,8 +12,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.plain_file import text_lines
-from ndtree.logs.core.separators import are_numbers, floats_of, with_points
+from ndtree.logs.core.plain_file import are_numbers, floats_of, text_lines, with_points
 from ndtree.logs.poses.pose import ROTATION_TOLERANCE, matrices_of
 
 Floats = NDArray[np.float64]

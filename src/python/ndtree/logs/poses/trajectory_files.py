@@ -11,8 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.plain_file import text_lines
-from ndtree.logs.core.separators import are_numbers, floats_of, with_points
+from ndtree.logs.core.plain_file import are_numbers, floats_of, text_lines, with_points
 from ndtree.logs.core.source import ReaderOption
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.pose_columns import TUM, PoseColumns, columns_named, order_in_doubt, seconds_of

@@ -3,10 +3,15 @@
 
 from __future__ import annotations
 
+import heapq
 from bisect import bisect_right
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+
+import numpy as np
 
 from ndtree.logs.poses.following import FALL, LASTS
+from ndtree.logs.ros.messages.head import head_of
+from ndtree.logs.ros.storage import Raw
 
 #: Streams that begin anew within this time of each other do so together [s].
 TOGETHER = 2.0
@@ -99,3 +104,24 @@ def _falls(stream: Stream) -> list[float]:
             found.append(received)
         before = stamp
     return found
+
+
+#: Messages of several sensors are put into the order of their stamps if they come no later than this [s].
+LATEST = 1.0
+
+
+def in_order(messages: Iterator[Raw], clock: Clock) -> Iterator[Raw]:
+    """Messages of several sensors in the order of their stamps, as far as they come soon enough."""
+    waiting: list[tuple[float, int, Raw]] = []
+    latest = -np.inf
+    for number, raw in enumerate(messages):
+        head = head_of(raw)
+        received = 1e-9 * raw.received
+        stamp, frame = head if head is not None else (received, "")
+        stamp = clock.time((raw.connection.topic, frame), received, stamp)
+        latest = max(latest, stamp)
+        heapq.heappush(waiting, (stamp, number, raw))
+        while waiting[0][0] < latest - LATEST:
+            yield heapq.heappop(waiting)[2]
+    while waiting:
+        yield heapq.heappop(waiting)[2]

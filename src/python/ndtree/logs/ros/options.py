@@ -21,7 +21,7 @@ from ndtree.logs.ros.survey import ODOMETRY, POSE_NAMES, POSES
 
 @dataclass(frozen=True)
 class BagOptions:
-    """The options of the format, as of `ndtree.logs.ros.rosbag_format`; None where nothing was said."""
+    """The options of the format, as of `ndtree.logs.ros.rosbag`; None where nothing was said."""
 
     topic: str | Sequence[str] | None = None
     fixed_frame: str | None = None

@@ -12,19 +12,17 @@ from ndtree.logs.core.rules import MEASURED, Decision
 from ndtree.logs.core.source import WrongOption
 from ndtree.logs.poses.covariances import AUTO, IGNORE, REMEMBERED, USE, PoseCovariances
 from ndtree.logs.ros.choice import in_order as in_order_of_sight
-from ndtree.logs.ros.choice import poor, sights
+from ndtree.logs.ros.choice import poor, sights, understood
 from ndtree.logs.ros.clock import Clock
 from ndtree.logs.ros.files.bag import Bag
 from ndtree.logs.ros.messages.sweep import BY_WORD, Sweep
 from ndtree.logs.ros.options import BagOptions
 from ndtree.logs.ros.placement.advice import without_sensors
 from ndtree.logs.ros.placement.body import Body
-from ndtree.logs.ros.placement.level import dimension_of
 from ndtree.logs.ros.placement.placement import TRANSFORMS, Placement
-from ndtree.logs.ros.placement.placing import Placed, find_places
+from ndtree.logs.ros.placement.placing import Placed, dimension_of, find_places
 from ndtree.logs.ros.sensors import Sensor, Wanted, chosen, encodings_in, listed, readable
 from ndtree.logs.ros.survey import Survey
-from ndtree.logs.ros.sweep_choice import understood
 
 #: Stamps and poses that are further apart are of two clocks [s].
 TWO_CLOCKS = 1.0

@@ -16,8 +16,7 @@ from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.rules import NO_ECHO, Rules
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files.bag import Bag
-from ndtree.logs.ros.messages.beams import SENSOR_NAMES, SENSORS, Beams, Floats, stamp_of
-from ndtree.logs.ros.messages.byte_order import SWAPPED
+from ndtree.logs.ros.messages.beams import SENSOR_NAMES, SENSORS, SWAPPED, Beams, Floats, stamp_of
 from ndtree.logs.ros.messages.laser import NoiseAtLimit
 from ndtree.logs.ros.placement.placement import Placement
 from ndtree.logs.ros.placement.standing import Standing

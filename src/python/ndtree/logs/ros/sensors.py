@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -33,7 +35,39 @@ from ndtree.logs.ros.messages.head import head_of
 from ndtree.logs.ros.messages.laser import NoiseAtLimit, laser_beams, multi_echo_beams, range_beams
 from ndtree.logs.ros.storage import Raw
 from ndtree.logs.ros.survey import Survey
-from ndtree.logs.ros.units import recorded_unit
+
+FLOAT = "std_msgs/msg/Float32"
+_SENSOR = re.compile(r"/?((device_\d+)/sensor_\d+)/")
+_OPTION = re.compile(r"/option/depth[_ ]units/value$", re.IGNORECASE)
+
+
+def recorded_unit(bag: Bag, topic: str) -> tuple[float, str] | None:
+    """How many metres an integer of a depth image is, and the topic that says so.
+
+    The recorder of the RealSense SDK writes the options of each sensor beside its images. That of the same
+    sensor counts, else that of the same device.
+
+    `topic`: With the images.
+    Returns (float, str), or None: None where it is not stated.
+    Raises ValueError if the option is no length.
+    """
+    own = _SENSOR.match(topic)
+    if own is None:
+        return None
+    options = [one for one in bag.of_type(FLOAT) if _OPTION.search(one.name)]
+    for which in (1, 2):
+        for one in options:
+            found = _SENSOR.match(one.name)
+            if found is not None and found[which] == own[which]:
+                return _length(bag, one.name), one.name
+    return None
+
+
+def _length(bag: Bag, topic: str) -> float:
+    unit = float(f"{bag.first(topic).data:.7g}")  # A float of 32 bits: 0.001 is not quite that.
+    if not (0 < unit < 1 and math.isfinite(unit)):
+        raise ValueError(f"{bag.path}: {topic}: {unit:g} m, expected the unit of depth images, > 0 and < 1 m")
+    return unit
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.padding import without_padding
-from ndtree.logs.ros.messages.beams import LONGEST_SWEEP, Beams, Floats, pitch_of
-from ndtree.logs.ros.messages.byte_order import LOOKED_AT, is_swapped
+from ndtree.logs.core.silence import without_padding
+from ndtree.logs.ros.messages.beams import LONGEST_SWEEP, LOOKED_AT, Beams, Floats, is_swapped, pitch_of
 
 _FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from ndtree.logs.folders.depth_image import Camera, points_of
 from ndtree.logs.ros.messages import rvl
-from ndtree.logs.ros.messages.beams import COMPRESSED_IMAGE, Beams, pitch_of
-from ndtree.logs.ros.messages.byte_order import is_swapped
+from ndtree.logs.ros.messages.beams import COMPRESSED_IMAGE, Beams, is_swapped, pitch_of
 
 #: Images that hold depths: type of a pixel, and its values in a metre.
 DEPTH_ENCODINGS = {

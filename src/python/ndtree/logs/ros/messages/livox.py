@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.padding import without_padding
+from ndtree.logs.core.silence import without_padding
 from ndtree.logs.ros.messages.beams import LIVOX, LONGEST_SWEEP, Beams
 from ndtree.logs.ros.messages.head import Header, header_of, order_of
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ndtree._errors import WrongValue, key
-from ndtree.logs.core.padding import without_zeros
+from ndtree.logs.core.silence import without_zeros
 from ndtree.logs.poses.trajectory import STAMP_TOLERANCE
 from ndtree.logs.poses.trajectory_files import read_trajectory
 from ndtree.logs.poses.transforms import TransformTree, plain
 from ndtree.logs.ros.files.bag import Topic
 from ndtree.logs.ros.messages.beams import CLOUDS, Beams, Floats
-from ndtree.logs.ros.messages.deskew import in_map
+from ndtree.logs.ros.messages.sweep import in_map
 from ndtree.logs.ros.options import BagOptions
 from ndtree.logs.ros.placement.advice import HOW_TO_MOUNT, MOUNT, listed, standing, typed, unconnected
 from ndtree.logs.ros.placement.mount import mount_of
@@ -62,7 +62,7 @@ class Placement:
         return self.tree.moving(self.fixed_frame, self.observer or self.frame)
 
     def in_map(self, frame: str, beams: Beams, stamp: float) -> tuple[Floats, Floats]:
-        """As `ndtree.logs.ros.messages.deskew.in_map`, of a message in a frame."""
+        """As `ndtree.logs.ros.messages.sweep.in_map`, of a message in a frame."""
         if self.observer is None:
             return in_map(self.tree, self.fixed_frame, frame, beams, stamp)
         # Moving the points into a fixed frame took the time of each into account.
