@@ -6,6 +6,8 @@ This module imports nothing of the package, so every folder may use it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
@@ -23,3 +25,14 @@ METHODS = {
 def method(name: str) -> Any:
     """The function of `METHODS` with this name; its module is loaded."""
     return getattr(import_module(METHODS[name]), name)
+
+
+@contextmanager
+def needs(what: str, extra: str) -> Iterator[None]:
+    """Around imports of what not all have installed: ImportError says what needs it, and its extra."""
+    try:
+        yield
+    except ImportError as error:
+        raise ImportError(
+            f"{what} ({error}); install it with:\n  pip install 'ndtree-mapping[{extra}]'"
+        ) from None

@@ -7,12 +7,10 @@ several panels returns its ``Figure``, and writes it if there is a path, in the 
 
 from __future__ import annotations
 
-try:
+from ndtree._lazy import needs
+
+with needs("ndtree.plot needs matplotlib", "plot"):
     import matplotlib as _matplotlib  # noqa: F401
-except ImportError as error:
-    raise ImportError(
-        f"ndtree.plot needs matplotlib ({error}); install it with:\n  pip install 'ndtree-mapping[plot]'"
-    ) from None
 
 from ndtree.plot.close_ups import close_up
 from ndtree.plot.colors import COLORS, Coloring, coloring

@@ -13,6 +13,7 @@ import numpy as np
 
 from ndtree import plot
 from ndtree._errors import WrongValue
+from ndtree._lazy import needs
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import require_kind
@@ -22,15 +23,10 @@ from ndtree.cells.regions import found_region, picture_region
 if TYPE_CHECKING:
     from ndtree.base.scan import Scan
 
-try:
+with needs("ndtree.plot.record needs matplotlib", "plot"):
     from matplotlib.animation import FFMpegWriter
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-except ImportError as error:
-    raise ImportError(
-        f"ndtree.plot.record needs matplotlib ({error}); install it with:\n"
-        "  pip install 'ndtree-mapping[plot]'"
-    ) from None
 
 ENDINGS = (".gif", ".mp4")
 MAX_GIF_FRAMES = 300  # They are kept in memory.

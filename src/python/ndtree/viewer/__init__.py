@@ -5,12 +5,10 @@ from __future__ import annotations
 
 import logging
 
-try:
+from ndtree._lazy import needs
+
+with needs("ndtree.viewer needs viser", "view"):
     import viser as _viser  # noqa: F401
-except ImportError as error:
-    raise ImportError(
-        f"ndtree.viewer needs viser ({error}); install it with:\n  pip install 'ndtree-mapping[view]'"
-    ) from None
 
 from ndtree.viewer.controls import legend_html
 from ndtree.viewer.look import Look

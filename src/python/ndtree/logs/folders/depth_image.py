@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._errors import WrongValue, key
+from ndtree._lazy import needs
 from ndtree.logs.core.plain_file import open_regular
 from ndtree.logs.core.source import ReaderOption
 
@@ -150,13 +151,8 @@ def load_png(path: str) -> NDArray[np.unsignedinteger[Any]]:
     Returns ndarray of uint16, (rows, columns).
     Raises ImportError if Pillow is not there; ValueError if it is no such image, or damaged.
     """
-    try:
+    with needs("depth images in PNG need Pillow", "clouds"):
         from PIL import Image, UnidentifiedImageError
-    except ImportError as error:
-        raise ImportError(
-            f"depth images in PNG need Pillow ({error}); install it with:\n  "
-            "pip install 'ndtree-mapping[clouds]'"
-        ) from None
     expected = "expected a PNG of one channel of 16 bits"
     with open_regular(path) as file:
         try:

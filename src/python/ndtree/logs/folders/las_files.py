@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._errors import WrongValue
+from ndtree._lazy import needs
 from ndtree.logs.core.failures import readable
 from ndtree.logs.core.plain_file import open_regular
 from ndtree.logs.folders.coordinate_system import METRES, Units, units_of_keys, units_of_wkt
@@ -33,10 +34,8 @@ def las_points(path: str) -> NDArray[np.float64]:
 
     Raises ValueError also if they are degrees.
     """
-    try:
+    with needs("LAS and LAZ files need laspy", "clouds"):
         import laspy
-    except ImportError as error:
-        raise ImportError(f"LAS and LAZ files need laspy ({error}); {INSTALL}") from None
     with open_regular(path) as file, readable(path, "cannot be read as LAS", foreign=True):
         _check_header(path, file)
         with laspy.open(file, closefd=False) as reader:

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._lazy import needs
 from ndtree.logs.core.failures import one_line
 from ndtree.logs.core.plain_file import open_regular
-from ndtree.logs.folders.las_files import INSTALL
 
 #: No header is longer; it ends with its line DATA.
 _HEADER_LINES, _LINE_BYTES = 200, 1 << 16
@@ -212,10 +212,8 @@ def unpacked(path: str, header: PcdHeader, data: bytes) -> tuple[np.dtype[Any], 
         return header.dtype(0), [
             np.zeros((0, count), kind) for kind, count in zip(header.types, header.counts)
         ]
-    try:
+    with needs("compressed PCD files need pypcd4", "clouds"):
         lzf = import_module("lzf")
-    except ImportError as error:
-        raise ImportError(f"compressed PCD files need pypcd4 ({error}); {INSTALL}") from None
     if len(data) < 8:
         raise _damaged(path, f"{len(data)} bytes behind DATA, expected two sizes")
     packed, size = struct.unpack_from("<II", data)

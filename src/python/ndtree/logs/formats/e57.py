@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._lazy import needs
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
 from ndtree.logs.core.failures import readable
@@ -20,7 +21,6 @@ from ndtree.logs.core.source import ORIGIN_OF_SCAN, POINTS_ONLY, Format, Source,
 from ndtree.logs.poses.pose import Pose
 
 MAGIC = b"ASTM-E57"
-INSTALL = "install it with:\n  pip install 'ndtree-mapping[e57]'"
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _GRID = {"rowIndex", "columnIndex"}
@@ -93,10 +93,8 @@ class E57Log(SizedLog):
 @contextmanager
 def _opened(path: str) -> Iterator[Any]:
     """The library's file. It does not close what it cannot open whole."""
-    try:
+    with needs(f"{path}: an E57, which needs pye57", "e57"):
         import pye57
-    except ImportError as error:
-        raise ImportError(f"{path}: an E57, which needs pye57 ({error}); {INSTALL}") from None
     with open_regular(path) as file:  # A FIFO would wait for a writer.
         size = os.fstat(file.fileno()).st_size
         header = file.read(_HEADER)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._errors import key
+from ndtree._lazy import needs
 from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import NoPose, NotALog, one_line
 from ndtree.logs.core.log import Log
@@ -24,7 +25,6 @@ from ndtree.logs.poses.trajectory_files import TRAJECTORY, read_trajectory
 
 Floats = NDArray[np.float64]
 
-INSTALL = "install it with:\n  pip install 'ndtree-mapping[velodyne]'"
 #: What helps with packets of other lidars.
 _OF_OTHERS = {
     "Ouster": "ouster-cli source {path} save scans.csv (pip install ouster-sdk), then their folder",
@@ -96,12 +96,8 @@ class VelodyneLog(Log):
 
 
 def _library(path: str) -> Any:
-    try:
+    with needs(f"{path}: packets of a Velodyne, which need velodyne-decoder", "velodyne"):
         import velodyne_decoder
-    except ImportError as error:
-        raise ImportError(
-            f"{path}: packets of a Velodyne, which need velodyne-decoder ({error}); {INSTALL}"
-        ) from None
     return velodyne_decoder
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import replaced_together, require_kind
 
@@ -30,12 +31,8 @@ def write(
         require_kind(path.with_suffix(".pgm"))
         m.save_map_server(yaml, cell_size=cell_size, height=height, wall_depth=wall_depth)
         return
-    try:
+    with needs("PNG files need Pillow", "convert"):
         from PIL import Image
-    except ImportError as error:
-        raise ImportError(
-            f"PNG files need Pillow ({error}); install it with:\n  pip install 'ndtree-mapping[convert]'"
-        ) from None
     with tempfile.TemporaryDirectory() as folder:
         same = Path(folder, "map.yaml")
         m.save_map_server(same, cell_size=cell_size, height=height, wall_depth=wall_depth)

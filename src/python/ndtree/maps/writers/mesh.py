@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import replaced
 from ndtree.cells.lattice import Cells, covered_faces
@@ -78,12 +79,8 @@ def write_ply(m: OccupancyMap, path: Path, *, states: Sequence[str], cell_size: 
 
 
 def _mesh(m: OccupancyMap, states: Sequence[str], cell_size: float | None, what: str) -> Any:
-    try:
+    with needs("meshes need trimesh", "convert"):
         import trimesh
-    except ImportError as error:
-        raise ImportError(
-            f"meshes need trimesh ({error}); install it with:\n  pip install 'ndtree-mapping[convert]'"
-        ) from None
     cells = selected(m, states, cell_size)
     corners, faces = quads(cells)
     points = in_space(corners * cells.unit)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import replaced
 from ndtree.maps.writers.cells import as_float32, centres, in_space, selected
@@ -17,12 +18,8 @@ def write(
     m: OccupancyMap, path: Path, *, states: Sequence[str] = ("occupied",), cell_size: float | None = None
 ) -> None:
     """Binary, with float32 coordinates as the Point Cloud Library has them."""
-    try:
+    with needs("PCD files need pypcd4", "convert"):
         from pypcd4 import PointCloud
-    except ImportError as error:
-        raise ImportError(
-            f"PCD files need pypcd4 ({error}); install it with:\n  pip install 'ndtree-mapping[convert]'"
-        ) from None
     cells = selected(m, states, cell_size)
     xyz = as_float32(in_space(centres(cells)), cells.unit, "PCD")
     columns = [

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import replaced
 from ndtree.logs import contents
@@ -54,12 +55,8 @@ def write(
     the given height, an OccupancyGrid of 0, 100 and -1 on ``/map``. Who subscribes later gets it, too
     (latched, transient local).
     """
-    try:
+    with needs("ROS bags need rosbags", "ros"):
         from rosbags import interfaces, rosbag1, rosbag2, typesys
-    except ImportError as error:
-        raise ImportError(
-            f"ROS bags need rosbags ({error}); install it with:\n  pip install 'ndtree-mapping[ros]'"
-        ) from None
     is_ros1 = path.suffix == ".bag"
     store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC if is_ros1 else typesys.Stores.ROS2_HUMBLE)
     store.register(typesys.get_types_from_msg(_OCTOMAP_DEFINITION, _OCTOMAP))

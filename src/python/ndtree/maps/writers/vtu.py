@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import replaced
 from ndtree.maps.writers.cells import in_space, selected
@@ -27,12 +28,8 @@ def write(
     cell_size: float | None = None,
 ) -> None:
     """Cells with probability, state, size, hits and misses."""
-    try:
+    with needs("VTK's files need meshio", "convert"):
         import meshio
-    except ImportError as error:
-        raise ImportError(
-            f"VTK's files need meshio ({error}); install it with:\n  pip install 'ndtree-mapping[convert]'"
-        ) from None
     if m.dim not in _CORNERS:
         raise ValueError(f"a map with dim = {m.dim}: must be 2 or 3")
     cells = selected(m, states, cell_size)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+from ndtree._lazy import needs
 from ndtree.logs.core.plain_file import FREE_BYTES, MOST_PACKED
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files import mcap_file, ros1_file, sqlite_file
@@ -159,12 +160,8 @@ _READ_PACKAGES = ("sensor_msgs/", "geometry_msgs/", "nav_msgs/", "tf2_msgs/", "t
 
 def _typesys() -> Any:
     """The library that knows ROS's types."""
-    try:
+    with needs("ROS bags need rosbags", "ros"):
         from rosbags import typesys
-    except ImportError as error:
-        raise ImportError(
-            f"ROS bags need rosbags ({error}); install it with:\n  pip install 'ndtree-mapping[ros]'"
-        ) from None
     return typesys
 
 
@@ -335,13 +332,8 @@ def _unpacked(raw: Raw) -> Raw:
 
 
 def _zstandard(what: str) -> Any:
-    try:
+    with needs(f"{what}: packed by zstd, which needs zstandard", "ros"):
         import zstandard
-    except ImportError as error:
-        raise ImportError(
-            f"{what}: packed by zstd, which needs zstandard ({error}); "
-            "install it with:\n  pip install 'ndtree-mapping[ros]'"
-        ) from None
     return zstandard
 
 

@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ndtree._lazy import needs
 from ndtree.logs.ros.files.chunks import Damaged, in_order, unpacked
 from ndtree.logs.ros.messages import foxglove
 from ndtree.logs.ros.storage import Connection, FileStorage, OnDamage, Raw, line_of, ros2_type
@@ -33,12 +34,8 @@ class McapFile(FileStorage):
     """
 
     def __init__(self, path: str, name: str) -> None:
-        try:
+        with needs("MCAP files need mcap", "ros"):
             from mcap import records, stream_reader
-        except ImportError as error:
-            raise ImportError(
-                f"MCAP files need mcap ({error}); install it with:\n  pip install 'ndtree-mapping[ros]'"
-            ) from None
         self._records, self._stream = records, stream_reader
         super().__init__(path, name)
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._lazy import needs
 from ndtree.logs.folders.depth_image import Camera, points_of
 from ndtree.logs.ros.messages import rvl
 from ndtree.logs.ros.messages.beams import COMPRESSED_IMAGE, Beams, is_swapped, pitch_of
@@ -141,12 +142,8 @@ def _unpacked(message: Any) -> NDArray[Any]:
 
 
 def _png_pixels(data: bytes) -> NDArray[np.uint16]:
-    try:
+    with needs("packed images need Pillow", "ros"):
         from PIL import Image
-    except ImportError as error:
-        raise ImportError(
-            f"packed images need Pillow ({error}); install it with:\n  pip install 'ndtree-mapping[ros]'"
-        ) from None
     try:
         with Image.open(io.BytesIO(data)) as picture:
             values = np.asarray(picture)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
+from ndtree._lazy import needs
 from ndtree.logs.core.failures import one_line
 
 #: How Google calls its time, and its fields.
@@ -31,14 +32,9 @@ def fields_of(data: bytes, type: str, schema: bytes) -> dict[str, Any]:
 
 @lru_cache(maxsize=64)
 def _decoder(type: str, schema: bytes) -> Callable[[bytes], Any]:
-    try:
+    with needs("messages packed by protobuf need mcap-protobuf-support", "ros"):
         from mcap.records import Schema
         from mcap_protobuf.decoder import DecoderFactory
-    except ImportError as error:
-        raise ImportError(
-            f"messages packed by protobuf need mcap-protobuf-support ({error}); install it with:\n  "
-            "pip install 'ndtree-mapping[ros]'"
-        ) from None
     decoder = DecoderFactory().decoder_for(
         "protobuf", Schema(id=1, data=schema, encoding="protobuf", name=type)
     )
