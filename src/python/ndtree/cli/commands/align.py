@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree align``: poses of a log from what its scans saw."""
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import Annotated, Any, Optional, Union
-
-import typer
+from typing import Any, Optional, Union
 
 from ndtree.alignment import (
     MAX_RANGE,
@@ -21,7 +19,7 @@ from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import opened, reading_options, takes
 from ndtree.cli.commands.logs import inspected, warn_of_skipped
 from ndtree.cli.commands.mapping import mapped, written
-from ndtree.cli.commands.options import GivenLog, Json
+from ndtree.cli.commands.options import GivenLog, Json, flag
 from ndtree.cli.commands.output import check_picture, is_stdout, write_json
 from ndtree.cli.commands.pictures import plotting
 from ndtree.cli.commands.progress import progress
@@ -36,24 +34,13 @@ class _Call:
     """What is typed behind ``ndtree align``."""
 
     log: GivenLog
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", metavar="POSES", help="The trajectory, as TUM's: t x y z qx qy qz qw."
-        ),
-    ]
-    map_file: Annotated[
-        Optional[Path], typer.Option("--map", metavar="MAP", help="Write the map of these poses, too.")
-    ] = None
-    picture: Annotated[
-        Optional[Path], typer.Option(metavar="FILE", help="Draw what was seen, before and after.")
-    ] = None
-    max_range: Annotated[
-        Optional[float], typer.Option(help="Farther end points are not matched \\[m].", show_default=False)
-    ] = None
-    loops: Annotated[
-        bool, typer.Option("--loops/--no-loops", help="Look for places that were seen before.")
-    ] = True
+    output: Path = flag(
+        MISSING, "The trajectory, as TUM's: t x y z qx qy qz qw.", "--output", "-o", metavar="POSES"
+    )
+    map_file: Optional[Path] = flag(None, "Write the map of these poses, too.", "--map", metavar="MAP")
+    picture: Optional[Path] = flag(None, "Draw what was seen, before and after.", metavar="FILE")
+    max_range: Optional[float] = flag(None, "Farther end points are not matched [m].")
+    loops: bool = flag(True, "Look for places that were seen before.", "--loops/--no-loops")
     json_file: Json = None
 
 

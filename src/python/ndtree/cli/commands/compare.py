@@ -4,7 +4,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Any, Optional
 
 import typer
 
@@ -20,6 +20,8 @@ from ndtree.cli.commands.options import (
     Scans,
     Seed,
     World,
+    argument,
+    flag,
 )
 from ndtree.cli.commands.output import check_picture, is_stdout, write, write_json
 from ndtree.cli.commands.pictures import draw_side_by_side, plotting
@@ -28,54 +30,29 @@ from ndtree.evaluation.map_comparison import compare_maps
 from ndtree.maps.kinds import KINDS
 from ndtree.maps.open import is_map
 
-_Log = Annotated[
-    Optional[Path],
-    typer.Argument(metavar="LOG | A", help="A log, or the first of two maps.", show_default=False),
-]
-_Other = Annotated[
-    Optional[Path],
-    typer.Argument(metavar="B", help="The second: .ndt, .bt, .ot or map_server's .yaml.", show_default=False),
-]
-_Maps = Annotated[
-    Optional[str],
-    typer.Option(help=f"Of {', '.join(KINDS)}, with @ and a cell size where it differs.", show_default=False),
-]
-_Picture = Annotated[
-    Optional[Path],
-    typer.Option(metavar="FILE", help="Draw the first two maps side by side, or how A and B differ."),
-]
-_Reliability = Annotated[
-    Optional[Path],
-    typer.Option(metavar="FILE", help="Draw that: reliability diagrams.", show_default=False),
-]
-
 
 @dataclass(frozen=True)
 class _Call:
     """What is typed behind ``ndtree compare``."""
 
-    log: _Log = None
-    other: _Other = None
-    world: Annotated[
-        Optional[World], typer.Option(help="Simulate this instead of LOG.", show_default=False)
-    ] = None
-    maps: _Maps = None
+    log: Optional[Path] = argument("A log, or the first of two maps.", metavar="LOG | A", default=None)
+    other: Optional[Path] = argument(
+        "The second: .ndt, .bt, .ot or map_server's .yaml.", metavar="B", default=None
+    )
+    world: Optional[World] = flag(None, "Simulate this instead of LOG.")
+    maps: Optional[str] = flag(None, f"Of {', '.join(KINDS)}, with @ and a cell size where it differs.")
     held_out: HeldOut = 10
     repeat: Repeat = 1
     scans: Scans = None
     seed: Seed = 1
     json_file: Json = None
-    csv_file: Annotated[Optional[Path], typer.Option("--csv", metavar="FILE", help="Write a line a map.")] = (
-        None
+    csv_file: Optional[Path] = flag(None, "Write a line a map.", "--csv", metavar="FILE")
+    picture: Optional[Path] = flag(
+        None, "Draw the first two maps side by side, or how A and B differ.", metavar="FILE"
     )
-    picture: _Picture = None
-    calibration: Annotated[
-        bool, typer.Option("--calibration", help="Whether beams end as often as each map says.")
-    ] = False
-    reliability: _Reliability = None
-    certify: Annotated[
-        bool, typer.Option("--certify", help="Bound how much of what is called free is occupied.")
-    ] = False
+    calibration: bool = flag(False, "Whether beams end as often as each map says.", "--calibration")
+    reliability: Optional[Path] = flag(None, "Draw that: reliability diagrams.", metavar="FILE")
+    certify: bool = flag(False, "Bound how much of what is called free is occupied.", "--certify")
 
 
 @command(

@@ -3,14 +3,13 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Optional
-
-import typer
+from typing import Any, Optional
 
 from ndtree.base.files import require_no_input
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import takes
 from ndtree.cli.commands.logs import made, placed_map
+from ndtree.cli.commands.options import argument, flag
 from ndtree.maps.conversion import convert
 from ndtree.maps.writers import FORMATS as MAP_FORMATS
 from ndtree.maps.writers import STATES as CELL_STATES
@@ -26,39 +25,20 @@ def _endings() -> str:
 class _Call:
     """What is typed behind ``ndtree convert``."""
 
-    source: Annotated[Path, typer.Argument(metavar="MAP", help=".ndt, .bt, .ot, or map_server's .yaml.")]
-    output: Annotated[Path, typer.Argument(metavar="OUT", help=_endings())]
-    format: Annotated[
-        Optional[str],
-        typer.Option(
-            help=f"Where the ending does not say: {', '.join(one.name for one in MAP_FORMATS)}.",
-            show_default=False,
-        ),
-    ] = None
-    cell_size: Annotated[
-        Optional[float],
-        typer.Option(
-            help="Of the cells in all files but .ndt \\[m]; else the map's own.", show_default=False
-        ),
-    ] = None
-    height: Annotated[
-        Optional[tuple[float, float]],
-        typer.Option(
-            metavar="LOW HIGH", help="Of an image of a 3-D map: cells within \\[m].", show_default=False
-        ),
-    ] = None
-    wall_depth: Annotated[
-        Optional[float],
-        typer.Option(
-            help="In an image, what of large occupied cells: up to so far behind free space \\[m].",
-            show_default=False,
-        ),
-    ] = None
-    states: Annotated[
-        Optional[str],
-        typer.Option(help=f"Which cells, of {', '.join(CELL_STATES)}.", show_default=False),
-    ] = None
-    faces: Annotated[bool, typer.Option("--faces", help="A mesh in a .ply, instead of points.")] = False
+    source: Path = argument(".ndt, .bt, .ot, or map_server's .yaml.", metavar="MAP")
+    output: Path = argument(_endings(), metavar="OUT")
+    format: Optional[str] = flag(
+        None, f"Where the ending does not say: {', '.join(one.name for one in MAP_FORMATS)}."
+    )
+    cell_size: Optional[float] = flag(None, "Of the cells in all files but .ndt [m]; else the map's own.")
+    height: Optional[tuple[float, float]] = flag(
+        None, "Of an image of a 3-D map: cells within [m].", metavar="LOW HIGH"
+    )
+    wall_depth: Optional[float] = flag(
+        None, "In an image, what of large occupied cells: up to so far behind free space [m]."
+    )
+    states: Optional[str] = flag(None, f"Which cells, of {', '.join(CELL_STATES)}.")
+    faces: bool = flag(False, "A mesh in a .ply, instead of points.", "--faces")
 
 
 @command(

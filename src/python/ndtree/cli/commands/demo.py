@@ -7,7 +7,7 @@ import shutil
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Any, Optional
 
 import typer
 
@@ -23,6 +23,7 @@ from ndtree.cli.commands.options import (
     Scans,
     Seed,
     World,
+    flag,
 )
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.pictures import draw_close_up, plotting
@@ -33,9 +34,7 @@ class _Call:
     """What is typed behind ``ndtree demo``."""
 
     log: LogArgument = None
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the pictures.")] = Path(
-        "ndtree-demo"
-    )
+    output: Path = flag(Path("ndtree-demo"), "Folder for the pictures.", "--output", "-o")
     scans: Scans = None
     seed: Seed = 1
     json_file: Json = None

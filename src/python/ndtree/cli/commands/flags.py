@@ -81,7 +81,9 @@ def takes(kind: type) -> Callable[[Command], Command]:
                 one.name,
                 inspect.Parameter.KEYWORD_ONLY,
                 default=inspect.Parameter.empty if one.default is MISSING else one.default,
-                annotation=hints[one.name],
+                annotation=Annotated[hints[one.name], one.metadata["typed"]]
+                if "typed" in one.metadata
+                else hints[one.name],
             )
             for one in fields(kind)
         ]

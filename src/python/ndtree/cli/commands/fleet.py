@@ -2,12 +2,10 @@
 """``ndtree fleet``: logs of several robots into one map in tiles, on an engine."""
 
 import functools
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any, Optional
-
-import typer
+from typing import Any, Optional
 
 from ndtree import distributed
 from ndtree.base.words import number_of
@@ -15,7 +13,7 @@ from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import indented
 from ndtree.cli.commands.flags import fleet_options, takes
 from ndtree.cli.commands.logs import inspected, made, new_map
-from ndtree.cli.commands.options import Json
+from ndtree.cli.commands.options import Json, argument, flag
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.progress import progress
 from ndtree.tiles import TileGrid
@@ -36,21 +34,12 @@ class EngineName(str, Enum):
 class _Call:
     """What is typed behind ``ndtree fleet``."""
 
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Files or folders, as of map.")]
-    output: Annotated[
-        str, typer.Option("--output", "-o", metavar="URL", help="Folder of the map, or a URL of fsspec.")
-    ]
-    engine: Annotated[EngineName, typer.Option(help="Processes, threads of this one, Ray or Dask.")] = (
-        EngineName.processes
-    )
-    workers: Annotated[
-        Optional[int], typer.Option(min=1, help="Tasks at a time; else all cores.", show_default=False)
-    ] = None
-    tile_size: Annotated[
-        Optional[float],
-        typer.Option(help="Least edge of tiles \\[m]; else that of 16 largest cells.", show_default=False),
-    ] = None
-    fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False
+    logs: list[Path] = argument("Files or folders, as of map.", metavar="LOG...")
+    output: str = flag(MISSING, "Folder of the map, or a URL of fsspec.", "--output", "-o", metavar="URL")
+    engine: EngineName = flag(EngineName.processes, "Processes, threads of this one, Ray or Dask.")
+    workers: Optional[int] = flag(None, "Tasks at a time; else all cores.", min=1)
+    tile_size: Optional[float] = flag(None, "Least edge of tiles [m]; else that of 16 largest cells.")
+    fixed: bool = flag(False, "All cells of one size.", "--fixed")
     json_file: Json = None
 
 

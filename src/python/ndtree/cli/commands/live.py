@@ -8,9 +8,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Optional
-
-import typer
+from typing import Any, Optional
 
 from ndtree._native._core import OccupancyMap
 from ndtree.alignment.writing import is_trajectory
@@ -22,7 +20,7 @@ from ndtree.cli.commands.figures import map_figures, print_map
 from ndtree.cli.commands.flags import flag_of, map_options, require_taken, takes
 from ndtree.cli.commands.logs import inspected, load_map, made, new_map, open_log
 from ndtree.cli.commands.messages import in_words
-from ndtree.cli.commands.options import Json, LogArgument, Port, World
+from ndtree.cli.commands.options import Json, LogArgument, Port, World, flag
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.shows import (
     FoxgloveOption,
@@ -63,90 +61,44 @@ from ndtree.tuning.config import Config
 PAGE, LINE = 0.5, 0.5
 
 
-_World = Annotated[Optional[World], typer.Option(help="Simulate instead of a LOG.", show_default=False)]
-_Output = Annotated[
-    Optional[Path],
-    typer.Option("--output", "-o", metavar="MAP", help="Where the map is written at the end."),
-]
-_Rate = Annotated[
-    float, typer.Option(help="Seconds of LOG in one second; 0: as fast as it goes, none is dropped.")
-]
-_Queue = Annotated[int, typer.Option(min=1, help="Scans that wait at most; of more, the oldest is dropped.")]
-_LookFor = Annotated[
-    float, typer.Option("--look", help="Of a ROS bag: messages that decide what is mapped and how \\[s].")
-]
-_Window = Annotated[
-    Optional[float],
-    typer.Option(help="Forget what is farther from the sensor than this \\[m].", show_default=False),
-]
-_Fade = Annotated[
-    Optional[float],
-    typer.Option(help="Forget what was not seen for this long \\[s].", show_default=False),
-]
-_Follow = Annotated[
-    Optional[str],
-    typer.Option(
-        metavar="TOPIC|tf",
-        help="Move scans when a SLAM corrects poses: its nav_msgs/Path, or jumps of map to odom.",
-        show_default=False,
-    ),
-]
-_FollowFrame = Annotated[
-    Optional[str],
-    typer.Option(help="The frame that the poses of the Path are of.", show_default=False),
-]
-_FollowMemory = Annotated[float, typer.Option(help="Scans that can move \\[MiB]; of more, the oldest stay.")]
-_Localize = Annotated[
-    Optional[Path],
-    typer.Option(
-        metavar="MAP",
-        help="Find scans in this 2-D map by their odometry instead of mapping; -o gets poses (TUM).",
-        show_default=False,
-    ),
-]
-_Guess = Annotated[
-    Optional[str],
-    typer.Option(
-        metavar="X,Y,YAW", help="Where the sensor is in the MAP at first \\[m, rad].", show_default=False
-    ),
-]
-_SaveEvery = Annotated[
-    Optional[float], typer.Option(help="Write MAP so often, too \\[s].", show_default=False)
-]
-_Serve = Annotated[
-    Optional[str],
-    typer.Option(
-        metavar="[HOST:]PORT",
-        help="Give it to ndtree view http://HOST:PORT; only of this computer, unless HOST says more.",
-        show_default=False,
-    ),
-]
-
-
 @dataclass(frozen=True)
 class _Call:
     """What is typed behind ``ndtree live``."""
 
     log: LogArgument = None
-    world: _World = None
-    output: _Output = None
-    rate: _Rate = 1.0
-    queue: _Queue = QUEUE
-    patience: Annotated[float, typer.Option(help="A scan waits for its pose at most \\[s].")] = PATIENCE
-    look_for: _LookFor = LOOK
-    window: _Window = None
-    fade: _Fade = None
-    follow: _Follow = None
-    follow_frame: _FollowFrame = None
-    follow_memory: _FollowMemory = MEMORY / 2**20
-    localize: _Localize = None
-    guess: _Guess = None
-    save_every: _SaveEvery = None
-    resume: Annotated[Optional[Path], typer.Option(metavar="MAP", help="Go on with a saved map.")] = None
-    fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False
-    watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False
+    world: Optional[World] = flag(None, "Simulate instead of a LOG.")
+    output: Optional[Path] = flag(
+        None, "Where the map is written at the end.", "--output", "-o", metavar="MAP"
+    )
+    rate: float = flag(1.0, "Seconds of LOG in one second; 0: as fast as it goes, none is dropped.")
+    queue: int = flag(QUEUE, "Scans that wait at most; of more, the oldest is dropped.", min=1)
+    patience: float = flag(PATIENCE, "A scan waits for its pose at most [s].")
+    look_for: float = flag(LOOK, "Of a ROS bag: messages that decide what is mapped and how [s].", "--look")
+    window: Optional[float] = flag(None, "Forget what is farther from the sensor than this [m].")
+    fade: Optional[float] = flag(None, "Forget what was not seen for this long [s].")
+    follow: Optional[str] = flag(
+        None,
+        "Move scans when a SLAM corrects poses: its nav_msgs/Path, or jumps of map to odom.",
+        metavar="TOPIC|tf",
+    )
+    follow_frame: Optional[str] = flag(None, "The frame that the poses of the Path are of.")
+    follow_memory: float = flag(MEMORY / 2**20, "Scans that can move [MiB]; of more, the oldest stay.")
+    localize: Optional[Path] = flag(
+        None,
+        "Find scans in this 2-D map by their odometry instead of mapping; -o gets poses (TUM).",
+        metavar="MAP",
+    )
+    guess: Optional[str] = flag(None, "Where the sensor is in the MAP at first [m, rad].", metavar="X,Y,YAW")
+    save_every: Optional[float] = flag(None, "Write MAP so often, too [s].")
+    resume: Optional[Path] = flag(None, "Go on with a saved map.", metavar="MAP")
+    fixed: bool = flag(False, "All cells of one size.", "--fixed")
+    watch: bool = flag(False, "Show it on a page while it grows.", "--watch")
     port: Port = None
-    serve: _Serve = None
+    serve: Optional[str] = flag(
+        None,
+        "Give it to ndtree view http://HOST:PORT; only of this computer, unless HOST says more.",
+        metavar="[HOST:]PORT",
+    )
     foxglove: FoxgloveOption = None
     rerun: RerunOption = None
     json_file: Json = None
@@ -190,13 +142,13 @@ def live(call: _Call, given: Any = None) -> None:
 
 def _refuse_mixtures(call: _Call, given: Config) -> None:
     """Refuse flags that do not go together."""
-    for flag, value, needs, other in (
+    for one, value, needs, other in (
         ("save-every", call.save_every, "-o MAP", call.output),
         ("follow-frame", call.follow_frame, "--follow", call.follow),
         ("guess", call.guess, "--localize", call.localize),
     ):
         if value is not None and other is None:
-            raise WrongCall(f"--{flag}: expected {needs}, too")
+            raise WrongCall(f"--{one}: expected {needs}, too")
     if call.port is not None and not call.watch:
         raise WrongCall("--port: is for the page of --watch")
     fixed = call.fixed or None

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Any, Optional
 
 import typer
 
@@ -23,6 +23,7 @@ from ndtree.cli.commands.options import (
     Port,
     StyleOption,
     WriteConfig,
+    flag,
 )
 from ndtree.cli.commands.output import check_output, check_picture, fits_map, is_stdout, write_json
 from ndtree.cli.commands.pictures import observers_of, plotting, stay
@@ -31,66 +32,38 @@ from ndtree.logs import JoinedLog, Log
 from ndtree.maps.open import is_map
 from ndtree.tuning.config import Config
 
-_Output = Annotated[
-    Optional[Path],
-    typer.Option(
-        "--output",
-        "-o",
-        metavar="MAP",
-        help="Where the map is written, or the folder for several; else LOG's name with .ndt, here. "
-        ".tiles: a folder of tiles.",
-    ),
-]
-_Merge = Annotated[
-    bool,
-    typer.Option("--merge", help="One map of all logs, in the order given: they are in one frame."),
-]
-_Static = Annotated[
-    bool,
-    typer.Option("--static", help="Leave out what moved, such as people and cars: reads the log 3 times."),
-]
-_RecordEvery = Annotated[
-    Optional[int],
-    typer.Option(min=1, help="Scans from picture to picture of the film; else 10.", show_default=False),
-]
-_MaxResident = Annotated[
-    Optional[str],
-    typer.Option(
-        metavar="SIZE",
-        help="Memory of the cells of a .tiles map, as 500MB; else 2GiB.",
-        show_default=False,
-    ),
-]
-_TileSize = Annotated[
-    Optional[float],
-    typer.Option(help="Least edge of its tiles \\[m]; else that of 16 largest cells.", show_default=False),
-]
-
 
 @dataclass(frozen=True)
 class _Call:
     """What is typed behind ``ndtree map``."""
 
     logs: GivenLogs
-    output: _Output = None
-    merge: _Merge = False
-    fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False
-    static: _Static = False
-    align: Annotated[
-        bool, typer.Option("--align", help="Find the poses of a 2-D log first: its own drift.")
-    ] = False
-    picture: Annotated[Optional[Path], typer.Option(metavar="FILE", help="Draw the map, too.")] = None
+    output: Optional[Path] = flag(
+        None,
+        "Where the map is written, or the folder for several; else LOG's name with .ndt, "
+        "here. .tiles: a folder of tiles.",
+        "--output",
+        "-o",
+        metavar="MAP",
+    )
+    merge: bool = flag(False, "One map of all logs, in the order given: they are in one frame.", "--merge")
+    fixed: bool = flag(False, "All cells of one size.", "--fixed")
+    static: bool = flag(
+        False, "Leave out what moved, such as people and cars: reads the log 3 times.", "--static"
+    )
+    align: bool = flag(False, "Find the poses of a 2-D log first: its own drift.", "--align")
+    picture: Optional[Path] = flag(None, "Draw the map, too.", metavar="FILE")
     style: StyleOption = None
-    watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False
+    watch: bool = flag(False, "Show it on a page while it grows.", "--watch")
     port: Port = None
     foxglove: FoxgloveOption = None
     rerun: RerunOption = None
-    record: Annotated[
-        Optional[Path], typer.Option(metavar="FILE", help="Film how it grows: .mp4 or .gif.")
-    ] = None
-    record_every: _RecordEvery = None
-    max_resident: _MaxResident = None
-    tile_size: _TileSize = None
+    record: Optional[Path] = flag(None, "Film how it grows: .mp4 or .gif.", metavar="FILE")
+    record_every: Optional[int] = flag(None, "Scans from picture to picture of the film; else 10.", min=1)
+    max_resident: Optional[str] = flag(
+        None, "Memory of the cells of a .tiles map, as 500MB; else 2GiB.", metavar="SIZE"
+    )
+    tile_size: Optional[float] = flag(None, "Least edge of its tiles [m]; else that of 16 largest cells.")
     write_config: WriteConfig = None
     json_file: Json = None
 
@@ -250,9 +223,9 @@ def _map_tiled(
 
 
 def _refuse(given: dict[str, Any], why: str) -> None:
-    for flag, value in given.items():
+    for name, value in given.items():
         if value is not None:
-            raise WrongCall(f"{flag}: {why}")
+            raise WrongCall(f"{name}: {why}")
 
 
 #: Endings that stand behind another one.

@@ -1,13 +1,28 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Arguments and flags that several commands have."""
 
+from dataclasses import MISSING, field
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated, Any, Optional
 
 import typer
 
 from ndtree.logs import FORMATS
+
+
+def flag(default: Any, help: str, *names: str, **more: Any) -> Any:
+    """A field of a call that is typed behind a flag: of its own name, or of these; see `flags.takes`."""
+    return _typed(default, typer.Option(*names, help=help.replace("[", r"\["), show_default=False, **more))
+
+
+def argument(help: str, *, default: Any = MISSING, **more: Any) -> Any:
+    """A field of a call that is typed without a flag."""
+    return _typed(default, typer.Argument(help=help.replace("[", r"\["), show_default=False, **more))
+
+
+def _typed(default: Any, how: Any) -> Any:
+    return field(default=default, metadata={"typed": how})
 
 
 class World(str, Enum):

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree plan``: a way for a robot through a map."""
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Any, Optional
 
 import numpy as np
-import typer
 
 from ndtree._native._core import Sphere
 from ndtree._native.results import Path as Way
@@ -15,6 +14,7 @@ from ndtree.base.files import replaced
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import takes
 from ndtree.cli.commands.logs import load_map
+from ndtree.cli.commands.options import argument, flag
 from ndtree.cli.commands.output import check_picture, is_stdout, write, write_json
 from ndtree.cli.commands.pictures import plotting
 
@@ -26,31 +26,17 @@ ENDINGS = (".csv", ".yaml", ".json")
 class _Call:
     """What is typed behind ``ndtree plan``."""
 
-    source: Annotated[Path, typer.Argument(metavar="MAP", help=".ndt, .bt, .ot, or map_server's .yaml.")]
-    start_at: Annotated[str, typer.Option("--from", help="Where the robot is \\[m].")]
-    goal: Annotated[str, typer.Option("--to", help="Where it shall go \\[m].")]
-    radius: Annotated[
-        float, typer.Option("--body", min=0.0, help="Radius of the ball that it fits in \\[m].")
-    ]
-    clearance: Annotated[
-        float, typer.Option(min=0.0, help="What it keeps from obstacles at least \\[m].")
-    ] = 0.0
-    unknown_space: Annotated[
-        str,
-        typer.Option(
-            "--unknown", help="Unknown space: blocked, free, or a cost >= 1, the factor of its length."
-        ),
-    ] = "blocked"
-    max_seconds: Annotated[
-        Optional[float], typer.Option(min=0.0, help="That the search may take \\[s].", show_default=False)
-    ] = None
-    output: Annotated[
-        Optional[Path],
-        typer.Option("--output", "-o", help=f"The way: {', '.join(ENDINGS)}.", show_default=False),
-    ] = None
-    picture: Annotated[
-        Optional[Path], typer.Option(help="A picture of the map and the way.", show_default=False)
-    ] = None
+    source: Path = argument(".ndt, .bt, .ot, or map_server's .yaml.", metavar="MAP")
+    start_at: str = flag(MISSING, "Where the robot is [m].", "--from")
+    goal: str = flag(MISSING, "Where it shall go [m].", "--to")
+    radius: float = flag(MISSING, "Radius of the ball that it fits in [m].", "--body", min=0.0)
+    clearance: float = flag(0.0, "What it keeps from obstacles at least [m].", min=0.0)
+    unknown_space: str = flag(
+        "blocked", "Unknown space: blocked, free, or a cost >= 1, the factor of its length.", "--unknown"
+    )
+    max_seconds: Optional[float] = flag(None, "That the search may take [s].", min=0.0)
+    output: Optional[Path] = flag(None, f"The way: {', '.join(ENDINGS)}.", "--output", "-o")
+    picture: Optional[Path] = flag(None, "A picture of the map and the way.")
 
 
 @command(

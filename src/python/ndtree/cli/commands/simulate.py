@@ -3,9 +3,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Optional
-
-import typer
+from typing import Optional
 
 from ndtree import logs
 from ndtree.base.exit_status import WrongCall
@@ -13,7 +11,7 @@ from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import takes
 from ndtree.cli.commands.messages import in_words
-from ndtree.cli.commands.options import Scans, Seed, World
+from ndtree.cli.commands.options import Scans, Seed, World, argument, flag
 from ndtree.cli.commands.progress import progress
 
 
@@ -21,24 +19,15 @@ from ndtree.cli.commands.progress import progress
 class _Call:
     """What is typed behind ``ndtree simulate``."""
 
-    world: Annotated[World, typer.Argument(help="A laser in an office, a depth camera, or a lidar.")]
-    output: Annotated[
-        Optional[Path],
-        typer.Option("--output", "-o", metavar="LOG", help="An .npz file; else the world's name, here."),
-    ] = None
+    world: World = argument("A laser in an office, a depth camera, or a lidar.")
+    output: Optional[Path] = flag(
+        None, "An .npz file; else the world's name, here.", "--output", "-o", metavar="LOG"
+    )
     scans: Scans = None
     seed: Seed = 1
-    people: Annotated[
-        Optional[int],
-        typer.Option(min=0, max=1000, help="That walk, one ahead of the sensor.", show_default=False),
-    ] = None
-    doors: Annotated[
-        Optional[int],
-        typer.Option(min=0, max=1000, help="Of the office that open and close.", show_default=False),
-    ] = None
-    cars: Annotated[
-        Optional[int], typer.Option(min=0, max=1000, help="In the street that drive.", show_default=False)
-    ] = None
+    people: Optional[int] = flag(None, "That walk, one ahead of the sensor.", min=0, max=1000)
+    doors: Optional[int] = flag(None, "Of the office that open and close.", min=0, max=1000)
+    cars: Optional[int] = flag(None, "In the street that drive.", min=0, max=1000)
 
 
 @command(

@@ -7,15 +7,13 @@ import webbrowser
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Optional
-
-import typer
+from typing import Any, Optional
 
 from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import opened, reading_options, require_none, takes
 from ndtree.cli.commands.logs import length_of, load_map
-from ndtree.cli.commands.options import CellColor, Port, StyleOption
+from ndtree.cli.commands.options import CellColor, Port, StyleOption, argument, flag
 from ndtree.cli.commands.output import check_picture
 from ndtree.cli.commands.pictures import draw, parsed_slice, plotting, suited
 from ndtree.cli.commands.progress import progress
@@ -29,32 +27,16 @@ ASKS, RESTS = 0.5, 4.0
 class _Call:
     """What is typed behind ``ndtree view``."""
 
-    map_name: Annotated[
-        str,
-        typer.Argument(metavar="MAP", help="A map: .ndt, .bt, .ot, .yaml of map_server; http://ROBOT:PORT."),
-    ]
-    color: Annotated[
-        Optional[CellColor],
-        typer.Option(help="What colors say; else height, in 2-D probability.", show_default=False),
-    ] = None
-    slice_: Annotated[
-        Optional[str], typer.Option("--slice", metavar="AXIS=M", help="Cut a 3-D map, as at z=1.2.")
-    ] = None
-    png: Annotated[
-        Optional[Path], typer.Option(metavar="FILE", help="Draw it into this file instead of a page.")
-    ] = None
+    map_name: str = argument("A map: .ndt, .bt, .ot, .yaml of map_server; http://ROBOT:PORT.", metavar="MAP")
+    color: Optional[CellColor] = flag(None, "What colors say; else height, in 2-D probability.")
+    slice_: Optional[str] = flag(None, "Cut a 3-D map, as at z=1.2.", "--slice", metavar="AXIS=M")
+    png: Optional[Path] = flag(None, "Draw it into this file instead of a page.", metavar="FILE")
     style: StyleOption = None
-    free: Annotated[
-        Optional[bool], typer.Option("--free/--no-free", help="Show free cells.", show_default=False)
-    ] = None
-    unknown: Annotated[
-        Optional[bool], typer.Option("--unknown", help="Show unknown cells by free ones.", show_default=False)
-    ] = None
-    log: Annotated[Optional[Path], typer.Option(metavar="LOG", help="Show where its scans were taken.")] = (
-        None
-    )
+    free: Optional[bool] = flag(None, "Show free cells.", "--free/--no-free")
+    unknown: Optional[bool] = flag(None, "Show unknown cells by free ones.", "--unknown")
+    log: Optional[Path] = flag(None, "Show where its scans were taken.", metavar="LOG")
     port: Port = None
-    open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False
+    open_: bool = flag(False, "Open the page in the browser.", "--open")
 
 
 @command(
