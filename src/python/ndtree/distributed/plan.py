@@ -20,17 +20,12 @@ MOST_TILES = 4096  # Of a block: about a gigabyte of cells.
 
 @dataclass(frozen=True)
 class PlannedBlock:
-    """A block with what it takes.
-
-    `weight`: How many beams' worth of work it has: those of each scan, as far as the scan is in it.
-    `scans`: That cross it, in their order.
-    `tiles`: Which these cross.
-    """
+    """A block with what it takes."""
 
     block: Block
-    weight: float
-    scans: list[ScanRef]
-    tiles: tuple[Tile, ...]
+    weight: float  # How many beams' worth of work it has: those of each scan, as far as the scan is in it.
+    scans: list[ScanRef]  # That cross it, in their order.
+    tiles: tuple[Tile, ...]  # Which these cross.
 
 
 def in_order(indexes: Iterable[ScanIndex]) -> Iterator[tuple[ScanRef, IndexedScan]]:

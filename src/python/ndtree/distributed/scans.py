@@ -27,36 +27,28 @@ Floats = NDArray[np.float64]
 class IndexedScan:
     """What a plan has to know of a scan.
 
-    `time`: By which it is ordered; see `Place`.
     `batch`, `position`: In which of its log's batches it is, and where in it.
     `row`, `beams`: Its first beam there, and how many there are.
-    `box`: What it reaches at most [m]; None without a valid beam.
-    `tiles`: Which it may change, and how much of it is there; see `TileGrid.shares_by`.
     """
 
-    time: float
+    time: float  # By which it is ordered; see `Place`.
     batch: int
     position: int
     row: int
     beams: int
-    box: tuple[list[float], list[float]] | None
-    tiles: dict[Tile, int]
+    box: tuple[list[float], list[float]] | None  # What it reaches at most [m]; None without a valid beam.
+    tiles: dict[Tile, int]  # Which it may change, and how much of it is there; see `TileGrid.shares_by`.
 
 
 @dataclass(frozen=True)
 class ScanIndex:
-    """All scans of a log, in its order.
-
-    `stored_bytes`: Of all batches.
-    `refused`: Scans that no map of the kind can take.
-    `ignored`: Beams that were left out because they did not return.
-    """
+    """All scans of a log, in its order."""
 
     log: str
     scans: list[IndexedScan]
-    stored_bytes: int
-    refused: int
-    ignored: int
+    stored_bytes: int  # Of all batches.
+    refused: int  # Scans that no map of the kind can take.
+    ignored: int  # Beams that were left out because they did not return.
 
     def as_bytes(self) -> bytes:
         """As a file: columns."""

@@ -38,25 +38,18 @@ _FAR = 1 << 30  # ... and so far from the map's origin, are taken by every map.
 class Job:
     """What all tasks of a run have to know.
 
-    `url`: The tiled map, as every worker can reach it.
-    `run`: Folder in it for what this run needs.
-    `revision`: That the manifest will have.
-    `max_range`: As for insert() [m].
-    `no_return`: {"free", "ignore"}.
-    `batch_beams`: Beams in a file of scans.
-    `checkpoint_beams`: A block's state is written whenever it has taken this many in.
     `moves` (tuple of (log, file)): Motions of scans.
     """
 
-    url: str
-    run: str
-    revision: int
+    url: str  # The tiled map, as every worker can reach it.
+    run: str  # Folder in it for what this run needs.
+    revision: int  # That the manifest will have.
     kind: MapKind
     grid: TileGrid
-    max_range: float
-    no_return: str
-    batch_beams: int
-    checkpoint_beams: int
+    max_range: float  # As for insert() [m].
+    no_return: str  # {"free", "ignore"}.
+    batch_beams: int  # Beams in a file of scans.
+    checkpoint_beams: int  # A block's state is written whenever it has taken this many in.
     moves: tuple[tuple[str, str], ...] = ()
 
 
@@ -75,19 +68,13 @@ class ScanRef:
 
 @dataclass(frozen=True)
 class BlockTask:
-    """All scans of a run into a block of tiles.
+    """All scans of a run into a block of tiles."""
 
-    `number`: Of the block.
-    `weight`: How many beams' worth of work it is.
-    `logs`: By the numbers that its scans give them.
-    `tiles`: Where there may be cells in the end.
-    """
-
-    number: int
+    number: int  # Of the block.
     block: Block
-    weight: float
-    logs: tuple[str, ...]
-    tiles: tuple[Tile, ...]
+    weight: float  # How many beams' worth of work it is.
+    logs: tuple[str, ...]  # By the numbers that its scans give them.
+    tiles: tuple[Tile, ...]  # Where there may be cells in the end.
 
 
 @dataclass(frozen=True)

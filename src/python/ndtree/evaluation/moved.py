@@ -28,15 +28,13 @@ THRESHOLD = 0.5
 class MovedPoints:
     """What scans of a log say about each other's points, after two passes over the log.
 
-    `log`: Read twice by `look`.
     `options`: Of a map: its smallest cells and its sensor. Left out options have the map's defaults.
-    `max_range`: As for `Scan.insert_into` [m].
     `no_return` ({"free", "ignore"}): Whether beams without return say that space is free.
     """
 
-    log: Log
+    log: Log  # Read twice by `look`.
     options: dict[str, Any]
-    max_range: float
+    max_range: float  # As for `Scan.insert_into` [m].
     no_return: str
 
     def __post_init__(self) -> None:
@@ -152,13 +150,11 @@ class MovedPoints:
 class MovedScores:
     """How right a cleaning is, as the field counts it.
 
-    `static_accuracy`: Of points of what stands, the fraction that is kept (SA).
-    `dynamic_accuracy`: Of points of what moves, the fraction that is removed (DA).
     `static_points`, `moving_points`: How many there are.
     """
 
-    static_accuracy: float
-    dynamic_accuracy: float
+    static_accuracy: float  # Of points of what stands, the fraction that is kept (SA).
+    dynamic_accuracy: float  # Of points of what moves, the fraction that is removed (DA).
     static_points: int
     moving_points: int
 

@@ -24,14 +24,10 @@ NOTABLE = np.radians(0.1)
 
 @dataclass(frozen=True)
 class PoseTilt:
-    """How wrong the poses of a log are, beside the noise of its ranges.
+    """How wrong the poses of a log are, beside the noise of its ranges."""
 
-    `tilt`: Standard deviation of roll and pitch together [rad].
-    `height`: Standard deviation of z [m].
-    """
-
-    tilt: float = 0.0
-    height: float = 0.0
+    tilt: float = 0.0  # Standard deviation of roll and pitch together [rad].
+    height: float = 0.0  # Standard deviation of z [m].
 
     @property
     def is_notable(self) -> bool:

@@ -39,14 +39,12 @@ class MapImage:
 
     `states` (columns, rows) int8: -1 unknown, 0 free, 1 occupied; the first axis is x, the second y.
     `lower` (2,) float64: Lower corner of the first [m].
-    `cell_size`: [m]
-    `notes`: What a user should know of how it was read, a line each.
     """
 
     states: NDArray[np.int8]
     lower: NDArray[np.float64]
-    cell_size: float
-    notes: tuple[str, ...]
+    cell_size: float  # [m]
+    notes: tuple[str, ...]  # What a user should know of how it was read, a line each.
 
 
 def map_image(name: str) -> MapImage:

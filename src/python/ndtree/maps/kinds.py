@@ -15,24 +15,16 @@ DEFAULT_REFINEMENT = _core.AdaptiveMap(dim=2).refinement
 
 @dataclass(frozen=True)
 class MapOption:
-    """A keyword of the maps' constructors, a flag, a key of files and a parameter of the nodes.
-
-    `type`: int, float or str.
-    `unit`: Empty for a plain number.
-    `read_by`: Refinements of the maps that read it: "evidence", "paper", "fixed", "octomap".
-    `placeholder`: What is typed behind the flag.
-    `what`: What it is.
-    `when`: When to touch it.
-    """
+    """A keyword of the maps' constructors, a flag, a key of files and a parameter of the nodes."""
 
     name: str
-    type: type
+    type: type  # int, float or str.
     default: Any
-    unit: str
-    read_by: tuple[str, ...]
-    placeholder: str
-    what: str
-    when: str
+    unit: str  # Empty for a plain number.
+    read_by: tuple[str, ...]  # Refinements of the maps that read it: "evidence", "paper", "fixed", "octomap".
+    placeholder: str  # What is typed behind the flag.
+    what: str  # What it is.
+    when: str  # When to touch it.
 
     @property
     def help(self) -> str:

@@ -41,14 +41,12 @@ class PlacedMap:
     """A map whose frame may be shifted: what it says of a point p is found at p - offset.
 
     `offset` (dim,) float64: [m]; 0 but for images that do not begin at a whole number of pixels from 0.
-    `name`: The file's name as it was given, for messages.
-    `notes`: What a user should know of how it was read, a line each.
     """
 
     map: OccupancyMap
     offset: NDArray[np.float64]
-    name: str
-    notes: tuple[str, ...] = ()
+    name: str  # The file's name as it was given, for messages.
+    notes: tuple[str, ...] = ()  # What a user should know of how it was read, a line each.
 
     @property
     def cell_size(self) -> float:

@@ -20,20 +20,13 @@ PICTURES = ("png", "pdf", "svg")
 
 @dataclass(frozen=True)
 class StudyLog:
-    """A log of a study.
+    """A log of a study."""
 
-    `name`: Its own in the study.
-    `path`: The file; None if it is simulated.
-    `world`: The world that is simulated.
-    `simulating`: Keywords of `ndtree.simulate`.
-    `config`: How it is read and mapped.
-    """
-
-    name: str
-    path: Path | None
-    world: str = ""
-    simulating: dict[str, Any] = field(default_factory=dict)
-    config: Config = field(default_factory=Config)
+    name: str  # Its own in the study.
+    path: Path | None  # The file; None if it is simulated.
+    world: str = ""  # The world that is simulated.
+    simulating: dict[str, Any] = field(default_factory=dict)  # Keywords of `ndtree.simulate`.
+    config: Config = field(default_factory=Config)  # How it is read and mapped.
 
 
 @dataclass(frozen=True)

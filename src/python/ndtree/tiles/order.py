@@ -18,15 +18,11 @@ Sources = Union[Source, Sequence["str | os.PathLike[str]"], Mapping[str, Source]
 
 @dataclass(frozen=True)
 class Place:
-    """Which scan of which log.
+    """Which scan of which log."""
 
-    `time`: Of the scan, or of an earlier one of its log where clocks went back [s].
-    `number`: From 0.
-    """
-
-    time: float
+    time: float  # Of the scan, or of an earlier one of its log where clocks went back [s].
     log: str
-    number: int
+    number: int  # From 0.
 
     @property
     def key(self) -> tuple[float, str, int]:

@@ -46,13 +46,11 @@ class Disagreement:
 
     `since`: Time of the first run that disagrees, from the log's first scan on [s]; nan where scans have no
         times.
-    `error`: Median of what scans of a run have to be moved [m], over the runs that disagree.
-    `moved`: Median way of the robot over these runs by its poses [m].
     """
 
     since: float
-    error: float
-    moved: float
+    error: float  # Median of what scans of a run have to be moved [m], over the runs that disagree.
+    moved: float  # Median way of the robot over these runs by its poses [m].
 
     def __str__(self) -> str:
         """What was found and what helps, in one line."""

@@ -39,14 +39,10 @@ _KNOWN = 0.15  # Standard deviation [m] of a direction that the surroundings tel
 
 @dataclass(frozen=True)
 class Drift:
-    """How far apart surfaces lie that were seen twice, from `drift`.
+    """How far apart surfaces lie that were seen twice, from `drift`."""
 
-    `error`: Median of what scans have to be moved [m].
-    `places`: Where the robot came back, and the scans were found.
-    """
-
-    error: float
-    places: int
+    error: float  # Median of what scans have to be moved [m].
+    places: int  # Where the robot came back, and the scans were found.
 
     def __str__(self) -> str:
         """What was found and what helps, in one line."""

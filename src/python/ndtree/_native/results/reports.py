@@ -176,26 +176,19 @@ class NoReturns:
     """What beams without return say in a log.
 
     `choice` ({"free", "ignore"}): Free space, or nothing.
-    `beams`: Beams without return that tell whether they are right.
-    `crossing`: The share of them that crosses surfaces which other scans found.
     `expected`: The share that would if they were right: beams that returned cross surfaces as well, by errors
         of poses and by what moves.
-    `share`: Of beams without return among all.
-    `surfaces`: Pieces of surface that beams had to meet again.
-    `erased`: The share of them from which fewer beams returned than did not.
-    `are_judged`: Whether enough of them could be checked.
-    `text`: What was chosen and why, in one line.
     """
 
     choice: str
-    beams: int
-    crossing: float
+    beams: int  # Beams without return that tell whether they are right.
+    crossing: float  # The share of them that crosses surfaces which other scans found.
     expected: float
-    share: float
-    surfaces: int
-    erased: float
-    are_judged: bool
-    text: str
+    share: float  # Of beams without return among all.
+    surfaces: int  # Pieces of surface that beams had to meet again.
+    erased: float  # The share of them from which fewer beams returned than did not.
+    are_judged: bool  # Whether enough of them could be checked.
+    text: str  # What was chosen and why, in one line.
 
     def __str__(self) -> str:
         """What was chosen and why, in one line."""

@@ -13,18 +13,12 @@ from ndtree.maps.kinds import MAP_OPTIONS
 
 @dataclass(frozen=True)
 class Row:
-    """An option.
+    """An option."""
 
-    `name`: Of the command's parameter.
-    `value`: What is typed behind the flag; empty for a switch.
-    `default`: What stands if it is left out, with its unit.
-    `when`: When to touch it.
-    """
-
-    name: str
-    value: str
-    default: str
-    when: str
+    name: str  # Of the command's parameter.
+    value: str  # What is typed behind the flag; empty for a switch.
+    default: str  # What stands if it is left out, with its unit.
+    when: str  # When to touch it.
 
 
 #: What stands behind the default of an option of the maps.

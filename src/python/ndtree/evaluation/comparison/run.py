@@ -166,18 +166,14 @@ def map_in_turns(
 class Trial:
     """Maps of one log, which have not been judged yet.
 
-    `scans`: All of them, without the beams that say nothing.
-    `mapped`: Those that were mapped, by their numbers.
-    `unseen`: Those that were held out.
-    `built`: The maps, by name.
     `max_range`, `held_out`, `no_return`, `repeat`: As `compare` took them, but "auto" is decided.
     """
 
     log: Log | Iterable[Scan]
-    scans: list[Scan]
-    mapped: dict[int, Scan]
-    unseen: list[Scan]
-    built: dict[str, Built]
+    scans: list[Scan]  # All of them, without the beams that say nothing.
+    mapped: dict[int, Scan]  # Those that were mapped, by their numbers.
+    unseen: list[Scan]  # Those that were held out.
+    built: dict[str, Built]  # The maps, by name.
     max_range: float
     held_out: int
     no_return: str

@@ -56,14 +56,10 @@ def noise_below(below: NDArray[np.floating[Any]], there: int) -> float:
 
 @dataclass(frozen=True)
 class CutOff:
-    """Where the ranges of a log end.
+    """Where the ranges of a log end."""
 
-    `at`: Their largest [m].
-    `tolerance`: What is as near to it is there: end points are rounded, or the limit has noise [m].
-    """
-
-    at: float
-    tolerance: float
+    at: float  # Their largest [m].
+    tolerance: float  # What is as near to it is there: end points are rounded, or the limit has noise [m].
 
     def applied(self, scan: Scan) -> Scan:
         """The scan, in which readings there did not return if there are several."""

@@ -29,18 +29,15 @@ HEAD_BYTES = 1 << 18
 class Source:
     """A file or a folder that somebody wants to read.
 
-    `path`: Its name as it was given.
     `head`: The first 256 KiB of a file, unpacked by gzip, without a byte order mark, cut at the end of a line
         where there is more; empty for a folder.
-    `names`: Names of a folder's entries, sorted; empty for a file.
-    `packed`: By what a file is packed, "gzip" or "bzip2"; "" for others.
     """
 
-    path: str
+    path: str  # Its name as it was given.
     head: bytes
-    names: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()  # Names of a folder's entries, sorted; empty for a file.
     is_folder: bool = False
-    packed: str = ""
+    packed: str = ""  # By what a file is packed, "gzip" or "bzip2"; "" for others.
 
     def inside(self, *parts: str) -> str:
         """Path of something in the folder."""
@@ -75,12 +72,8 @@ def check_zero_is(path: str, zero_is: str | None) -> None:
 class Format:
     """One row of the table of formats: how to recognise it, and how to open it.
 
-    `name`: The word for ``format=``.
-    `description`: With its article, for messages: "a CARMEN log".
     `recognises`: Whether a `Source` is of this format. It may raise ValueError where the source is certainly
         of this format, and damaged.
-    `open`: ``open(source, **options)`` makes the `Log`.
-    `options`: What ``open`` takes.
     `stored_as` ({"file", "folder", "either"}): Nothing else is handed to ``recognises`` and ``open``.
     `contents`: ``contents(source, whole)`` says as a dictionary what else is in it, also where it cannot be
         opened as a log; unless `whole`, at once and from what an index or the beginning says.
@@ -88,11 +81,11 @@ class Format:
         None, 2 or 3.
     """
 
-    name: str
-    description: str
+    name: str  # The word for ``format=``.
+    description: str  # With its article, for messages: "a CARMEN log".
     recognises: Callable[[Source], bool]
-    open: Callable[..., Log]
-    options: tuple[ReaderOption, ...] = ()
+    open: Callable[..., Log]  # ``open(source, **options)`` makes the `Log`.
+    options: tuple[ReaderOption, ...] = ()  # What ``open`` takes.
     stored_as: str = "file"
     contents: Callable[[Source, bool], dict[str, Any]] | None = None
     dim: int | None = 3
@@ -154,11 +147,10 @@ class Unplaced:
     """What a user said of points without poses.
 
     `origin` (3,) float64 or None: Where all were measured from [m], in the frame of the points.
-    `points_only`: There was no sensor. If not, and without an origin, poses have to be found.
     """
 
     origin: NDArray[np.float64] | None = None
-    points_only: bool = False
+    points_only: bool = False  # There was no sensor. If not, and without an origin, poses have to be found.
 
     def __bool__(self) -> bool:
         """Whether anything was said, so that no poses are looked for."""

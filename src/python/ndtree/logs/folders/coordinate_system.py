@@ -25,14 +25,12 @@ class Units:
     """Of coordinates.
 
     `across`, `height`: Of x and y, and of z [m].
-    `are_degrees`: x and y are longitude and latitude.
-    `unknown`: What does not say its unit: metres are taken.
     """
 
     across: float = 1.0
     height: float = 1.0
-    are_degrees: bool = False
-    unknown: str = ""
+    are_degrees: bool = False  # x and y are longitude and latitude.
+    unknown: str = ""  # What does not say its unit: metres are taken.
 
     @property
     def note(self) -> str:

@@ -33,14 +33,13 @@ class Camera:
 
     `fx`, `fy`: Focal lengths [px], fx > 0; fy < 0 where the first row of the image is its lowest.
     `cx`, `cy`: Principal point [px]; the middle of the first pixel is (0, 0).
-    `scale`: Image values in a metre, > 0.
     """
 
     fx: float
     fy: float
     cx: float
     cy: float
-    scale: float = 1.0
+    scale: float = 1.0  # Image values in a metre, > 0.
 
     def __post_init__(self) -> None:
         for name in ("fx", "fy", "scale"):

@@ -56,25 +56,16 @@ def _unquoted(field: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class Columns:
-    """How the lines of a file are to be read.
+    """How the lines of a file are to be read."""
 
-    `separator`: None for blanks.
-    `xyz`: Columns of the coordinates.
-    `count`: Columns of a line.
-    `named`: A header says which columns they are.
-    `counted`: A line with one whole number says how many points follow, as in PTS.
-    `worded`: There are words behind the coordinates.
-    `metres`: What a 1 in the file is [m], as a header may say.
-    """
-
-    separator: bytes | None
+    separator: bytes | None  # None for blanks.
     decimal_comma: bool
-    xyz: tuple[int, int, int]
-    count: int
-    named: bool = False
-    counted: bool = False
-    worded: bool = False
-    metres: float = 1.0
+    xyz: tuple[int, int, int]  # Columns of the coordinates.
+    count: int  # Columns of a line.
+    named: bool = False  # A header says which columns they are.
+    counted: bool = False  # A line with one whole number says how many points follow, as in PTS.
+    worded: bool = False  # There are words behind the coordinates.
+    metres: float = 1.0  # What a 1 in the file is [m], as a header may say.
 
     def fields(self, line: bytes) -> list[bytes]:
         """Fields of a line."""

@@ -24,11 +24,10 @@ BLOCK = 16384
 class Pose:
     """A rigid transform, as in ``T_map_sensor``: from sensor coordinates to the map's.
 
-    `rotation`: (3, 3) float64.
     `position` (3,) float64: Where the sensor's origin lies in the map [m].
     """
 
-    rotation: Floats
+    rotation: Floats  # (3, 3) float64.
     position: Floats
 
     @staticmethod

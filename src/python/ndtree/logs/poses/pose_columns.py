@@ -37,17 +37,14 @@ LONGEST_STEP = 86400.0
 class PoseColumns:
     """Where in a row the parts of a pose stand.
 
-    `count`: Columns of a row.
     `time`, `part`: Columns of the time and of the nanoseconds behind its seconds.
-    `unit`: Unit of the time, as the header says.
-    `pose`: Columns of x y z qx qy qz qw.
     """
 
-    count: int
+    count: int  # Columns of a row.
     time: int
-    pose: tuple[int, ...]
+    pose: tuple[int, ...]  # Columns of x y z qx qy qz qw.
     part: int | None = None
-    unit: str | None = None
+    unit: str | None = None  # Unit of the time, as the header says.
 
 
 TUM = PoseColumns(8, 0, (1, 2, 3, 4, 5, 6, 7))

@@ -32,31 +32,26 @@ TWO_CLOCKS = 1.0
 class BagPlan:
     """All that a reader of a bag's messages obeys; what goes by topic has its name as the key.
 
-    `places`: How poses are found.
-    `sweeps`: What the times of beams mean.
-    `covariances`: Of the topic of the first sensor's poses.
-    `elsewhere`: Frames of messages without a known place.
     `body`, `bodies`: The robot's, whose beams are left out, and the frame that it is in.
     `damaged`, `damage`: An error for each message with poses that is not whole, and why files were read
         without their index.
-    `hint`: What may help where no scan has a pose.
     `decisions`: The options by which the next bag of the robot is read alike.
     """
 
     options: BagOptions
     sensors: list[Sensor]
-    places: dict[str, Placement]
-    sweeps: dict[str, Sweep]
+    places: dict[str, Placement]  # How poses are found.
+    sweeps: dict[str, Sweep]  # What the times of beams mean.
     clock: Clock
-    covariances: PoseCovariances
-    elsewhere: dict[str, list[str]]
+    covariances: PoseCovariances  # Of the topic of the first sensor's poses.
+    elsewhere: dict[str, list[str]]  # Frames of messages without a known place.
     dim: int
     body: Body | None
     bodies: dict[str, str]
     damaged: list[ValueError]
     damage: list[str]
     notes: list[str]
-    hint: str
+    hint: str  # What may help where no scan has a pose.
     decisions: dict[str, Decision] = field(default_factory=dict)
 
     @property

@@ -44,21 +44,14 @@ class OtherFrame(ValueError):
 
 @dataclass(frozen=True)
 class Measured:
-    """What one message measured, before its pose is asked for.
-
-    `number`: Of the message among those of its topic, from 0.
-    `frame`: In which the beams are.
-    `stamp`: By the poses' clock, without the offset of the scans' [s].
-    `beams`: In the sensor's frame, each with the time that counts.
-    `where`: How errors call the message.
-    """
+    """What one message measured, before its pose is asked for."""
 
     topic: str
-    number: int
-    frame: str
-    stamp: float
-    beams: Beams
-    where: str
+    number: int  # Of the message among those of its topic, from 0.
+    frame: str  # In which the beams are.
+    stamp: float  # By the poses' clock, without the offset of the scans' [s].
+    beams: Beams  # In the sensor's frame, each with the time that counts.
+    where: str  # How errors call the message.
 
 
 class MessageReader:

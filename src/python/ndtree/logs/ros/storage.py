@@ -22,21 +22,16 @@ HEAD_BYTES = 512
 class Connection:
     """What a file says of the messages of one topic from one writer.
 
-    `id`: Its number in the file.
-    `type`: As ROS 2 spells it: package/msg/Name.
     `encoding` ({"ros1", "cdr", "json", "protobuf"}): How its messages are packed.
-    `definition`: The text of its type where the file has it in the form of .msg files.
-    `name`: The type's own name, where `type` is the one of ROS that says the same.
-    `schema`: Of messages packed by protobuf, the descriptors of their types.
     """
 
-    id: int
+    id: int  # Its number in the file.
     topic: str
-    type: str
+    type: str  # As ROS 2 spells it: package/msg/Name.
     encoding: str
-    definition: str | None = None
-    name: str = ""
-    schema: bytes = b""
+    definition: str | None = None  # The text of its type where the file has it in the form of .msg files.
+    name: str = ""  # The type's own name, where `type` is the one of ROS that says the same.
+    schema: bytes = b""  # Of messages packed by protobuf, the descriptors of their types.
 
 
 @dataclass(frozen=True)

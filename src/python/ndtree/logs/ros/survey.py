@@ -38,22 +38,14 @@ POSE_NAMES = ", ".join(short(type) for type in POSES)
 
 @dataclass
 class Seen:
-    """What the heads of a topic's messages say.
+    """What the heads of a topic's messages say."""
 
-    `stamps`: In the order of recording [s].
-    `received`: When each message was recorded [s].
-    `lags`: How long after its stamp each was recorded [s].
-    `frames`: And in how many messages they are.
-    `each`: The frame of each message.
-    `placed`: Frames that are connected with others by transforms.
-    """
-
-    stamps: list[float] = field(default_factory=list)
-    received: list[float] = field(default_factory=list)
-    lags: list[float] = field(default_factory=list)
-    frames: dict[str, int] = field(default_factory=dict)
-    each: list[str] = field(default_factory=list)
-    placed: list[str] = field(default_factory=list)
+    stamps: list[float] = field(default_factory=list)  # In the order of recording [s].
+    received: list[float] = field(default_factory=list)  # When each message was recorded [s].
+    lags: list[float] = field(default_factory=list)  # How long after its stamp each was recorded [s].
+    frames: dict[str, int] = field(default_factory=dict)  # And in how many messages they are.
+    each: list[str] = field(default_factory=list)  # The frame of each message.
+    placed: list[str] = field(default_factory=list)  # Frames that are connected with others by transforms.
 
     @property
     def frame(self) -> str:

@@ -101,14 +101,13 @@ class Triangulation:
 class Model:
     """What structure from motion found, held in memory.
 
-    `points`: (P, 3) float64.
     `centers` (C, 3) float64: Of the cameras.
     `focal_lengths` (C,) float64: [px].
     `cameras_seeing`, `points_seen` (O,) integers: Rows of the above; one pair each observation, in any order,
         and as often as it was found.
     """
 
-    points: Floats
+    points: Floats  # (P, 3) float64.
     centers: Floats
     focal_lengths: Floats
     cameras_seeing: NDArray[np.int32]

@@ -23,17 +23,13 @@ OPTIONS = ("cell_size", "height", "wall_depth", "states", "faces")
 class MapFormat:
     """One row of the table of formats.
 
-    `name`: The word for ``format=``.
-    `suffixes`: Endings of its files.
-    `options`: Which of `OPTIONS` it reads.
-    `write`: ``write(map, path, **options)``; the file appears whole or not at all.
     `fits`: Whether a file that begins as this format's is no recording, and may be replaced.
     """
 
-    name: str
-    suffixes: tuple[str, ...]
-    options: tuple[str, ...]
-    write: Callable[..., None]
+    name: str  # The word for ``format=``.
+    suffixes: tuple[str, ...]  # Endings of its files.
+    options: tuple[str, ...]  # Which of `OPTIONS` it reads.
+    write: Callable[..., None]  # ``write(map, path, **options)``; the file appears whole or not at all.
     fits: Callable[[str], bool] = lambda path: True
 
 

@@ -25,13 +25,12 @@ class Estimate:
 
     `low`, `high`: Its 90 % interval, by bootstrap over places (noise) or scans (rates); never apart from the
         value.
-    `count`: Observations behind it: residuals, or beams.
     """
 
     value: float
     low: float
     high: float
-    count: int
+    count: int  # Observations behind it: residuals, or beams.
 
 
 @dataclass(frozen=True)

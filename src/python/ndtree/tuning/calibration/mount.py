@@ -38,18 +38,15 @@ class Mounting:
     """What `find_mount` found: the mount in the plane, and what to add to the times of scans.
 
     `x`, `y`: [m]
-    `yaw`: [rad]
     `others` (float, float, float): z [m], roll and pitch [rad], as they were given.
-    `time_offset`: [s]
-    `gain`: By what share of its cells the map is smaller than with the mount that was given.
     """
 
     x: float
     y: float
-    yaw: float
+    yaw: float  # [rad]
     others: tuple[float, float, float]
-    time_offset: float
-    gain: float
+    time_offset: float  # [s]
+    gain: float  # By what share of its cells the map is smaller than with the mount that was given.
 
     @property
     def flags(self) -> str:

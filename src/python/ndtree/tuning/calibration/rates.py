@@ -28,17 +28,14 @@ CLEAR = 0.9  # Share of the largest and smallest log-odds from which a cell is c
 class Trial:
     """What the error rates are judged by: a map, and which beams count.
 
-    `cell`: Of the map [m].
     `model`: Standard deviation of a range [m] and its growth with the squared range [1/m].
-    `max_range`: [m].
-    `ignores`: Beams that did not return say nothing.
     """
 
     dim: int
-    cell: float
+    cell: float  # Of the map [m].
     model: tuple[float, float]
-    max_range: float
-    ignores: bool
+    max_range: float  # [m].
+    ignores: bool  # Beams that did not return say nothing.
 
 
 def error_rates(

@@ -50,9 +50,7 @@ class Beams:
     `senseless`: What is wrong with the message's times of its beams, where they can be none: `times` is None
         then.
     `unlimited`: What is wrong with the message's largest range, where it can be none: it counts as not given.
-    `zeros`: Beams with a range of 0.
     `endless`: Beams that met nothing, but of which the message does not say up to where: they are invalid.
-    `swapped`: The message's bytes are in the other order than it says.
     """
 
     points: NDArray[np.floating[Any]]
@@ -62,8 +60,8 @@ class Beams:
     is_guess: bool = False
     senseless: str = ""
     unlimited: str = ""
-    zeros: int = 0
-    swapped: bool = False
+    zeros: int = 0  # Beams with a range of 0.
+    swapped: bool = False  # The message's bytes are in the other order than it says.
 
 
 def stamp_of(message: Any) -> float:

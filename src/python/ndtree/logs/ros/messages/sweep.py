@@ -99,18 +99,12 @@ GRIDS, KEY = (0.2, 0.6, 1.0, 1.4), (1, 1 << 20, 1 << 40)
 
 @dataclass(frozen=True)
 class Sweep:
-    """How to read the times of beams.
+    """How to read the times of beams."""
 
-    `name`: For reports.
-    `is_used`: Else all beams count as measured at the stamp.
-    `is_reversed`: The last beam of a message was the first.
-    `ends_at_stamp`: The stamp is the time of the last beam, not of the first.
-    """
-
-    name: str
-    is_used: bool = True
-    is_reversed: bool = False
-    ends_at_stamp: bool = False
+    name: str  # For reports.
+    is_used: bool = True  # Else all beams count as measured at the stamp.
+    is_reversed: bool = False  # The last beam of a message was the first.
+    ends_at_stamp: bool = False  # The stamp is the time of the last beam, not of the first.
 
     def applied(self, beams: Beams) -> Beams:
         """The beams with their times so understood."""

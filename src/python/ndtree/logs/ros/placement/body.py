@@ -29,11 +29,10 @@ class Body:
     """Shapes that a robot consists of, in one of its frames.
 
     `parts`: Each says which points (n, 3) are in it [m]; its border is in it.
-    `frame`: "" for the robot's base.
     """
 
     parts: tuple[Callable[[Floats], NDArray[np.bool_]], ...]
-    frame: str
+    frame: str  # "" for the robot's base.
 
     @staticmethod
     def of(text: str) -> Body:

@@ -35,21 +35,16 @@ ENOUGH = 0.5
 class Placement:
     """How the pose of a sensor is found.
 
-    `fixed_frame`: That of the map.
-    `frame`: The sensor's.
-    `is_own`: Each message's own frame counts; else all have `frame`.
-    `origin`: Where the poses come from, for reports.
-    `notes`: What was taken for granted.
     `observer`: The frame that beams come from, where `frame` is a fixed one into which points were moved
         already.
     """
 
     tree: TransformTree
-    fixed_frame: str
-    frame: str
-    is_own: bool
-    origin: str
-    notes: tuple[str, ...] = ()
+    fixed_frame: str  # That of the map.
+    frame: str  # The sensor's.
+    is_own: bool  # Each message's own frame counts; else all have `frame`.
+    origin: str  # Where the poses come from, for reports.
+    notes: tuple[str, ...] = ()  # What was taken for granted.
     observer: str | None = None
 
     @property

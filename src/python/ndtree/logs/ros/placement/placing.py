@@ -22,17 +22,12 @@ Surveyed = Callable[["str | None"], Survey]
 
 @dataclass(frozen=True)
 class Placed:
-    """Sensors, and how the pose of each is found.
-
-    `places`: By topic.
-    `survey`: That they are from.
-    `notes`: What was taken for granted.
-    """
+    """Sensors, and how the pose of each is found."""
 
     topics: list[Topic]
-    places: dict[str, Placement]
-    survey: Survey
-    notes: list[str] = field(default_factory=list)
+    places: dict[str, Placement]  # By topic.
+    survey: Survey  # That they are from.
+    notes: list[str] = field(default_factory=list)  # What was taken for granted.
 
 
 def find_places(
