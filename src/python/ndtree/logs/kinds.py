@@ -38,8 +38,13 @@ _MODELS = (
         "opensfm export_colmap FOLDER, then ndtree map on the text model that it writes",
     ),
 )
-_UNPACK = "unpacking it, then ndtree map on the folder or the log in it"
-_EXPORT = "exporting E57 or PTX from {program}: these have a pose for each scan"
+_IN_IT = "ndtree map on the folder or the log in it"
+_UNPACK = f"unpacking it, then {_IN_IT}"
+_OF_PGM = "ndtree info on the .yaml beside it, or ndtree map on a folder of depth images and their poses"
+_OF_STATES = "the bag that it was made from, with its trajectory: ndtree map BAG --trajectory FILE"
+_OF_CLOUDS = "saving it as E57 or PLY in CloudCompare"
+_IMAGES = "its depth images in a folder with their poses"
+_POSES = "a trajectory with orientations: t x y z qx qy qz qw a line, in metres"
 _TO_CLOUDS = "ouster-cli source {path} save scans.csv (pip install ouster-sdk), then their folder"
 _DEPTH = "ndtree map FOLDER, with its depth images and their poses, as Open3D, TUM or 7-Scenes have them"
 
@@ -61,17 +66,19 @@ class _Kind:
         return not self.endings or source.path.lower().endswith(self.endings)
 
 
+def _scan(kind: str, program: str, *endings: str) -> _Kind:
+    """Files of a maker of scanners, whose own program exports what is read."""
+    return _Kind(
+        kind, f"exporting E57 or PTX from {program}: these have a pose for each scan", endings=endings
+    )
+
+
 #: Tried in this order. ``{path}`` in a help is the file.
 _KINDS = (
     _Kind("a PNG image", _DEPTH, (b"\x89PNG\r\n",)),
     _Kind("a JPEG image", _DEPTH, (b"\xff\xd8\xff",)),
     _Kind("a TIFF image", _DEPTH, (b"II*\0", b"MM\0*")),
-    _Kind(
-        "an image of map_server's or a depth image",
-        "ndtree info on the .yaml beside it, or ndtree map on a folder of depth images and their poses",
-        (b"P5", b"P2"),
-        endings=(".pgm",),
-    ),
+    _Kind("an image of map_server's or a depth image", _OF_PGM, (b"P5", b"P2"), endings=(".pgm",)),
     _Kind("a picture of portable graymap kind", _DEPTH, (b"P5\n", b"P2\n", b"P6\n")),
     _Kind("a BMP image", _DEPTH, (b"BM",), endings=(".bmp",)),
     _Kind("a GIF image", _DEPTH, (b"GIF8",)),
@@ -80,9 +87,7 @@ _KINDS = (
     _Kind("a document of an office", _SHEET, (b"PK\3\4",), endings=(".xlsx", ".ods")),
     _Kind("a document of an office", "", (b"PK\3\4",), endings=(".docx", ".pptx", ".odt")),
     _Kind("a table of Excel", _SHEET, (b"\xd0\xcf\x11\xe0",), endings=(".xls",)),
-    _Kind(
-        "an archive of tar", "tar xf {path}, then ndtree map on the folder or the log in it", (b"ustar",), 257
-    ),
+    _Kind("an archive of tar", f"tar xf {{path}}, then {_IN_IT}", (b"ustar",), 257),
     _Kind("an archive of 7-Zip", _UNPACK, (b"7z\xbc\xaf\x27\x1c",)),
     _Kind("an archive of RAR", _UNPACK, (b"Rar!",)),
     _Kind("a file packed by xz", "xz -dk {path}", (b"\xfd7zXZ",)),
@@ -103,39 +108,18 @@ _KINDS = (
     _Kind("a recording of Livox Viewer", "a bag by livox_ros_driver, which reads .lvx", (b"livox_tech",)),
     _Kind("a recording of Ouster (OSF)", _TO_CLOUDS, (b"OSF!",), 8),
     _Kind("a recording of Ouster (OSF)", _TO_CLOUDS, endings=(".osf",)),
-    _Kind(
-        "a state of Cartographer",
-        "the bag that it was made from, with its trajectory: ndtree map BAG --trajectory FILE",
-        (b"\xdb\x01\xf5\x5b\x7b\x1f\x1d\x7b",),
-    ),
-    _Kind("a recording of OpenNI", "its depth images in a folder with their poses", (b"NI10",)),
-    _Kind(
-        "a recording of a ZED camera (SVO)",
-        "its depth images in a folder with their poses",
-        endings=(".svo", ".svo2"),
-    ),
-    _Kind("a scan of FARO", _EXPORT.format(program="SCENE"), endings=(".fls", ".fws", ".lsproj")),
-    _Kind(
-        "a scan of Zoller + Fröhlich",
-        _EXPORT.format(program="LaserControl"),
-        endings=(".zfs", ".zfc", ".zfprj"),
-    ),
-    _Kind("a scan of RIEGL", _EXPORT.format(program="RiSCAN PRO"), endings=(".rxp", ".rdb", ".rdbx", ".rsp")),
-    _Kind(
-        "a scan of Leica",
-        _EXPORT.format(program="Cyclone or Register 360"),
-        endings=(".lgs", ".lgsx", ".imp", ".blk"),
-    ),
-    _Kind("a scan of Trimble", _EXPORT.format(program="RealWorks"), endings=(".tzf", ".tzs", ".rwp")),
-    _Kind("a scan of Topcon", _EXPORT.format(program="MAGNET Collage"), endings=(".clr", ".cl3")),
-    _Kind("a project of Autodesk ReCap", _EXPORT.format(program="ReCap"), endings=(".rcs", ".rcp")),
-    _Kind("a cloud of CloudCompare", "saving it as E57 or PLY in CloudCompare", (b"CCB2",)),
-    _Kind(
-        "a cloud of CloudCompare",
-        "saving it as E57 or PLY in CloudCompare",
-        endings=(".bin",),
-        magic=(b"CCB",),
-    ),
+    _Kind("a state of Cartographer", _OF_STATES, (b"\xdb\x01\xf5\x5b\x7b\x1f\x1d\x7b",)),
+    _Kind("a recording of OpenNI", _IMAGES, (b"NI10",)),
+    _Kind("a recording of a ZED camera (SVO)", _IMAGES, endings=(".svo", ".svo2")),
+    _scan("a scan of FARO", "SCENE", ".fls", ".fws", ".lsproj"),
+    _scan("a scan of Zoller + Fröhlich", "LaserControl", ".zfs", ".zfc", ".zfprj"),
+    _scan("a scan of RIEGL", "RiSCAN PRO", ".rxp", ".rdb", ".rdbx", ".rsp"),
+    _scan("a scan of Leica", "Cyclone or Register 360", ".lgs", ".lgsx", ".imp", ".blk"),
+    _scan("a scan of Trimble", "RealWorks", ".tzf", ".tzs", ".rwp"),
+    _scan("a scan of Topcon", "MAGNET Collage", ".clr", ".cl3"),
+    _scan("a project of Autodesk ReCap", "ReCap", ".rcs", ".rcp"),
+    _Kind("a cloud of CloudCompare", _OF_CLOUDS, (b"CCB2",)),
+    _Kind("a cloud of CloudCompare", _OF_CLOUDS, (b"CCB",), endings=(".bin",)),
     _Kind("a mesh (glTF)", _POINTS_ON, (b"glTF",)),
     _Kind("a mesh (STL)", _POINTS_ON, endings=(".stl",)),
     _Kind("a mesh (OBJ)", _POINTS_ON, endings=(".obj",)),
@@ -144,11 +128,7 @@ _KINDS = (
     _Kind("a model (FBX)", _POINTS_ON, (b"Kaydara FBX",)),
     _Kind("a drawing (DXF)", _POINTS_ON, endings=(".dxf", ".dwg")),
     _Kind("a file of VTK", _OF_VTK, (b"# vtk DataFile",), first=True),
-    _Kind(
-        "positions of a satellite receiver (NMEA)",
-        "a trajectory with orientations: t x y z qx qy qz qw a line, in metres",
-        (b"$GP", b"$GN", b"$GL"),
-    ),
+    _Kind("positions of a satellite receiver (NMEA)", _POSES, (b"$GP", b"$GN", b"$GL")),
     _Kind("a video", _FRAMES, (b"ftyp",), 4),
     _Kind("a video", _FRAMES, (b"AVI ",), 8),
     _Kind("a video", _FRAMES, (b"\x1a\x45\xdf\xa3",)),
@@ -210,9 +190,7 @@ def _of_zip(source: Source, path: str) -> NotALog:
     if names and all(name.endswith(".npy") for name in names):
         some = shown(", ".join(name.removesuffix(".npy") for name in names), _SHOWN)
         return NotALog(source.path, f"a zip archive without points.npy, but with {some}", [_NPZ])
-    return NotALog(
-        source.path, "a zip archive", [f"unzip {path}, then ndtree map on the folder or the log in it"]
-    )
+    return NotALog(source.path, "a zip archive", [f"unzip {path}, then {_IN_IT}"])
 
 
 def before_formats(source: Source) -> NotALog | None:
@@ -270,17 +248,11 @@ def _of_text(source: Source, path: str) -> NotALog | None:
         return NotALog(source.path, f"text in XML{f' ({name[1][:_SHOWN]})' if name else ''}")
     line = next((line for line in source.head.splitlines() if line.strip()), b"")
     if is_of_degrees(line):
-        return NotALog(
-            source.path,
-            "positions in degrees of latitude and longitude",
-            ["metres instead, as of UTM, with a header: easting,northing,height"],
-        )
+        ways = ["metres instead, as of UTM, with a header: easting,northing,height"]
+        return NotALog(source.path, "positions in degrees of latitude and longitude", ways)
     if ECHOED in line:
-        return NotALog(
-            source.path,
-            "what rostopic echo -p prints",
-            ["ndtree map BAG, with the bag that it was made from"],
-        )
+        ways = ["ndtree map BAG, with the bag that it was made from"]
+        return NotALog(source.path, "what rostopic echo -p prints", ways)
     names = _columns_in(head)
     if names is not None:
         some = shown(", ".join(names), _SHOWN)

@@ -21,8 +21,13 @@ from ndtree.logs.core.source import Format, Source
 
 ZIP_MAGIC = b"PK\x03\x04"
 REQUIRED = ("origins", "points", "offsets")
+_OPTIONAL = ("no_return", "stamps", "pose_covariances")
 #: Bytes that the arrays of an archive may unpack to: three quarters of the machine's memory.
 MOST_BYTES = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 4 * 3
+#: What reading a damaged archive runs into.
+_DAMAGES = (
+    OSError, zipfile.BadZipFile, zlib.error, EOFError, MemoryError, ValueError, RuntimeError
+)  # fmt: skip
 
 
 class NpzLog(SizedLog):
@@ -88,24 +93,12 @@ def _load(path: str) -> dict[str, NDArray[Any]]:
     try:
         with np.load(path, allow_pickle=False) as archive:
             found = archive.files
-            wanted = [
-                name for name in (*REQUIRED, "no_return", "stamps", "pose_covariances") if name in found
-            ]
-            size = sum(
-                member.file_size for member in archive.zip.infolist() if member.filename[:-4] in wanted
-            )
+            wanted = [one for one in (*REQUIRED, *_OPTIONAL) if one in found]
+            size = sum(one.file_size for one in archive.zip.infolist() if one.filename[:-4] in wanted)
             if size <= MOST_BYTES:
                 for name in wanted:
                     arrays[name] = archive[name]
-    except (
-        OSError,
-        zipfile.BadZipFile,
-        zlib.error,
-        EOFError,
-        MemoryError,
-        ValueError,
-        RuntimeError,
-    ) as error:
+    except _DAMAGES as error:
         if isinstance(error, FileNotFoundError):
             raise
         raise ValueError(f"{path}: {name}: cannot be read as an array, expected a whole .npz") from None
@@ -122,52 +115,31 @@ def _load(path: str) -> dict[str, NDArray[Any]]:
 
 
 def _check(path: str, arrays: dict[str, NDArray[Any]]) -> None:
-    def require(name: str, holds: bool, expected: str) -> None:
+    for name, holds, expected in _expected(path, arrays):
         if not holds:
-            array = arrays[name]
-            raise ValueError(f"{path}: {name}: has shape {array.shape} of {array.dtype}, expected {expected}")
+            found = arrays[name]
+            raise ValueError(f"{path}: {name}: has shape {found.shape} of {found.dtype}, expected {expected}")
 
+
+def _expected(path: str, arrays: dict[str, NDArray[Any]]) -> Iterator[tuple[str, bool, str]]:
+    """Of each array whether it is right, and what it should be; one after the other, as each needs others."""
     points, origins, offsets = (arrays[name] for name in ("points", "origins", "offsets"))
-    require(
-        "points",
-        points.ndim == 2 and points.shape[1] in (2, 3) and points.dtype.kind == "f",
-        "(P, 2) or (P, 3) floats",
-    )
-    dim = points.shape[1]
-    require(
-        "origins",
-        origins.ndim == 2 and origins.shape[1] == dim and origins.dtype.kind == "f",
-        f"(S, {dim}) floats",
-    )
-    require(
-        "offsets",
-        offsets.shape == (len(origins) + 1,) and offsets.dtype.kind in "iu",
-        f"({len(origins) + 1},) integers, one more than origins",
-    )
-    if offsets[0] != 0 or offsets[-1] != len(points) or np.any(offsets[1:] < offsets[:-1]):
-        raise ValueError(f"{path}: offsets: must rise from 0 to {len(points)}, the number of points")
-    if "no_return" in arrays:
-        no_return = arrays["no_return"]
-        require(
-            "no_return",
-            no_return.shape == (len(points),) and no_return.dtype == np.bool_,
-            f"({len(points)},) bools",
-        )
-    if "stamps" in arrays:
-        stamps = arrays["stamps"]
-        require(
-            "stamps",
-            stamps.shape == (len(origins),) and stamps.dtype.kind in "fiu",
-            f"({len(origins)},) numbers",
-        )
-    if "pose_covariances" in arrays:
-        covariances = arrays["pose_covariances"]
-        shapes = [(len(origins), 6, 6)] + [(len(origins), 3, 3)] * (dim == 2 or _is_one_value(points[:, 2]))
-        require(
-            "pose_covariances",
-            covariances.shape in shapes and covariances.dtype.kind == "f",
-            f"({len(origins)}, 6, 6) floats",
-        )
+    is_right = points.ndim == 2 and points.shape[1] in (2, 3) and points.dtype.kind == "f"
+    yield "points", is_right, "(P, 2) or (P, 3) floats"
+    n, (count, dim) = len(origins), points.shape
+    is_right = origins.ndim == 2 and origins.shape[1] == dim and origins.dtype.kind == "f"
+    yield "origins", is_right, f"(S, {dim}) floats"
+    is_right = offsets.shape == (n + 1,) and offsets.dtype.kind in "iu"
+    yield "offsets", is_right, f"({n + 1},) integers, one more than origins"
+    if offsets[0] != 0 or offsets[-1] != count or np.any(offsets[1:] < offsets[:-1]):
+        raise ValueError(f"{path}: offsets: must rise from 0 to {count}, the number of points")
+    if (flags := arrays.get("no_return")) is not None:
+        yield "no_return", flags.shape == (count,) and flags.dtype == np.bool_, f"({count},) bools"
+    if (stamps := arrays.get("stamps")) is not None:
+        yield "stamps", stamps.shape == (n,) and stamps.dtype.kind in "fiu", f"({n},) numbers"
+    if (sure := arrays.get("pose_covariances")) is not None:
+        shapes = [(n, 6, 6)] + [(n, 3, 3)] * (dim == 2 or _is_one_value(points[:, 2]))
+        yield "pose_covariances", sure.shape in shapes and sure.dtype.kind == "f", f"({n}, 6, 6) floats"
 
 
 def _is_one_value(values: NDArray[Any]) -> bool:
