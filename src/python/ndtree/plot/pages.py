@@ -160,14 +160,27 @@ def side_by_side_3d(
 ) -> Figure:
     """Draw an adaptive and a fixed 3-D map side by side: occupied cells, seen alike, and a slice of each.
 
-    `adaptive`, `fixed`: With ``dim`` 3, of the same log.
-    `path`: The picture to write; its ending chooses the format.
-    `azimuth`, `elevation`, `cut_above`, `region`, `color`: As for `occupied`.
-    `slice_axis` ({"x", "y", "z", 0, 1, 2}): The coordinate that is held in the slices.
-    `slice_at`: Its value [m]; left out, half-way through what the cubes show.
-    `width`: Of the picture [inches].
-    `dpi`: Pixels an inch.
-    Returns: With four axes, and a bar that says what the colors mean.
+    Parameters
+    ----------
+    adaptive, fixed : AdaptiveMap, FixedMap or OctoMap
+        With ``dim`` 3, of the same log.
+    path : str or path, optional
+        The picture to write; its ending chooses the format.
+    azimuth, elevation, cut_above, region, color
+        As for `occupied`.
+    slice_axis : {"x", "y", "z", 0, 1, 2}
+        The coordinate that is held in the slices.
+    slice_at : float, optional
+        Its value [m]; left out, half-way through what the cubes show.
+    width : float
+        Of the picture [inches].
+    dpi : float
+        Pixels an inch.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With four axes, and a bar that says what the colors mean.
     """
     maps = {"adaptive": adaptive, "fixed": fixed}
     view = (azimuth, elevation)
@@ -192,11 +205,19 @@ def overview_3d(
 ) -> Figure:
     """Draw a 3-D map: its occupied cells above, a slice with the leaves below.
 
-    `m`: With ``dim`` 3.
-    `path`, `azimuth`, `elevation`, `cut_above`, `region`, `color`, `slice_axis`, `slice_at`, `width`, `dpi`:
+    Parameters
+    ----------
+    m : AdaptiveMap, FixedMap or OctoMap
+        With ``dim`` 3.
+    path, azimuth, elevation, cut_above, region, color, slice_axis, slice_at, width, dpi
         As for `side_by_side_3d`.
-    `style` ({"paper", "ros"}): Of the slice, as for `occupancy`.
-    Returns: With two axes, and a bar that says what the colors mean.
+    style : {"paper", "ros"}
+        Of the slice, as for `occupancy`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With two axes, and a bar that says what the colors mean.
     """
     view = (azimuth, elevation)
     shown = _Shown(view, cut_above, region, color, (slice_axis, slice_at), style)
