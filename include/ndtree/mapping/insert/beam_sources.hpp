@@ -54,7 +54,7 @@ struct ListInCell {
     if (walk.may_stop_early(level, list))
       walk.add_until_split(leaf, cell.index, crossings(), list.part(0, list.find(beams_end)), scan);
     else
-      scan = walk.evidence_.of(cell.index, crossings(), list, beams_end);
+      scan = walk.evidence_.of(cell.index, crossings(), list, beams_end, Walk::needs_resolvable_misses(leaf));
     walk.refinement_.model.limit(scan);
     return scan;
   }

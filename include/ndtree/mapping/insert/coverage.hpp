@@ -92,11 +92,9 @@ class ScanCoverage {
   }
   /// The part of a beam's width that lies in a child, over the child's edge.
   /// @param from_middle distance of the beam from the middle of the child, on an axis across.
-  /// @param least what it is at least: 0, or 1 on the beam's main axis.
   template <class Floats>
-  [[nodiscard]] NDTREE_ALWAYS_INLINE static Floats overlap(const Floats& from_middle, const Floats& width,
-                                                           const Floats& least = 0.0f) {
-    return max_of(least, min_of(0.5f + 0.5f * width - from_middle, min_of(width, 1.0f)));
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static Floats overlap(const Floats& from_middle, const Floats& width) {
+    return max_of(Floats(0.0f), min_of(0.5f + 0.5f * width - from_middle, min_of(width, 1.0f)));
   }
   /// The mean of overlap() over all places: 2 h - h² with h = min(half_width, 1).
   template <class Floats>
@@ -151,7 +149,7 @@ struct CoverageVerdict {
   std::uint32_t parts = 0;  ///< Seen by now, one bit for each of CellParts.
   bool is_enough = true;    ///< The beams' evidence holds for the whole cell.
   bool shows_more = false;  ///< Split: smaller cells would separate seen from unseen space.
-  bool is_covered = false;  ///< This scan has seen all of the cell, but for a smallest cell in depth.
+  bool is_covered = false;  ///< CoverageModel::is_covered(), if it was asked for.
 };
 
 /// When a cell may be called free as a whole. A beam through a corner has seen the corner; its
@@ -183,7 +181,8 @@ class CoverageModel {
   /// False if a cell is observed as soon as a beam has passed it.
   [[nodiscard]] bool is_on() const { return covered_share_ > 0.0; }
 
-  /// True if every child was seen so well that further beams cannot change what judge() returns.
+  /// True if every child was seen so well that further beams cannot change what judge() and is_covered()
+  /// return.
   /// @param size as in judge().
   template <int N, int D>
   [[nodiscard]] bool is_certain(const ScanCoverage<N, D>& scan, double size) const {
@@ -204,45 +203,51 @@ class CoverageModel {
   [[nodiscard]] CoverageVerdict judge(const ScanCoverage<N, D>& scan, std::uint32_t seen_before, double size,
                                       double beams, bool adds_nothing = false) const {
     using Parts = CellParts<N, D>;
-    constexpr std::int64_t kOne = ScanCoverage<N, D>::kOne;
     const double least_seen = this->least_seen<N>(size);
     const double beams_for_child = scan.beams_for_child();
     const double mean_share = scan.mean_share();
     const std::int64_t missing_below = units_from<N, D>(
         mean_share * std::max(0.0, std::min(least_seen, 1.0 - std::sqrt(2.0 * kRounding / beams_for_child))));
-    std::int64_t least = kOne;                       // Seen of the least seen child in parts not seen before.
-    std::array<std::int64_t, Parts::kCount> seen{};  // In units of children.
-    std::uint32_t with_missing = 0;                  // Parts of which a child is missing.
+    const double seen_from = mean_share * least_of_part(size) * kRounding;
+    std::uint32_t with_missing = 0;                        // Parts of which a child is missing.
+    std::uint32_t are_seen = 0;                            // Parts of which enough was seen.
+    if constexpr (Parts::kCount == Parts::kNumChildren) {  // Parts are children.
+      const std::int64_t least = units_from<N, D>(seen_from);
+      std::uint32_t unseen = 0;
 #ifdef __GNUC__
-#pragma GCC unroll 8
+#pragma GCC unroll 16
 #endif
-    for (int j = 0; j < Parts::kNumChildren; ++j) {
-      const auto part = static_cast<std::size_t>(Parts::of_child(j));
-      const std::int64_t of_child = std::min(kOne, scan.units_of_child(j));
-      seen[part] += of_child;
-      least = std::min(least, (seen_before >> part & 1u) == 0 ? of_child : kOne);
-      with_missing |= static_cast<std::uint32_t>(of_child < missing_below) << part;
+      for (int j = Parts::kNumChildren - 1; j >= 0; --j) {  // The sign of a difference is its last bit.
+        with_missing = 2 * with_missing + sign_of(scan.units_of_child(j) - missing_below);
+        unseen = 2 * unseen + sign_of(scan.units_of_child(j) - least);
+      }
+      are_seen = ~unseen & ((1u << Parts::kCount) - 1u);
+    } else {
+      std::array<std::int64_t, Parts::kCount> seen{};  // In units of children.
+      for (int j = 0; j < Parts::kNumChildren; ++j) {
+        const auto part = static_cast<std::size_t>(Parts::of_child(j));
+        seen[part] += std::min(ScanCoverage<N, D>::kOne, scan.units_of_child(j));
+        with_missing |= static_cast<std::uint32_t>(scan.units_of_child(j) < missing_below) << part;
+      }
+      for (int p = 0; p < Parts::kCount; ++p)
+        are_seen |= static_cast<std::uint32_t>(seen[static_cast<std::size_t>(p)] >=
+                                               units_from<N, D>(seen_from * Parts::num_children(p)))
+                    << p;
     }
-    CoverageVerdict verdict{seen_before};
-#ifdef __GNUC__
-#pragma GCC unroll 8
-#endif
-    for (int p = 0; p < Parts::kCount; ++p) {
-      const bool is_seen =
-          seen[static_cast<std::size_t>(p)] >=
-          units_from<N, D>(mean_share * least_of_part(size) * kRounding * Parts::num_children(p));
-      verdict.parts |= static_cast<std::uint32_t>(is_seen) << p & ~with_missing;
-    }
+    CoverageVerdict verdict{seen_before | (are_seen & ~with_missing)};
     // Beams so far apart that fewer than two would pass a smallest cell.
     const bool are_few = size < N + 0.5 && beams_for_child < 2.0 && verdict.parts != 0;
-    const bool may_split = size > least_to_split_;
     const bool has_enough = are_few || are_enough<N, D>(verdict.parts, size);
     const bool is_missing =
-        least < missing_below || (!has_enough && beams > kBeamsOfPart * (Parts::kCount / 2));
-    verdict.shows_more = (is_missing && may_split) || (!has_enough && adds_nothing);
+        (with_missing & ~seen_before) != 0 || (!has_enough && beams > kBeamsOfPart * (Parts::kCount / 2));
+    verdict.shows_more = (is_missing && size > least_to_split_) || (!has_enough && adds_nothing);
     verdict.is_enough = !verdict.shows_more && has_enough;
-    verdict.is_covered = all_seen(scan, covered<N>(size));
     return verdict;
+  }
+  /// Whether a scan has seen all of a cell, but for a smallest cell in depth. @param size as in judge().
+  template <int N, int D>
+  [[nodiscard]] static bool is_covered(const ScanCoverage<N, D>& scan, double size) {
+    return all_seen(scan, covered<N>(size));
   }
 
  private:
@@ -252,6 +257,10 @@ class CoverageModel {
     const double units = fraction * ScanCoverage<N, D>::kOne;
     const auto whole = static_cast<std::int64_t>(units);
     return whole + (static_cast<double>(whole) < units);
+  }
+  /// 1 of negative numbers, else 0.
+  [[nodiscard]] static std::uint32_t sign_of(std::int64_t x) {
+    return static_cast<std::uint32_t>(static_cast<std::uint64_t>(x) >> 63);
   }
   template <int N, int D>
   [[nodiscard]] static bool all_seen(const ScanCoverage<N, D>& scan, double fraction) {

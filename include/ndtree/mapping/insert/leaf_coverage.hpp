@@ -8,7 +8,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
+#include <utility>
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/lanes.hpp"
@@ -35,6 +35,7 @@ struct BeamWidths {
 template <int N, int D>
 class LeafCoverage {
   using Partition = ChildPartition<N, D>;
+  using Planes = typename Partition::Planes;
   using Sum = ScanCoverage<N, D>;
   static constexpr int kNumChildren = Partition::kNumChildren;
 
@@ -43,25 +44,39 @@ class LeafCoverage {
   LeafCoverage(const ScanBeams<D>& beams, const Partition& partition, float width_per_range)
       : beams_(beams), partition_(partition), width_per_range_(width_per_range) {}
 
-  /// Adds what beams see of a leaf's children, up to their end points, until the leaf is certain to be
-  /// covered.
+  /// Adds what beams of one face see of a leaf's children, up to their end points, until the leaf is certain
+  /// to be covered.
   /// @param per_child 1 / edge of a child [1/m]. @param size of the leaf, in smallest cells.
-  void operator()(const CellIndex<D>& leaf, const BeamList& list, float per_child, const BeamWidths& widths,
-                  const CoverageModel& model, double size, Sum& sum) const {
+  void operator()(const CellIndex<D>& leaf, const CubeFace<D>& face, const BeamList& list, float per_child,
+                  const BeamWidths& widths, const CoverageModel& model, double size, Sum& sum) const {
+    const bool by_eights = partition_.goes_by_eights() && !face.is_single();
+    const auto main = static_cast<std::size_t>(face.axis);
+    const Planes planes = by_eights ? with_last(main, partition_.planes_of(leaf)) : Planes{};
     for (std::size_t first = 0; first < list.size; first += kChunk) {
       if (first > 0 && model.is_certain(sum, size)) return;
-      add(leaf, list.part(first, std::min(list.size, first + kChunk)), per_child, widths, sum);
+      const BeamList part = list.part(first, std::min(list.size, first + kChunk));
+#ifdef NDTREE_HAS_EIGHTS
+      if constexpr (kNumChildren <= Partition::kMostAtOnce) {
+        if (by_eights) {
+          add_by_eights(planes, main, part, per_child, widths, sum);
+          continue;
+        }
+      }
+#endif
+      add(leaf, face, part, per_child, widths, sum);
     }
   }
   /// Whether enough of a leaf was seen to update it as a whole.
   /// @param sample the beams of its list that it samples. @param beams as in
   /// CoverageModel::judge().
+  /// @returns the verdict; whether it is covered, if the leaf was observed, or is now.
   [[nodiscard]] CoverageVerdict judge(const CellIndex<D>& leaf, const EvidenceCell& cell,
                                       const BeamList& list, const LeafSample<D>& sample,
                                       const CoverageModel& model, double beams, bool adds_nothing) const {
     const LatticeGeometry<N, D>& geometry = partition_.geometry();
-    const double size = geometry.cell_size(leaf.level) / geometry.unit();
+    const auto size = static_cast<double>(geometry.edge(leaf.level));
     const float per_child = 1.0f / static_cast<float>(geometry.cell_size(leaf.level - 1));
+    const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
     Sum sum;
     sample.for_each_fraction(
         beams_, list, [&](const CubeFace<D>& face, float fraction, const BeamList& part) {
@@ -69,34 +84,28 @@ class LeafCoverage {
           const float width = face.width_of_beam() * BeamSampling<N, D>::widening(fraction);
           const BeamWidths widths{std::max(width, width_per_range_) * per_child,
                                   static_cast<float>(geometry.unit()) * per_child};
-          (*this)(leaf, part, per_child, widths, model, size, sum);
+          (*this)(leaf, face, part, per_child, widths, model, size, sum);
         });
-    const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
-    return model.judge(sum, seen_before, size, beams, adds_nothing);
+    CoverageVerdict verdict = model.judge(sum, seen_before, size, beams, adds_nothing);
+    verdict.is_covered = (verdict.is_enough || cell.observed()) && model.is_covered(sum, size);
+    return verdict;
   }
 
  private:
-  static constexpr std::size_t kChunk = 16;  // Beams between two tests; sums of up to 64 fit 32 bits.
+  static constexpr std::size_t kChunk = 32;  // Beams between two tests; sums of up to 64 fit 32 bits.
 
-  /// The first axis along which a beam goes farthest. Beams that are alone on their faces share one, so a
-  /// face's axis is not always that of its beams.
-  [[nodiscard]] static std::size_t main_axis(const BeamRay<D>& ray) {
+  /// The axis of a face; of beams that are alone on their faces, which share one, the first along which the
+  /// beam goes farthest.
+  [[nodiscard]] static std::size_t main_axis(const CubeFace<D>& face, const BeamRay<D>& ray) {
+    if (!face.is_single()) return static_cast<std::size_t>(face.axis);
     std::size_t main = 0;
     for (std::size_t a = 1; a < D; ++a)
       if (std::abs(ray.inverse[a]) < std::abs(ray.inverse[main])) main = a;
     return main;
   }
   /// Beam by beam where the partition goes beam by beam, whose crossings it takes.
-  void add(const CellIndex<D>& leaf, const BeamList& list, float per_child, const BeamWidths& widths,
-           Sum& sum) const {
-#ifdef NDTREE_HAS_EIGHTS
-    if constexpr (kNumChildren <= Partition::kMostAtOnce) {
-      if (partition_.goes_by_eights()) {
-        add_by_eights(partition_.planes_of(leaf), list, per_child, widths, sum);
-        return;
-      }
-    }
-#endif
+  void add(const CellIndex<D>& leaf, const CubeFace<D>& face, const BeamList& list, float per_child,
+           const BeamWidths& widths, Sum& sum) const {
     std::uint32_t last = BeamList::kAll;  // The beam that was added to the sums last.
     partition_.for_each_crossing(
         leaf, list, [&](std::size_t child, std::uint32_t beam, float enter, float leave) {
@@ -115,10 +124,10 @@ class LeafCoverage {
                                 width_at(0.5f * (whole.enter + end_of_way))));
           }
           const float middle = 0.5f * (enter + exit);
-          const std::size_t main = main_axis(beams_.ray(beam));
+          const std::size_t main = main_axis(face, beams_.ray(beam));
           float area = 1.0f;
-          for (std::size_t a = 0; a < D; ++a) {
-            if (a == main) continue;
+          for (std::size_t k = 0; k + 1 < D; ++k) {  // The axes across, as with_last() has them.
+            const std::size_t a = k == main ? D - 1 : k;
             const float border = partition_.plane_of(leaf, a, Partition::kOffsets[child][a], beam);
             const float along = unfused(middle * (1.0f / beams_.ray(beam).inverse[a] * per_child));
             area *= Sum::overlap(std::abs(along - middle_of(border, per_child)), width_at(middle));
@@ -126,25 +135,49 @@ class LeafCoverage {
           sum.add(static_cast<int>(child), nearest_integer((exit - enter) * units_per_metre * area));
         });
   }
+  /// Planes with the last axis and another one exchanged.
+  [[nodiscard]] static Planes with_last(std::size_t axis, Planes planes) {
+    std::swap(planes[axis], planes[D - 1]);
+    return planes;
+  }
+  /// Of each axis, the numbers of the children as with_last() numbers them.
+  static constexpr auto kWithLast = [] {
+    std::array<std::array<int, std::size_t{kNumChildren}>, std::size_t{D}> numbers{};
+    for (std::size_t axis = 0; axis < D; ++axis) {
+      for (std::size_t c = 0; c < std::size_t{kNumChildren}; ++c) {
+        int number = 0;
+        for (std::size_t a = D; a-- > 0;) {
+          const std::size_t from = a == axis ? D - 1 : a == D - 1 ? axis : a;
+          number = number * N + static_cast<int>(Partition::kOffsets[c][from]);
+        }
+        numbers[axis][c] = number;
+      }
+    }
+    return numbers;
+  }();
   /// The middle of a child, in its edges. @param border its lower one.
   [[nodiscard]] static float middle_of(float border, float per_child) {
     return unfused(border * per_child) + 0.5f;
   }
 #ifdef NDTREE_HAS_EIGHTS
-  NDTREE_BY_EIGHTS void add_by_eights(const typename Partition::Planes& planes, const BeamList& list,
-                                      float per_child, const BeamWidths& widths, Sum& sum) const {
+  /// add() of beams of one face. @param planes with_last() the main axis.
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void add_by_eights(const Planes& planes, std::size_t main,
+                                                          const BeamList& list, float per_child,
+                                                          const BeamWidths& widths, Sum& sum) const {
     EightInts child[std::size_t{kNumChildren}];
 #pragma GCC unroll 32
     for (int c = 0; c < kNumChildren; ++c) child[c] = 0;
+    std::array<std::uint32_t, 4> sums;
     EightInts way = 0;
     EightInts whole = 0;
     EightInts mean = 0;
     const EightFloats fixed = widths.per_depth > 0.0f ? 0.0f : widths.fixed;
-    typename Partition::Planes middles;  // Of children.
-    for (std::size_t a = 0; a < D; ++a)
+    typename Partition::Planes middles;  // Of children, across.
+    for (std::size_t a = 0; a + 1 < D; ++a)
       for (std::size_t i = 0; i < N; ++i) middles[a][i] = middle_of(planes[a][i], per_child);
     for (std::size_t i = 0; i < list.size; i += 8) {
-      const EightRays<D> rays = beams_.rays(list.beam + i);
+      EightRays<D> rays = beams_.rays(list.beam + i);
+      std::swap(rays.inverse[main], rays.inverse[D - 1]);
       const EightEnds<D> ends = beams_.ends(list.beam + i);
       const EightFloats seen = min_of(rays.t_max, ends.range) & EightMask::first(list.size - i);
       EightFloats enter[std::size_t{kNumChildren}];
@@ -161,35 +194,23 @@ class LeafCoverage {
       whole += passed.whole & passes;
       mean += passed.mean & passes;
       EightFloats per_metre[std::size_t{D}];  // Along the beam: children's edges along the axis.
-      EightFloats least[std::size_t{D}];      // Of the overlap: all of it on the main axis.
-      EightFloats least_steep = std::numeric_limits<float>::infinity();
 #pragma GCC unroll 4
-      for (std::size_t a = 0; a < D; ++a) {
-        least[a] = abs_of(rays.inverse[a]);
-        least_steep = min_of(least_steep, least[a]);
-      }
-      EightMask is_later = EightMask::all();  // The main axis was not found yet.
-#pragma GCC unroll 4
-      for (std::size_t a = 0; a < D; ++a) {
-        const EightMask is_least = least[a] == least_steep;
-        least[a] = EightFloats(1.0f) & (is_later & is_least);
-        is_later = is_later.without(is_least);
-        per_metre[a] = 1.0f / rays.inverse[a] * per_child;
-      }
+      for (std::size_t a = 0; a + 1 < D; ++a) per_metre[a] = 1.0f / rays.inverse[a] * per_child;
 #pragma GCC unroll 32
       for (int c = 0; c < kNumChildren; ++c) {
+        const EightMask crosses = exit[c] > enter[c];
+        if (crosses.set() == 0) continue;  // Beams side by side leave most children out.
         const EightFloats middle = 0.5f * (enter[c] + exit[c]);
         const EightFloats width = middle * width_per_metre + fixed;
         EightFloats area = 1.0f;
 #pragma GCC unroll 4
-        for (std::size_t a = 0; a < D; ++a) {
+        for (std::size_t a = 0; a + 1 < D; ++a) {
           const float middle_of_child = middles[a][Partition::kOffsets[static_cast<std::size_t>(c)][a]];
-          area = area * Sum::overlap(abs_of(middle * per_metre[a] - middle_of_child), width, least[a]);
+          area = area * Sum::overlap(abs_of(middle * per_metre[a] - middle_of_child), width);
         }
-        child[c] += nearest_integer((exit[c] - enter[c]) * units_per_metre * area) & (exit[c] > enter[c]);
+        child[c] += nearest_integer((exit[c] - enter[c]) * units_per_metre * area) & crosses;
       }
     }
-    std::array<std::uint32_t, 4> sums;
 #pragma GCC unroll 8
     for (int c = 0; c < kNumChildren; c += 4) {  // The last again if there are no four left.
       constexpr int kLast = kNumChildren - 1;
@@ -197,7 +218,7 @@ class LeafCoverage {
               child[std::min(c + 3, kLast)])
           .store(sums.data());
       for (int k = 0; k < std::min(4, kNumChildren - c); ++k)
-        sum.add(c + k, sums[static_cast<std::size_t>(k)]);
+        sum.add(kWithLast[main][static_cast<std::size_t>(c + k)], sums[static_cast<std::size_t>(k)]);
     }
     sums_of(way, whole, mean, way).store(sums.data());
     sum.add(typename Sum::template Passed<std::uint32_t>{sums[0], sums[1], sums[2]});

@@ -114,16 +114,17 @@ class LeafEvidence {
   }
 
   /// The evidence of a list's beams with numbers below `beams_end` for a leaf of level 0 or below.
-  /// @param crossings where beams cross the leaf.
+  /// @param crossings where beams cross the leaf. @param resolves false: resolvable_misses is not needed.
   [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence of(const CellIndex<D>& leaf,
                                                      const CellCrossings<N, D>& crossings,
                                                      const BeamList& list,
-                                                     std::uint32_t beams_end = BeamList::kAll) const {
+                                                     std::uint32_t beams_end = BeamList::kAll,
+                                                     bool resolves = true) const {
 #ifdef NDTREE_HAS_EIGHTS
     const Size& size = size_of(leaf.level);
     // An empty list's size minus 1 is the largest number.
     if (size.is_simple && list.size - 1 < kMostAtOnce)
-      return of_eights<true>(leaf, crossings, list, beams_end, size);
+      return of_eights<true>(leaf, crossings, list, beams_end, resolves);
 #endif
     return of_any(leaf, crossings, list.part(0, list.find(beams_end)));
   }
@@ -333,8 +334,8 @@ class LeafEvidence {
     if (size.goes_by_eights) {
       for (std::size_t first = 0; first < list.size; first += kMostAtOnce) {
         const BeamList part = list.part(first, std::min(first + kMostAtOnce, list.size));
-        sum.add(size.is_simple ? of_eights<true>(leaf, crossings, part, BeamList::kAll, size)
-                               : of_eights<false>(leaf, crossings, part, BeamList::kAll, size));
+        sum.add(size.is_simple ? of_eights<true>(leaf, crossings, part, BeamList::kAll, true)
+                               : of_eights<false>(leaf, crossings, part, BeamList::kAll, true));
       }
       return sum;
     }
@@ -368,7 +369,9 @@ class LeafEvidence {
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE ScanEvidence of_eights(const CellIndex<D>& leaf,
                                                               const CellCrossings<N, D>& crossings,
                                                               const BeamList& list, std::uint32_t beams_end,
-                                                              const Size& size) const {
+                                                              bool resolves) const {
+    const Size& size = size_of(leaf.level);
+    const bool resolves_some = resolves && size.resolves_some && !size.resolves_all;
     const auto last = static_cast<std::int32_t>(std::min(beams_end, ScanBeams<D>::kMostInLoops));
     EightSums sums{0, 0, 0, 0};
     ScanEvidence sum;
@@ -382,7 +385,7 @@ class LeafEvidence {
         misses = add_near_end(corner_of(leaf), size, beams_.ends(beam), at.enter, at.exit, misses, live, sums,
                               sum);
       add_misses(at.enter, at.exit, misses, size, sums);
-      if (size.resolves_some && !size.resolves_all)
+      if (resolves_some)
         sum.resolvable_misses += (misses & is_resolvable(size, beams_.ends(beam).sigma)).count();
       i += 8;
     } while (i < list.size && list.beam[i] < beams_end);

@@ -201,11 +201,17 @@ class ChildPartition {
   [[nodiscard]] NDTREE_ALWAYS_INLINE Planes planes_of(const CellIndex<D>& node, std::size_t first,
                                                       std::size_t last) const {
     constexpr float kNowhere = std::numeric_limits<float>::infinity();
+    const auto edge = static_cast<double>(geometry_.edge(node.level - 1));
+    const Vector<D>& origin = beams_.origin(0);
     Planes planes;
     for (std::size_t a = 0; a < D; ++a) {
-      planes[a].front() = -kNowhere;
-      planes[a].back() = kNowhere;
-      for (std::size_t i = first; i <= last; ++i) planes[a][i] = plane_of(node, a, i, 0);
+      const auto lower = static_cast<double>(node.lower[a]);
+      if (first > 0) planes[a].front() = -kNowhere;
+      if (last < N) planes[a].back() = kNowhere;
+      for (std::size_t i = first; i <= last; ++i)  // As plane_of(): coordinates are exact as doubles.
+        planes[a][i] =
+            static_cast<float>(unfused((lower + static_cast<double>(i) * edge) * geometry_.unit()) -
+                               origin[static_cast<int>(a)]);
     }
     return planes;
   }

@@ -415,6 +415,10 @@ class alignas(kCacheLines) ScanWalk {
     });
   }
 
+  /// Only an occupied cell splits for what passes it.
+  [[nodiscard]] static bool needs_resolvable_misses(const EvidenceCell& leaf) {
+    return leaf.state() == CellState::occupied;
+  }
   /// Whether a list is long enough to test for an early split.
   [[nodiscard]] bool may_stop_early(int level, const BeamList& list) const {
     return list.size > kToSplit && level != finest_level_;
