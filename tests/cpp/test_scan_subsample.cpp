@@ -370,5 +370,20 @@ TEST(ScanSample, KeysAreIndependentOfWhatBeamsMeasured) {
   EXPECT_NE(sampling_key_of<2>({0.1f, 0.2f}), sampling_key_of<2>({0.2f, 0.1f}));
 }
 
+TEST(ScanSample, AShiftFarBelowAMillimetreLeavesKeysAsTheyAre) {
+  Random random(166);
+  SCOPED_TRACE(random.trace());
+  constexpr int kBeams = 10000;
+  int kept = 0, kept_far = 0;
+  for (int i = 0; i < kBeams; ++i) {
+    const Vector<2> at(random.uniform(-20.0, 20.0), random.uniform(-20.0, 20.0));
+    const std::uint32_t key = sampling_key_of<2>(floats<2>(at));
+    kept += key == sampling_key_of<2>(floats<2>(at + Vector<2>::Constant(2e-5)));
+    kept_far += key == sampling_key_of<2>(floats<2>(at + Vector<2>::Constant(2e-3)));
+  }
+  EXPECT_GT(kept, 0.94 * kBeams);
+  EXPECT_LT(kept_far, 0.01 * kBeams);
+}
+
 }  // namespace
 }  // namespace ndtree::test::test_scan_subsample

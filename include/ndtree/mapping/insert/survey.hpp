@@ -32,15 +32,19 @@ namespace ndtree {
 /// a fraction of a scan's beams samples the beams with keys below this fraction of 2^24, rounded up to the
 /// end of a bucket (ScanBeams::end_of_fraction()). A key does not depend on the order of the beams. Equal
 /// beams of two scans have independent keys, so that of a sensor that stands still each beam is sampled in
-/// some scan.
+/// some scan. Displacements count in steps of a millimetre: a shift far below leaves nearly all keys, and so
+/// the sample, as they are.
 /// @param displacement D components of one beam, or of eight.
 template <int D, class Floats>
 [[nodiscard]] NDTREE_ALWAYS_INLINE auto sampling_key_at(const Floats* displacement,
                                                         std::uint64_t scan_number) {
+  constexpr float kSteps = 1024.0f;      // For a metre: a power of two, so that the product is exact.
+  constexpr float kToWhole = 0x1.8p23f;  // Sums with it are rounded to whole numbers up to 4 km.
   std::uint32_t factor = 0x9e3779b1u;
-  auto hash = words_of(displacement[0]) * factor + key_of_scan(scan_number);
+  auto hash = words_of(Floats(displacement[0] * kSteps + kToWhole)) * factor + key_of_scan(scan_number);
 #pragma GCC unroll 4
-  for (std::size_t a = 1; a < D; ++a) hash = hash + words_of(displacement[a]) * (factor *= 0x9e3779b1u);
+  for (std::size_t a = 1; a < D; ++a)
+    hash = hash + words_of(Floats(displacement[a] * kSteps + kToWhole)) * (factor *= 0x9e3779b1u);
   hash = hash ^ unsigned_shifted_right(hash, 15);
   hash = hash * 0x85ebca77u;
   hash = hash ^ unsigned_shifted_right(hash, 13);
