@@ -75,6 +75,8 @@ void expect_changes(const Map& before, const Map& after, ChangeOf what) {
   constexpr int D = Map::kDim;
   using Cell = typename Map::Cell;
   const auto& geometry = after.tree().geometry();
+  const ThinThings thin = what == ChangeOf::columns ? ThinThings(after) : ThinThings();
+  const auto state_of = [thin](const Cell& cell) { return thin.state_in_column(cell); };
   struct Place {
     Cell cell;
     int level;
@@ -83,11 +85,11 @@ void expect_changes(const Map& before, const Map& after, ChangeOf what) {
     const auto leaf = map.tree().find_leaf(corner);
     return leaf ? Place{leaf->cell(), leaf->index.level} : Place{Cell{}, 0};
   };
-  const auto is_blank = [what](const Cell& cell) {
-    return what == ChangeOf::states ? cell.state() == CellState::unknown : cell == Cell{};
+  const auto is_blank = [&](const Cell& cell) {
+    return what != ChangeOf::cells ? state_of(cell) == CellState::unknown : cell == Cell{};
   };
-  const auto differ = [what](const Place& one, const Place& other) {
-    if (what == ChangeOf::states) return one.cell.state() != other.cell.state();
+  const auto differ = [&](const Place& one, const Place& other) {
+    if (what != ChangeOf::cells) return state_of(one.cell) != state_of(other.cell);
     return !(one.cell == other.cell) || (one.cell.observed() && one.level != other.level);
   };
   std::size_t cells = 0;
@@ -96,8 +98,8 @@ void expect_changes(const Map& before, const Map& after, ChangeOf what) {
     for (const std::int64_t at : {std::int64_t{0}, edge - 1, edge / 2}) {
       Lattice<D> corner = change.index.lower;
       for (std::int64_t& coordinate : corner) coordinate += at;
-      ASSERT_EQ(place_in(before, corner).cell.state(), change.before);
-      ASSERT_EQ(place_in(after, corner).cell.state(), change.after);
+      ASSERT_EQ(state_of(place_in(before, corner).cell), change.before);
+      ASSERT_EQ(state_of(place_in(after, corner).cell), change.after);
       ASSERT_TRUE(differ(place_in(before, corner), place_in(after, corner)));
     }
     cells += static_cast<std::size_t>(integer_power(edge, D));
@@ -126,8 +128,8 @@ void expect_changes(const Map& before, const Map& after, ChangeOf what) {
 }
 template <class Map>
 void expect_changes(const Map& before, const Map& after) {
-  expect_changes(before, after, ChangeOf::states);
-  expect_changes(before, after, ChangeOf::cells);
+  for (const ChangeOf what : {ChangeOf::states, ChangeOf::columns, ChangeOf::cells})
+    expect_changes(before, after, what);
 }
 
 template <class Map>

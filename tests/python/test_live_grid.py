@@ -121,6 +121,35 @@ def test_in_space_a_grid_follows_what_is_cleared_merged_and_forgotten(height: An
         assert np.array_equal(listener.values, image_of(other, grid, **given))
 
 
+def scan_of_a_table(origin: np.ndarray) -> np.ndarray:
+    """End points on a table top of 4 cm that is seen from just above it, and on the wall behind."""
+    across, up = np.meshgrid(np.linspace(-0.35, 0.35, 120), np.linspace(-0.2, 0.05, 80))
+    ways = np.stack([np.ones_like(up), across, up], axis=-1).reshape(-1, 3)
+    with np.errstate(divide="ignore"):
+        enter = np.maximum((1.0 - origin[0]) / ways[:, 0], (0.74 - origin[2]) / ways[:, 2])
+    met = origin + ways * enter[:, None]
+    ends = origin + ways * (3.0 - origin[0])
+    is_met = (ways[:, 2] < 0) & (met[:, 0] < 2.0) & (met[:, 2] > 0.70) & (np.abs(met[:, 1]) < 0.5)
+    return np.where(is_met[:, None], met, ends)
+
+
+def test_a_table_top_seen_at_a_grazing_angle_is_an_obstacle() -> None:
+    m, grid = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1, range_sigma=0.01), GridFollower(None, (0.2, 1.5))
+    for step in range(12):
+        origin = np.array([0.02 * step, 0.01, 0.9])
+        m.insert(scan_of_a_table(origin), origin)
+        grid.follow(m.snapshot())
+        assert np.array_equal(grid.values, image_of(m, grid, height=(0.2, 1.5)))
+    thin = m.leaves(states="free")
+    thin = thin[thin.thin]
+    assert len(thin) > 20 and (thin.hits >= 2).all() and (np.asarray(m.state(thin.center)) == 0).all()
+    column, row = np.floor((thin.center[:, :2] - grid.origin) / 0.1).astype(int).T
+    assert (grid.values[row, column] == 100).all()
+    x, y = np.meshgrid(np.arange(1.05, 1.9, 0.1), np.arange(-0.35, 0.4, 0.1))
+    pixel = np.floor((np.stack([y, x]) - np.array(grid.origin)[::-1, None, None]) / 0.1).astype(int)
+    assert (grid.values[tuple(pixel)] == 100).mean() > 0.4  # 0.08 of occupied cells alone.
+
+
 def test_behind_a_window_that_moves_the_grid_does_not_grow() -> None:
     m, grid, largest = ndtree.AdaptiveMap(dim=2), GridFollower(), 0
     ways = np.linspace(0, 2 * math.pi, 300)

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/cell/thin_things.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/io/byte_stream.hpp"
@@ -119,8 +120,9 @@ class WallFronts {
 }  // namespace detail
 
 /// The image of a 2-D map, or of a slice through a 3-D one: a pixel is occupied if some occupied cell
-/// overlaps it, else free if some free one does, else unknown. Of large occupied cells only what is near free
-/// space is drawn, see MapServerOptions::wall_depth. It is as large as what is known.
+/// overlaps it, else free if some free one does, else unknown. Through a 3-D map, so is one above which a
+/// free cell holds something thin, see ThinThings. Of large occupied cells only what is near free space is
+/// drawn, see MapServerOptions::wall_depth. It is as large as what is known.
 /// @throws std::invalid_argument if an option is out of bounds or does not fit the map, if nothing is known
 ///   there, or if the image had more than 2^30 pixels.
 template <class Map>
@@ -153,10 +155,11 @@ template <class Map>
     draws_all = !is_measured;
   }
   const auto& geometry = map.tree().geometry();
+  const ThinThings thin(map);
   // Calls visit(first x, last x, first y, last y, pixel) for what is known, in pixels about 0.
   const auto for_each_known = [&](const auto& visit) {
     for_each_leaf(map.tree(), [&](const auto& leaf) {
-      const CellState state = leaf.cell().state();
+      const CellState state = D == 3 ? thin.state_in_column(leaf.cell()) : leaf.cell().state();
       if (state == CellState::unknown) return;
       const std::int64_t edge = geometry.edge(leaf.index.level);
       const auto& lower = leaf.index.lower;

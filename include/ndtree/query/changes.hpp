@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/cell/thin_things.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
@@ -17,8 +18,9 @@
 
 namespace ndtree {
 
-/// What counts as a change: another state, or anything that a cell holds, its size too.
-enum class ChangeOf { states, cells };
+/// What counts as a change: another state, or that as part of a column of cells, see
+/// ThinThings::state_in_column(), or anything that a cell holds, its size too.
+enum class ChangeOf { states, columns, cells };
 
 /// A region whose state, or cell, is another one.
 template <int D>
@@ -54,9 +56,9 @@ class TreeRegion {
   [[nodiscard]] bool is_leaf() const { return node_ != nullptr ? node_->is_leaf() : !is_around_root_; }
   /// Whether the tree has this very node, not just a larger leaf there.
   [[nodiscard]] bool is_node_of_its_own() const { return is_own_; }
-  /// @pre is_leaf().
-  [[nodiscard]] CellState state() const {
-    return node_ != nullptr ? node_->cell().state() : CellState::unknown;
+  /// @pre is_leaf(). @param thin what counts as occupied although it is free.
+  [[nodiscard]] CellState state(const ThinThings& thin = {}) const {
+    return node_ != nullptr ? thin.state_in_column(node_->cell()) : CellState::unknown;
   }
   /// Whether the region is a leaf, or part of one, that says what another tree's says, and is as large if it
   /// was observed. @pre both are leaves.
@@ -197,9 +199,9 @@ void for_each_difference(const Map& before, const Map& after, const Visit& visit
 
 }  // namespace detail
 
-/// Calls `visit(change)` for each region whose state differs between two maps, depth first, or for each whose
-/// cell does. Nothing that is the same memory in both is entered: for a map and its snapshot() that is O(what
-/// was written since).
+/// Calls `visit(change)` for each region whose state, or cell, differs between two maps, depth first. Nothing
+/// that is the same memory in both is entered: for a map and its snapshot() that is O(what was written
+/// since).
 /// @throws std::invalid_argument if their smallest cells or numbers of levels differ; Cancelled.
 template <class Map, class Visit>
 void for_each_change(const Map& before, const Map& after, const Visit& visit,
@@ -208,14 +210,18 @@ void for_each_change(const Map& before, const Map& after, const Visit& visit,
   using Region = detail::TreeRegion<Tree>;
   detail::check_same_cells(before, after);
   Pace pace;
-  const auto is_same = [what](const auto& old, const auto& now) {
-    return what == ChangeOf::states ? old.state() == now.state() : old == now;
+  const bool is_cells = what == ChangeOf::cells;
+  const ThinThings in_old = what == ChangeOf::columns ? ThinThings(before) : ThinThings();
+  const ThinThings in_new = what == ChangeOf::columns ? ThinThings(after) : ThinThings();
+  const auto is_same = [&](const auto& old, const auto& now) {
+    return is_cells ? old == now : in_old.state_in_column(old) == in_new.state_in_column(now);
   };
   detail::for_each_pair(before.tree(), after.tree(), [&](const Region& a, const Region& b) {
     detail::descend_pair(a, b, pace, is_same, [&](const Region& old, const Region& now) {
       if (!old.is_leaf() || !now.is_leaf()) return true;
-      if (what == ChangeOf::states ? old.state() != now.state() : !old.is_same_cell(now))
-        visit(Change<Map::kDim>{now.index(), old.state(), now.state()});
+      const CellState was = old.state(in_old);
+      const CellState is = now.state(in_new);
+      if (is_cells ? !old.is_same_cell(now) : was != is) visit(Change<Map::kDim>{now.index(), was, is});
       return false;
     });
   });

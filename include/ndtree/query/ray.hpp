@@ -12,11 +12,10 @@
 #include <string>
 #include <type_traits>
 
-#include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/hit_rate.hpp"
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/summary.hpp"
-#include "ndtree/core/log_odds.hpp"
+#include "ndtree/cell/thin_things.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/beam_traversal.hpp"
 
@@ -24,26 +23,14 @@ namespace ndtree {
 
 namespace detail {
 
-/// Least log-odds of a smallest cell that is free but known to hold something: see
-/// EvidenceRefinement::keep_partial(). Infinite for maps that keep no such cells.
-template <class Map>
-[[nodiscard]] float least_partial_log_odds(const Map& map) {
-  constexpr double kRounding = 1e-4;  // Of a cell's log-odds.
-  if constexpr (std::is_same_v<typename Map::Tree::Cell, EvidenceCell>)
-    if (map.options().partial_probability > 0.0)
-      return static_cast<float>(log_odds(map.options().partial_probability) - kRounding);
-  return std::numeric_limits<float>::infinity();
-}
-
 /// Where a ray meets a surface: at the first leaf that is occupied, or that is free but holds something and
 /// has unknown space behind it. Of the cells that a grazed wall passes through, beams beside it make some
 /// free; no beam has gone on from there into the unknown, so the wall is in between.
 template <int D>
 class FirstSurface : public BeamVisitor {
  public:
-  /// @param least_partial see least_partial_log_odds().
-  FirstSurface(float least_partial, bool stops_at_unknown)
-      : least_partial_(least_partial), stops_at_unknown_(stops_at_unknown) {}
+  FirstSurface(const ThinThings& thin, bool stops_at_unknown)
+      : thin_(thin), stops_at_unknown_(stops_at_unknown) {}
 
   std::optional<double> t;  ///< Where the ray enters the leaf that it ends at.
   CellIndex<D> leaf_index;
@@ -56,7 +43,8 @@ class FirstSurface : public BeamVisitor {
     if (stops_at_unknown_) return false;
     const Summary all = Summary::of(*parent.node);
     if (!all.is_valid() || all.may_contain(CellState::occupied)) return false;
-    if (all.may_contain(CellState::free) ? all.max_log_odds() >= least_partial_ : t_partial_.has_value())
+    if (all.may_contain(CellState::free) ? all.max_log_odds() >= thin_.least_log_odds()
+                                         : t_partial_.has_value())
       return false;
     t_partial_.reset();
     return true;
@@ -69,7 +57,7 @@ class FirstSurface : public BeamVisitor {
     state = cell.state();
     if (state == CellState::free) {
       t_partial_.reset();
-      if (cell.log_odds() >= least_partial_ && cell.hits() >= kLeastPartialHits) {
+      if (thin_.are_in(cell)) {
         t_partial_ = t_enter;
         leaf_index = leaf.index;
       }
@@ -92,7 +80,7 @@ class FirstSurface : public BeamVisitor {
     return false;
   }
 
-  float least_partial_;
+  ThinThings thin_;
   bool stops_at_unknown_;
   std::optional<double> t_partial_;  // Of the leaf before, if it holds something.
 };
@@ -101,7 +89,7 @@ template <class Map>
 [[nodiscard]] FirstSurface<Map::kDim> first_surface(const Map& map, const Vector<Map::kDim>& origin,
                                                     const Vector<Map::kDim>& direction, double t_end,
                                                     bool stops_at_unknown) {
-  FirstSurface<Map::kDim> first(least_partial_log_odds(map), stops_at_unknown);
+  FirstSurface<Map::kDim> first(ThinThings(map), stops_at_unknown);
   traverse_beam(map.tree(), origin, direction, 0.0, t_end, first);
   first.finish(t_end);
   return first;

@@ -21,8 +21,9 @@ struct Changes {
 
 ChangeOf change_of(const std::string& name) {
   if (name == "states") return ChangeOf::states;
+  if (name == "columns") return ChangeOf::columns;
   if (name == "cells") return ChangeOf::cells;
-  throw py::value_error("of = '" + name + "': must be 'states' or 'cells'");
+  throw py::value_error("of = '" + name + "': must be 'states', 'columns' or 'cells'");
 }
 
 /// A map that goes on by itself, at once.

@@ -136,6 +136,7 @@ class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
     arrays.misses.reserve(n);
     arrays.observed.reserve(n);
     arrays.disputed.reserve(n);
+    arrays.thin.reserve(n);
     for_each_leaf(cells().tree(), [&](const auto& leaf) { add(leaf, arrays); });
     return arrays;
   }
@@ -195,6 +196,7 @@ class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
     arrays.misses.push_back(leaf.cell().misses());
     arrays.observed.push_back(leaf.cell().observed());
     arrays.disputed.push_back(is_disputed(leaf.cell()));
+    arrays.thin.push_back(ThinThings(cells()).are_in(leaf.cell()));
   }
 };
 

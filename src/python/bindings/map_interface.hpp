@@ -36,6 +36,7 @@ struct LeafArrays {
   std::vector<std::uint32_t> misses;
   std::vector<std::uint8_t> observed;
   std::vector<std::uint8_t> disputed;
+  std::vector<std::uint8_t> thin;
 };
 
 /// Regions whose state is another one.

@@ -27,7 +27,7 @@ namespace {
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 struct Leaves {
-  py::array lower, size, log_odds, probability, hits, misses, observed, state, disputed;
+  py::array lower, size, log_odds, probability, hits, misses, observed, state, disputed, thin;
 };
 
 Leaves to_python(LeafArrays&& arrays, int dim) {
@@ -48,6 +48,7 @@ Leaves to_python(LeafArrays&& arrays, int dim) {
   leaves.observed = take(std::move(arrays.observed)).view("bool");
   leaves.state = take(std::move(states));
   leaves.disputed = take(std::move(arrays.disputed)).view("bool");
+  leaves.thin = take(std::move(arrays.thin)).view("bool");
   return leaves;
 }
 
@@ -380,6 +381,7 @@ void bind_maps(py::module_& module) {
       .def_readonly("observed", &Leaves::observed, "(n,) bool: at least one beam updated it.")
       .def_readonly("state", &Leaves::state, "(n,) int8: -1 unknown, 0 free, 1 occupied.")
       .def_readonly("disputed", &Leaves::disputed, "(n,) bool: scans in a row contradict what was before.")
+      .def_readonly("thin", &Leaves::thin, "(n,) bool: free, but holds something thinner than the leaf.")
       .def("__len__", [](const Leaves& leaves) { return leaves.size.size(); });
 
   py::class_<HeldOutTruth>(module, "HeldOutTruth", doc::HeldOutTruth)

@@ -80,6 +80,7 @@ class OctomapAdapter final : public QueryAdapter<OctomapBaseline, D> {
     arrays.misses.assign(n, 0);
     arrays.observed.assign(n, 1);
     arrays.disputed.assign(n, 0);
+    arrays.thin.assign(n, 0);
     return arrays;
   }
   [[nodiscard]] std::string to_bytes() const override {

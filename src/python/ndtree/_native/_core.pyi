@@ -1854,9 +1854,10 @@ class OccupancyMap:
         ----------
         since : OccupancyMap
             An earlier snapshot() or `revision` of this map, or any map of the same kind with cells of the same sizes.
-        of : {"states", "cells"}
-            What has to be different: the state, or anything that a cell holds, as its probability, hits and misses, size, or
-            values of its layers (which takes time in proportion to those of layers that changed).
+        of : {"states", "columns", "cells"}
+            What has to be different: the state; the state as part of a column, where free cells that are `Leaves.thin` count
+            as occupied; or anything that a cell holds, as its probability, hits and misses, size, or values of its layers
+            (which takes time in proportion to those of layers that changed).
 
         Returns
         -------
@@ -1995,7 +1996,8 @@ class OccupancyMap:
     ) -> None:
         """Write a map for navigation, as ROS's map_server and nav2 read it: .yaml, and .pgm beside it.
 
-        A pixel is occupied if some occupied cell overlaps it, else free if some free one does, else unknown.
+        A pixel is occupied if some occupied cell overlaps it, else free if some free one does, else unknown. Of a 3-D
+        map, free cells that hold something thin (`Leaves.thin`) count as occupied.
 
         Parameters
         ----------

@@ -29,7 +29,7 @@ StateName = Literal["free", "occupied", "unknown"]
 #: What unknown space is taken for.
 UnknownAs = Literal["free", "occupied"]
 #: What counts as a change: another state, or anything that a cell holds.
-ChangeOf = Literal["states", "cells"]
+ChangeOf = Literal["states", "columns", "cells"]
 World = Literal["office", "apartment", "street"]
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
-from ndtree.live.grid import GridFollower, GridPart, Ints
+from ndtree.live.grid import GridFollower, GridPart, Ints, state_in_column
 from ndtree.maps.ground import REACH, SLOPE, UNKNOWN, seen_above_ground
 
 
@@ -52,7 +52,9 @@ class GroundFollower(GridFollower):
         lower, upper, reach = lower - self._reach, upper + self._reach, self._reach
         box = np.column_stack([np.stack([lower, upper]) * self.cell_size, [bounds[0][2], bounds[1][2]]])
         leaves = m.leaves(box, states=["free", "occupied"])
-        known = self._boxes(leaves.lower, leaves.size, leaves.state, np.ones(len(leaves), dtype=bool))
+        known = self._boxes(
+            leaves.lower, leaves.size, state_in_column(leaves), np.ones(len(leaves), dtype=bool)
+        )
         size, bottom = upper - lower, leaves.lower[:, 2]
         values = seen_above_ground(
             np.clip(known.first - lower, 0, size),

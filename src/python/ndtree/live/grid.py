@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
-from ndtree._native.results import Changes
+from ndtree._native.results import Changes, Leaves
 from ndtree.maps.ground import FREE, OCCUPIED, UNKNOWN, pixels_in
 
 Floats = NDArray[np.float64]
@@ -32,6 +32,8 @@ SHRINKS = 4.0
 _WHOLE = 1e-6
 
 
+#: What OccupancyMap.changes() is asked for, of a 2-D and of a 3-D map.
+_COUNTED: tuple[Literal["states"], Literal["columns"]] = ("states", "columns")
 #: Of a state 0 or 1, and of -1, which is the last.
 _VALUES = np.array([FREE, OCCUPIED, UNKNOWN], dtype=np.int8)
 
@@ -87,7 +89,8 @@ def difference(
 class GridFollower:
     """A pixel is occupied if some occupied cell overlaps it, else free if some free one does, else unknown.
 
-    So `OccupancyMap.map_server_image` has it; the grid may be larger, and is unknown there.
+    Of a 3-D map, free cells that hold something thin (`Leaves.thin`) count as occupied. So
+    `OccupancyMap.map_server_image` has it; the grid may be larger, and is unknown there.
 
     Parameters
     ----------
@@ -172,7 +175,7 @@ class GridFollower:
     def _changes(self, m: OccupancyMap) -> Changes | None:
         """What is another than at the last look; None if that was at no map, or at one of another kind."""
         try:
-            return None if self._seen is None else m.changes(since=self._seen)
+            return None if self._seen is None else m.changes(since=self._seen, of=_COUNTED[m.dim == 3])
         except ValueError:
             return None
 
@@ -213,7 +216,7 @@ class GridFollower:
         """Of leaves that are known, and how many smallest cells high they are."""
         leaves = m.leaves(box, states=["free", "occupied"])
         cells = self._cells_in_band(leaves.lower, leaves.size, m.options["min_cell_size"])
-        return self._boxes(leaves.lower, leaves.size, leaves.state, cells > 0), cells[cells > 0]
+        return self._boxes(leaves.lower, leaves.size, state_in_column(leaves), cells > 0), cells[cells > 0]
 
     def _boxes(self, lower: Floats, size: Floats, state: NDArray[np.int8], use: NDArray[np.bool_]) -> _Boxes:
         lower = lower[use, :2]
@@ -263,6 +266,13 @@ class GridFollower:
             return False
         extent = np.ceil((bounds[1] - bounds[0])[:2] / self.cell_size) + 2 * GROWS
         return bool(self.values.size > SHRINKS * extent.prod())
+
+
+def state_in_column(leaves: Leaves) -> NDArray[np.int8]:
+    """(n,) the state of leaves, which are part of a column if the map is a 3-D one."""
+    if leaves.lower.shape[1] < 3:
+        return leaves.state
+    return np.where(leaves.thin, 1, leaves.state).astype(np.int8)
 
 
 def _painted(boxes: _Boxes, lower: Ints, upper: Ints) -> NDArray[np.int8]:

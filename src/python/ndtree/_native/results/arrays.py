@@ -77,6 +77,9 @@ class Leaves(Answers):
     disputed : (n,) bool
         At least two beams ended in it before at least twelve scans in a row all passed it, or the other way
         round; see `OccupancyMap.disputed`.
+    thin : (n,) bool
+        Free, but beams have ended in it again and again: it holds something thinner than itself. Of the cells
+        that a column of a grid is made of, these count as occupied.
     """
 
     _number = "size"
@@ -90,6 +93,7 @@ class Leaves(Answers):
     observed: NDArray[np.bool_]
     state: NDArray[np.int8]
     disputed: NDArray[np.bool_]
+    thin: NDArray[np.bool_]
 
     @property
     def center(self) -> NDArray[np.float64]:
