@@ -321,7 +321,7 @@ TEST(Matcher, RefusesWhatIsOutOfBounds) {
   options.cell_size = 0.0;
   EXPECT_THROW(Matcher<2>(room<2>(0.5), options), std::invalid_argument);
   options.cell_size = 1e-4;
-  EXPECT_THROW(Matcher<2>(room<2>(0.5), options), std::invalid_argument);  // More than 2^30 cells.
+  EXPECT_THROW(Matcher<2>(room<2>(0.5), options), std::invalid_argument);  // More than 2^24 bricks.
   const Matcher<2> matcher(room<2>(0.5));
   MatchWindow<2> window;
   window.half << -1.0, 0.0, 0.0;

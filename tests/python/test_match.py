@@ -6,6 +6,10 @@ from __future__ import annotations
 import copy
 import math
 import pickle
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -225,3 +229,39 @@ def test_pose_graphs_are_those_of_gtsam():
             ours.insert(i, gtsam.Pose2(*pose))
         # It takes shift and turn together, we do not: the same to first order.
         assert graph.error(ours) < 1.02 * graph.error(expected) < graph.error(values)
+
+
+def test_far_points_take_memory_of_their_surface_alone() -> None:
+    """Two points 87 m apart in space are a box of 10^9 cells; what is near them is thousands."""
+    code = (
+        "import resource, numpy as np, ndtree\n"
+        "peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "before = peak()\n"
+        "m = ndtree.Matcher(np.array([[0.0, 0.0, 0.0], [50.0, 50.0, 50.0]]))\n"
+        "assert m.score(np.array([[50.0, 50.0, 50.0]]), np.eye(4)) > 0.5\n"
+        "print(peak() - before)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 150_000  # KiB
+
+
+def test_making_a_matcher_hears_a_signal() -> None:
+    class Stop(BaseException):
+        pass
+
+    def stop(*_: object) -> None:
+        raise Stop
+
+    axis = np.arange(-3.0, 3.0, 0.02)
+    x, y = (one.ravel() for one in np.meshgrid(axis, axis))
+    points = np.column_stack((x, y, 0.05 * np.sin(x)))
+    before = signal.signal(signal.SIGALRM, stop)
+    try:
+        begin = time.perf_counter()
+        signal.setitimer(signal.ITIMER_REAL, 0.05)
+        with pytest.raises(Stop):
+            ndtree.Matcher(points, cell_size=0.02, radius=0.5)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert time.perf_counter() - begin < 2.0  # 0.15 s; whole, it takes tens of them.

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "ndtree/alignment/match_options.hpp"
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/core/types.hpp"
 
 namespace ndtree {
@@ -134,7 +135,9 @@ class SurfaceElements {
       return std::lower_bound(keyed.begin(), keyed.end(), Keyed{key, -1});
     };
     counts_.resize(shapes.size());
+    Pace pace;
     for (const Keyed& one : keyed) {
+      pace.spend();
       int& count = counts_[static_cast<std::size_t>(one.point)];
       if (!wants(count, shapes[static_cast<std::size_t>(one.point)].is_flat)) continue;
       const Vector<D> centre = points.col(one.point);
@@ -152,6 +155,7 @@ class SurfaceElements {
           rest /= 3;
         }
         for (auto at = row_of(key, -1), end = row_of(key, 2); at != end; ++at) {
+          pace.spend();
           const Vector<D> away = points.col(at->point) - centre;
           if (away.squaredNorm() > radius * radius) continue;
           if (side.dot(sides.col(at->point)) < kOtherSide) continue;
