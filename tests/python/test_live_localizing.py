@@ -226,6 +226,54 @@ def test_along_a_smooth_corridor_only_odometry_tells() -> None:
     assert sigma > 0.3
 
 
+def test_one_that_is_carried_where_no_scan_tells_may_be_anywhere_on_that_way() -> None:
+    """Odometry stands, scans are alike: the told covariance contains the truth, across it stays small."""
+    turn = matrix_of((0.0, 0.0, 0.6))
+    walls = np.array([[[-90.0, side], [90.0, side]] for side in (-1.0, 1.0)]) @ turn[:2, :2].T
+    way, pose = turn[:2, 0], np.array([0.0, 0.0, 0.6])
+
+    def scan(x: float) -> Floats:
+        ends = seen(walls, pose + np.append(x * way, 0.0))
+        return ends[np.hypot(*ends.T) < 8.0]
+
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05)
+    for x in np.arange(0.0, 12.0, 0.3):
+        m.insert(scan(x) @ turn[:2, :2].T + x * way, x * way)
+    localizer = Localizer(m, pose)
+    for i in range(60):
+        x = 0.0 if i < 20 else 7.0
+        found = localizer.track(scan(x), (0.0, 0.0, 0.0))
+        off = found.pose[:2, 2] - x * way
+        assert not found.is_lost and abs(off @ turn[:2, 1]) < 0.03
+        if i >= 30:
+            assert off @ np.linalg.solve(found.covariance[:2, :2], off) < 9.0
+    assert turn[:2, 1] @ found.covariance[:2, :2] @ turn[:2, 1] < 0.03**2
+
+
+def test_along_a_fence_no_rod_is_taken_for_another() -> None:
+    """Wheels 12 % too large, rods thinner than a cell: poses keep odometry's, within what is told."""
+    rods = np.arange(-8.0, 16.0, 0.11)
+    walls = np.array([[[x - 0.012, 2.0], [x + 0.012, 2.0]] for x in rods])
+    walls = np.concatenate([walls, [[[-90.0, side], [90.0, side]] for side in (-1.5, 3.4)]])
+    rng = np.random.default_rng(2)
+
+    def scan(x: float) -> Floats:
+        ends = seen(walls, np.array([x, 0.1, 0.0]), 720)
+        ends = ends[np.hypot(*ends.T) < 8.0]
+        return ends * (1 + rng.normal(0, 0.01, (len(ends), 1)) / np.hypot(*ends.T)[:, None])
+
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05)
+    for x in np.arange(0.0, 6.0, 0.1):
+        m.insert(scan(x) + np.array([x, 0.1]), (x, 0.1))
+    localizer, told = Localizer(m, (0.0, 0.1, 0.0)), 0
+    for x in np.arange(0.0, 5.0, 0.1):
+        found = localizer.track(scan(x), (1.12 * x, 0.1, 0.0))
+        is_within = abs(found.pose[0, 2] - x) < max(0.1, 3 * math.sqrt(found.covariance[0, 0]))
+        assert found.is_lost or is_within
+        told += not found.is_lost
+    assert told > 3
+
+
 def test_the_same_scans_give_the_same_poses(world: World) -> None:
     poses = []
     for _ in range(2):

@@ -29,9 +29,9 @@ JUMP, JUMPS_BY, STEPS_BEFORE = 2.0, 0.2, 10
 CLEARLY = 1.03
 #: A pose of a wider window is taken instead if its log-likelihood is larger by this.
 CLEARER = 7.0
-#: Odometry's standard deviations above this [m] are narrowed only where beams confirm it: three of the
-#: narrowed ones away, at least this far [m], the logarithm of their likelihood is lower by this.
-PROBED, TELLS, FLAT = 0.1, 0.15, 2.0
+#: A scan says nothing of a way along which its modes spread by more than this [m], if it may be as far away
+#: as this from where it fits best [m]; they are looked for with this number of points.
+SPREAD, ALIKE, MODES_OF = 0.1, 1.0, 150
 #: A scan that narrows a standard deviation of more than this [m] by this factor may fit elsewhere, too.
 OPEN, NARROWS = 0.35, 0.2
 
@@ -101,9 +101,9 @@ class Follower:
         # Of flat likelihoods, the search gives any: it counts where it is clearly the better one.
         if self.matcher.score(ends, found.pose) > CLEARLY * self.matcher.score(ends, match.pose):
             match = found
-        pose, covariance = told_by(
-            guess, prior, match.pose, match.covariance, lambda at: self.evidence.of(at, ends).total
-        )
+        ways = self._ways_alike(ends, match.pose)
+        pose, covariance = told_by(guess, prior, match.pose, match.covariance, ways)
+        one.slides(len(ways))
         before, after = (math.sqrt(np.linalg.eigvalsh(c[:2, :2])[1]) for c in (prior, covariance))
         evidence = self.evidence.of(pose, ends)
         if not fits(evidence):  # It may have moved anyhow.
@@ -131,6 +131,13 @@ class Follower:
             ends, guess, window=(window[0], window[0], window[1]), information=information, second=False
         )
 
+    def _ways_alike(self, ends: Floats, pose: Floats) -> list[Floats]:
+        """Unit motions along which a scan fits elsewhere as well: corridors, fences, rows of the same."""
+        few = ends[:: max(len(ends) // MODES_OF, 1)]
+        modes = self.matcher.match(few, pose, window=(ALIKE, ALIKE, 0.0), second=False)
+        variances, axes = np.linalg.eigh(modes.covariance[:2, :2])
+        return [np.append(way, 0.0) for way in axes.T[variances > SPREAD**2]]
+
     def _predicted(self, one: Hypothesis, at: Floats) -> Floats:
         """The covariance of where odometry has the sensor, by that of the last match."""
         assert one.matched is not None
@@ -150,14 +157,13 @@ class Follower:
 
 
 def told_by(
-    guess: Floats, prior: Floats, pose: Floats, covariance: Floats, likelihood: Callable[[Floats], float]
+    guess: Floats, prior: Floats, pose: Floats, covariance: Floats, ways: list[Floats]
 ) -> tuple[Floats, Floats]:
     """A pose and its covariance without what a scan says by chance.
 
     What scans from about one place say wrongly, all say alike: it is no knowledge, however many they are. So
     directions in which one scan leaves more than half of the prior's variance keep the prior's mean and
-    variance; and so do those that are open beforehand, if poses three standard deviations away are about as
-    likely.
+    variance. Along ways on which it fits elsewhere, too, it may have slid by ALIKE: that is marginalised.
 
     Parameters
     ----------
@@ -165,24 +171,26 @@ def told_by(
         The pose and its covariance before the scan.
     pose, covariance : (3, 3) float64
         The same with it.
-    likelihood : callable
-        Of the scan's beams at a pose, as a logarithm.
+    ways : list of (3,) float64
+        Motions x, y and yaw.
     """
     root = np.linalg.cholesky(prior)
     inward = np.linalg.inv(root)
     left, axes = np.linalg.eigh(inward @ covariance @ inward.T)
-    is_open = left > 0.5
-    outward = root @ axes
-    for k in range(3):
-        sigma = math.hypot(*outward[:2, k])
-        if not is_open[k] and sigma > PROBED:
-            off = max(3.0 * math.sqrt(left[k]), TELLS / sigma) * outward[:, k]
-            beside = max(likelihood(shifted(pose, off)), likelihood(shifted(pose, -off)))
-            is_open[k] = beside > likelihood(pose) - FLAT
-    if not is_open.any():
-        return pose, covariance
-    kept = outward @ np.where(is_open, 0.0, axes.T @ inward @ motion_between(guess, pose))
-    return shifted(guess, kept), outward @ np.diag(np.where(is_open, 1.0, left)) @ outward.T
+    off = axes.T @ inward @ motion_between(guess, pose)
+    worth = np.maximum(1.0 / left - 1.0, 0.0)  # Information, where the prior's is 1.
+    said, gradient = axes * worth @ axes.T, axes @ np.where(worth > 0.0, off / left, 0.0)
+    for way in ways:
+        slide = inward @ way
+        along = said @ slide
+        much = float(slide @ along) + ALIKE**-2
+        gradient = gradient - along * (float(slide @ gradient) / much)
+        said = said - np.outer(along, along) / much
+    worth, axes = np.linalg.eigh(said)
+    worth = np.where(worth < 1.0, 0.0, worth)
+    outward = root @ axes / (1.0 + worth)
+    moved = outward @ np.where(worth > 0.0, axes.T @ gradient, 0.0)
+    return shifted(guess, moved), outward @ np.diag(1.0 + worth) @ outward.T
 
 
 def shifted(pose: Floats, motion: Floats) -> Floats:

@@ -27,6 +27,9 @@ THROUGH, BEFORE, UNKNOWN = 0.02, 0.05, 0.5
 NOT_HERE = math.log(UNKNOWN)
 #: End points on one piece of surface of this size err alike, and count once [m].
 PIECE = 0.2
+#: How often odometry slips far or a robot is carried, for one scan; and what a normal distribution has beyond
+#: three standard deviations.
+UNSEEN, BEYOND = math.exp(-7.5), 0.0027
 #: Standard deviations of one pose that is found twice, from the grid's steps [m, m, rad].
 SAME = 0.02, 0.02, 0.015
 
@@ -142,6 +145,10 @@ class Hypothesis:
         Scans in a row that did not fit.
     seen : list of list of float
         Log-likelihoods of the scans of each viewpoint.
+    untold : int
+        Scans in a row that told nothing of some way.
+    ways : int
+        On how many axes.
     """
 
     map_odometry: Floats
@@ -150,18 +157,39 @@ class Hypothesis:
     prior: float = 0.0
     failed: int = 0
     seen: list[list[float]] = field(default_factory=list)
+    untold: int = 0
+    ways: int = 0
 
     @property
     def weight(self) -> float:
         """Log-likelihood of all viewpoints."""
         return self.prior + sum(float(np.mean(one)) for one in self.seen)
 
+    def slides(self, ways: int) -> None:
+        """Note on how many axes a scan fits elsewhere, too."""
+        self.ways = ways or self.ways
+        self.untold = self.untold + 1 if ways else self.untold // 2
+
+    def told_covariance(self, extent: Floats) -> Floats:
+        """Covariance of the pose, and of what no scan would have told.
+
+        Along ways of which scans tell nothing, odometry that slips or a robot that is carried goes unseen:
+        then it may be anywhere in the map, `extent` (2,) [m] large. Three standard deviations hold as much
+        of that as of a normal distribution.
+        """
+        unseen = -math.expm1(-self.untold * UNSEEN)
+        half = 0.5 * max(0.0, 1.0 - BEYOND / unseen) if self.untold else 0.0
+        told = self.covariance.copy()
+        for way in np.linalg.eigh(self.covariance[:2, :2])[1].T[2 - self.ways :]:  # Where it is least sure.
+            told[:2, :2] += (half * float(np.abs(way) @ extent) / 3.0) ** 2 * np.outer(way, way)
+        return told
+
     def away(self, other: Hypothesis, at: Floats) -> Floats:
         """(3,): from this one's pose to another one's, with odometry at a pose; along the map's axes."""
         return motion_between(self.map_odometry @ at, other.map_odometry @ at)
 
-    def is_same(self, other: Hypothesis, at: Floats) -> bool:
-        """Whether another one is within three standard deviations, with odometry at a pose."""
+    def is_same(self, other: Hypothesis, at: Floats, extent: Floats) -> bool:
+        """Whether another one is within three standard deviations of what is told, at an odometry."""
         away = self.away(other, at)
-        both = self.covariance + other.covariance + np.diag(np.square(SAME))
+        both = self.told_covariance(extent) + other.covariance + np.diag(np.square(SAME))
         return float(away @ np.linalg.solve(both, away)) < 9.0

@@ -53,8 +53,8 @@ LEAST_KNOWN = 0.5
 #: in a map, of which any may fit by chance.
 CARRIED, ANYWHERE = 9.0, 14.0
 #: A viewpoint begins after a way [m] or a turn [rad]. A robot that was never found is found after this
-#: number of viewpoints, if their mean log-likelihood is at least this; or where it stands, after this
-#: number of scans that are at least this likely.
+#: number of viewpoints, if their mean log-likelihood is at least this, and the last one's; or where it
+#: stands, after this number of scans that are at least this likely.
 ANEW, VIEWPOINTS, KNOWN, STANDS, WELL = (0.25, 0.25), 8, -0.3, 10, -0.1
 
 
@@ -120,7 +120,8 @@ class Localizer:
             raise ValueError("a map without occupied cells: there is nothing to be localised by")
         bounds = surface.lower.min(axis=0), (surface.lower + surface.size[:, None]).max(axis=0)
         self._center = 0.5 * (bounds[0] + bounds[1])
-        self._half = 0.5 * float(np.max(bounds[1] - bounds[0]))
+        self._extent = bounds[1] - bounds[0]
+        self._half = 0.5 * float(np.max(self._extent))
         self._follower = Follower(m)
         self._coarse: Matcher = m.matcher(cell_size=COARSER * m.min_cell_size)
         self._step = COARSER * m.min_cell_size
@@ -171,7 +172,7 @@ class Localizer:
             here @ at,
             here @ (at if body is None else matrix_of(body)),
             here.copy(),
-            self._told.covariance.copy(),
+            self._told.told_covariance(self._extent),
             0.0 if match is None else float(match.score),
             0.0 if match is None else float(match.inliers),
         )
@@ -237,13 +238,13 @@ class Localizer:
         count = sum(len(seen) for seen in one.seen)
         pieces = [view.pieces for view in self._viewpoints]
         least = CERTAIN if self._usual else ANYWHERE
-        if one.failed or count <= FINDS or one.weight < NOT_HERE * sum(pieces) + least:
+        if one.failed or one.untold or count <= FINDS or one.weight < NOT_HERE * sum(pieces) + least:
             return False
         if self._usual:
             return True
-        if one.weight < KNOWN * sum(pieces):
-            return False
         means = [float(np.mean(seen)) / max(many, 1) for seen, many in zip(one.seen, pieces)]
+        if one.weight < KNOWN * sum(pieces) or means[-1] < KNOWN:
+            return False
         return len(means) >= VIEWPOINTS or (count >= STANDS and min(means) >= WELL)
 
     def _settle(self, one: Hypothesis) -> None:
@@ -305,9 +306,9 @@ class Localizer:
         """Other hypotheses, near and in all of the map, that explain the scan."""
         new: list[tuple[Hypothesis, Any, Evidence]] = []
         for match in self._others(ends, at):
-            one = Hypothesis(match.pose @ inverse(at), np.asarray(match.covariance), at)
+            one = Hypothesis(match.pose @ inverse(at), np.asarray(match.covariance), at, untold=1)
             known = [*self._hypotheses, *(other for other, _, _ in new)]
-            if any(one.is_same(other, at) for other in known):
+            if any(other.is_same(one, at, self._extent) for other in known):
                 continue
             evidence = self._follower.evidence.of(match.pose, ends)
             if not self._fits(evidence) or evidence.known < LEAST_KNOWN:
