@@ -60,6 +60,26 @@ def test_a_snapshot_stays_and_tells_what_has_changed(make: Any) -> None:
     assert revision.to_bytes() == bytes_then
 
 
+@pytest.mark.parametrize("of", ["states", "cells"])
+@pytest.mark.parametrize("make", MAKERS)
+def test_changes_in_a_box_are_those_that_share_a_volume_with_it(make: Any, of: Any) -> None:
+    m = grown(make(), range(3))
+    seen = m.snapshot()
+    grown(m, range(3, 6))
+    every, some = m.changes(since=seen, of=of), 0
+    unit = m.options["min_cell_size"]
+    for low, high in ((-50.0, 0.5), (0.3, 0.3 + unit), (-50.0, 50.0), (40.0, 50.0)):
+        box = np.array([[low] * m.dim, [high] * m.dim])
+        inside = (every.lower < high - 1e-9).all(1) & (every.lower + every.size[:, None] > low + 1e-9).all(1)
+        part = m.changes(since=seen, of=of, box=box)
+        for name in ("lower", "size", "before", "after"):
+            np.testing.assert_array_equal(getattr(part, name), getattr(every, name)[inside])
+        some += 0 < len(part) < len(every)
+    assert some > 0 and len(part) == 0
+    with pytest.raises(ValueError, match="box"):
+        m.changes(since=seen, box=[[0.0] * m.dim, [0.0] * m.dim])
+
+
 def test_what_cannot_be_compared_is_told() -> None:
     m = ndtree.AdaptiveMap(dim=2)
     with pytest.raises(ValueError, match=r"refinement = 'fixed' beside one with dim = 2.*same kind"):

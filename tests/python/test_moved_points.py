@@ -10,10 +10,10 @@ import pytest
 
 from ndtree.logs.core.silence import NEAREST, without_padding
 from ndtree.logs.folders.depth_image import Camera, points_of
-from ndtree.logs.poses.pose import BLOCK, Pose, multiplied, rotated
+from ndtree.logs.poses.pose import Pose, multiplied, rotated
 from ndtree.logs.poses.transforms import TransformTree
 from ndtree.logs.ros.messages.beams import Beams
-from ndtree.logs.ros.messages.sweep import in_map
+from ndtree.logs.ros.messages.sweep import BLOCK, in_map
 
 SEED = 11
 

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
@@ -53,6 +54,7 @@ class TreeRegion {
   }
 
   [[nodiscard]] const CellIndex<D>& index() const { return index_; }
+  [[nodiscard]] std::int64_t edge() const { return tree_->geometry().edge(index_.level); }
   [[nodiscard]] bool is_leaf() const { return node_ != nullptr ? node_->is_leaf() : !is_around_root_; }
   /// Whether the tree has this very node, not just a larger leaf there.
   [[nodiscard]] bool is_node_of_its_own() const { return is_own_; }
@@ -66,31 +68,42 @@ class TreeRegion {
     const auto cell = cell_or_none();
     return cell == other.cell_or_none() && (is_own_ == other.is_own_ || !cell.observed());
   }
-  /// A part of the region; of a leaf, the leaf.
-  [[nodiscard]] TreeRegion child(int number) const {
+  [[nodiscard]] CellIndex<D> child_index(int number) const {
+    return tree_->geometry().child(index_, child_offset<Tree::kBranching, D>(number));
+  }
+  /// A part of the region; of a leaf, the leaf. @param index child_index(number).
+  [[nodiscard]] TreeRegion child(int number, const CellIndex<D>& index) const {
+    const bool is_leaf = this->is_leaf();
+    if (!is_leaf && node_ == nullptr) return TreeRegion(*tree_, index);
     TreeRegion part = *this;
-    part.index_ = tree_->geometry().child(index_, child_offset<Tree::kBranching, D>(number));
-    if (is_leaf()) {
+    part.index_ = index;
+    if (is_leaf)
       part.is_own_ = false;
-      return part;
-    }
-    if (node_ == nullptr) return TreeRegion(*tree_, part.index_);
-    part.node_ = tree_->children(*node_) + number;
+    else
+      part.node_ = tree_->children(*node_) + number;
     return part;
   }
   /// Whether nothing can be different from another tree's region. @pre neither is a leaf.
   [[nodiscard]] bool shares_all(const TreeRegion& other) const {
     return node_ != nullptr && other.node_ != nullptr && shares_all(*node_, other, *other.node_);
   }
-  /// Whether a part of the region is for certain the same as another's: it shares all, or it is a leaf of
-  /// both trees, and `is_same(cell, cell)`. @pre neither is a leaf.
-  template <class IsSame>
-  [[nodiscard]] bool has_same_child(const TreeRegion& other, int number, const IsSame& is_same) const {
-    if (node_ == nullptr || other.node_ == nullptr) return false;
-    const NodeType& own = tree_->children(*node_)[number];
-    const NodeType& others = other.tree_->children(*other.node_)[number];
-    if (own.is_leaf() != others.is_leaf()) return false;
-    return own.is_leaf() ? is_same(own.cell(), others.cell()) : shares_all(own, other, others);
+  /// Calls `visit(number)` for the parts that are not for certain the same as another region's: those that do
+  /// not share all, and leaves of both for which not `is_same(cell, cell)`. @pre neither is a leaf.
+  template <class IsSame, class Visit>
+  void for_each_other_child(const TreeRegion& other, const IsSame& is_same, const Visit& visit) const {
+    if (node_ == nullptr || other.node_ == nullptr) {
+      for (int j = 0; j < Tree::kNumChildren; ++j) visit(j);
+      return;
+    }
+    const NodeType* const own = tree_->children(*node_);
+    const NodeType* const others = other.tree_->children(*other.node_);
+    for (int j = 0; j < Tree::kNumChildren; ++j) {
+      const bool is_leaf = own[j].is_leaf();
+      const bool is_same_part =
+          is_leaf == others[j].is_leaf() &&
+          (is_leaf ? is_same(own[j].cell(), others[j].cell()) : shares_all(own[j], other, others[j]));
+      if (!is_same_part) visit(j);
+    }
   }
 
  private:
@@ -112,18 +125,22 @@ class TreeRegion {
 
 /// Descends into two regions of the same place, one of each tree. Where one of them is a leaf, calls
 /// `visit(a, b)`, which says whether to go on with their parts. Parts that are the same memory are left out,
-/// and leaves of both for which `is_same(cell, cell)`.
+/// leaves of both for which `is_same(cell, cell)`, and what shares no volume with a box. @param box or none.
 template <class Tree, class IsSame, class Visit>
-void descend_pair(const TreeRegion<Tree>& a, const TreeRegion<Tree>& b, Pace& pace, const IsSame& is_same,
-                  const Visit& visit) {
+void descend_pair(const TreeRegion<Tree>& a, const TreeRegion<Tree>& b, const LatticeBox<Tree::kDim>* box,
+                  Pace& pace, const IsSame& is_same, const Visit& visit) {
+  const auto descend = [&](int number) {
+    const auto index = a.child_index(number);
+    descend_pair(a.child(number, index), b.child(number, index), box, pace, is_same, visit);
+  };
   pace.spend();
+  if (box != nullptr && !box->overlaps(a.index(), a.edge())) return;
   if (a.is_leaf() || b.is_leaf()) {
     if (!visit(a, b)) return;
-    for (int j = 0; j < Tree::kNumChildren; ++j) descend_pair(a.child(j), b.child(j), pace, is_same, visit);
+    for (int j = 0; j < Tree::kNumChildren; ++j) descend(j);
   } else if (!a.shares_all(b)) {
     pace.spend(Tree::kNumChildren);
-    for (int j = 0; j < Tree::kNumChildren; ++j)
-      if (!a.has_same_child(b, j, is_same)) descend_pair(a.child(j), b.child(j), pace, is_same, visit);
+    a.for_each_other_child(b, is_same, descend);
   }
 }
 
@@ -190,7 +207,7 @@ void for_each_difference(const Map& before, const Map& after, const Visit& visit
   Pace pace;
   const auto is_same = [](const auto& old, const auto& now) { return old.state() == now.state(); };
   for_each_pair(before.tree(), after.tree(), [&](const Region& a, const Region& b) {
-    descend_pair(a, b, pace, is_same, [&](const Region& old, const Region& now) {
+    descend_pair(a, b, nullptr, pace, is_same, [&](const Region& old, const Region& now) {
       if (old.is_leaf() != now.is_leaf() || old.state() != now.state()) visit(now.index());
       return false;
     });
@@ -205,10 +222,14 @@ void for_each_difference(const Map& before, const Map& after, const Visit& visit
 /// @throws std::invalid_argument if their smallest cells or numbers of levels differ; Cancelled.
 template <class Map, class Visit>
 void for_each_change(const Map& before, const Map& after, const Visit& visit,
-                     ChangeOf what = ChangeOf::states) {
+                     ChangeOf what = ChangeOf::states,
+                     const std::optional<Box<Map::kDim>>& box = std::nullopt) {
   using Tree = typename Map::Tree;
   using Region = detail::TreeRegion<Tree>;
   detail::check_same_cells(before, after);
+  const auto& geometry = after.tree().geometry();
+  std::optional<LatticeBox<Map::kDim>> cells;
+  if (box) cells = geometry.cells_in(*box, geometry.finest_level());
   Pace pace;
   const bool is_cells = what == ChangeOf::cells;
   const ThinThings in_old = what == ChangeOf::columns ? ThinThings(before) : ThinThings();
@@ -217,13 +238,16 @@ void for_each_change(const Map& before, const Map& after, const Visit& visit,
     return is_cells ? old == now : in_old.state_in_column(old) == in_new.state_in_column(now);
   };
   detail::for_each_pair(before.tree(), after.tree(), [&](const Region& a, const Region& b) {
-    detail::descend_pair(a, b, pace, is_same, [&](const Region& old, const Region& now) {
-      if (!old.is_leaf() || !now.is_leaf()) return true;
-      const CellState was = old.state(in_old);
-      const CellState is = now.state(in_new);
-      if (is_cells ? !old.is_same_cell(now) : was != is) visit(Change<Map::kDim>{now.index(), was, is});
-      return false;
-    });
+    detail::descend_pair(a, b, cells ? &*cells : nullptr, pace, is_same,
+                         [&](const Region& old, const Region& now) {
+                           if (!old.is_leaf() || !now.is_leaf()) return true;
+                           const CellState was = old.state(in_old);
+                           const CellState is = now.state(in_new);
+                           if (is_cells ? !old.is_same_cell(now) : was != is) {
+                             visit(Change<Map::kDim>{now.index(), was, is});
+                           }
+                           return false;
+                         });
   });
 }
 

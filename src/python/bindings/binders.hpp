@@ -36,6 +36,7 @@ void bind_match(pybind11::module_& module);
 void bind_pose_graph(pybind11::module_& module);
 void bind_pose_sigma(pybind11::module_& module);
 void bind_logs(pybind11::module_& module);
+void bind_points(pybind11::module_& module);
 void bind_log_sample(pybind11::module_& module);
 void bind_octomap(pybind11::module_& module);
 

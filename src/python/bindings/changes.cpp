@@ -31,10 +31,13 @@ std::unique_ptr<MapInterface> clone_of(const PythonMap& map) {
   return map.read([](const MapInterface& m) { return m.clone(); });
 }
 
-Changes changes(const PythonMap& map, const PythonMap& since, const std::string& of) {
+Changes changes(const PythonMap& map, const PythonMap& since, const std::string& of, const py::object& box) {
   const ChangeOf what = change_of(of);
+  std::optional<BoxArgument> part;
+  if (!box.is_none()) part.emplace(box, map.constant().dim());
+  const auto region = part ? std::optional<AnyBox>(*part) : std::nullopt;
   const auto before = clone_of(since);  // So that never two maps are locked at a time.
-  ChangeArrays arrays = map.read([&](const MapInterface& m) { return m.changes(*before, what); });
+  ChangeArrays arrays = map.read([&](const MapInterface& m) { return m.changes(*before, what, region); });
   Changes result;
   result.lower = take(std::move(arrays.lower), map.constant().dim());
   result.size = take(std::move(arrays.size));
@@ -83,7 +86,8 @@ void bind_changes(py::module_& module) {
   constexpr const char* kSnapshot = doc::OccupancyMap_snapshot;
   base.def("snapshot", snapshot, kSnapshot);
   base.def_property_readonly("revision", snapshot, doc::OccupancyMap_revision);
-  base.def("changes", &changes, py::kw_only(), "since"_a, "of"_a = "states", doc::OccupancyMap_changes);
+  base.def("changes", &changes, py::kw_only(), "since"_a, "of"_a = "states", "box"_a = py::none(),
+           doc::OccupancyMap_changes);
   py::reinterpret_borrow<py::class_<PythonField>>(module.attr("DistanceField"))
       .def(
           "update",

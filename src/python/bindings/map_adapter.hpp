@@ -56,11 +56,16 @@ class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
     layers_.values_at(LayeredCellsOf(cells()), name, points, n, numbers);
     return numbers;
   }
-  [[nodiscard]] ChangeArrays changes(const MapInterface& before, ChangeOf what) const final {
+  [[nodiscard]] ChangeArrays changes(const MapInterface& before, ChangeOf what,
+                                     const std::optional<AnyBox>& part) const final {
     const Cells& map = cells();
     const auto& geometry = map.tree().geometry();
+    const auto region = part ? std::optional(box(part->lower, part->upper)) : std::nullopt;
+    std::optional<LatticeBox<D>> inside;
+    if (region) inside = geometry.cells_in(*region, geometry.finest_level());
     ChangeArrays arrays;
     const auto add = [&](const Change<D>& change) {
+      if (inside && !inside->overlaps(change.index, geometry.edge(change.index.level))) return;
       for (const std::int64_t coordinate : change.index.lower)
         arrays.lower.push_back(geometry.border(coordinate));
       arrays.size.push_back(geometry.cell_size(change.index.level));
@@ -68,7 +73,7 @@ class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
       arrays.after.push_back(static_cast<std::int8_t>(change.after));
     };
     const CellsAdapter& old = same_kind(before);
-    for_each_change(old.cells(), map, add, what);
+    for_each_change(old.cells(), map, add, what, region);
     if (what == ChangeOf::cells) for_each_changed_value(old, add);
     return arrays;
   }

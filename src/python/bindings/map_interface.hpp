@@ -138,9 +138,10 @@ class MapInterface {
   virtual void keep_near(const double* /*center*/, double /*radius*/) { (void)queries(); }
   /// Gives cells a state. @throws as clear(), MemoryLimitReached.
   virtual void mark(const AnyPlace& /*place*/, CellState /*state*/, int /*beams*/) { (void)queries(); }
-  /// What is different from another map. @throws std::invalid_argument if that is of another kind, or has
-  /// other cells, or for maps that are not ours.
-  [[nodiscard]] virtual ChangeArrays changes(const MapInterface& /*before*/, ChangeOf /*what*/) const {
+  /// What is different from another map, in a box if there is one. @throws std::invalid_argument if that is
+  /// of another kind, or has other cells, or for maps that are not ours.
+  [[nodiscard]] virtual ChangeArrays changes(const MapInterface& /*before*/, ChangeOf /*what*/,
+                                             const std::optional<AnyBox>& /*box*/) const {
     (void)queries();
     return {};
   }

@@ -45,6 +45,7 @@ PYBIND11_MODULE(_core, module) {
   ndtree::python::bind_pose_graph(module);
   ndtree::python::bind_pose_sigma(module);
   ndtree::python::bind_logs(module);
+  ndtree::python::bind_points(module);
   ndtree::python::bind_log_sample(module);
 #ifdef NDTREE_HAVE_OCTOMAP
   module.attr("has_octomap") = true;

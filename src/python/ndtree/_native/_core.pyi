@@ -1846,7 +1846,9 @@ class OccupancyMap:
     @property
     def revision(self) -> Self:
         """What the map is now, to be asked for `changes(since=...)` later: a snapshot()."""
-    def changes(self, *, since: OccupancyMap, of: ChangeOf = "states") -> Changes:
+    def changes(
+        self, *, since: OccupancyMap, of: ChangeOf = "states", box: ArrayLike | None = None
+    ) -> Changes:
         """What is different from what the map, or another one of the same cells, was.
 
         Takes time in proportion to what was written since the snapshot was made, whatever the size of the map. Any number
@@ -1860,6 +1862,8 @@ class OccupancyMap:
             What has to be different: the state; the state as part of a column, where free cells that are `Leaves.thin` count
             as occupied; or anything that a cell holds, as its probability, hits and misses, size, or values of its layers
             (which takes time in proportion to those of layers that changed).
+        box : array_like, (2, dim), optional
+            Only regions that share a volume with it; corners [m].
 
         Returns
         -------
@@ -1869,7 +1873,7 @@ class OccupancyMap:
         Raises
         ------
         ValueError
-            The maps are not of the same kind, their cells not of the same sizes, or `of` is none of these.
+            The maps are not of the same kind, their cells not of the same sizes, `of` is none of these, or `box` is no box.
         """
     def merge(self, other: OccupancyMap) -> None:
         """Add what another map of the same place knows.
@@ -2480,6 +2484,29 @@ class SimulatedLog3:
         self, origins: ArrayLike, directions: ArrayLike, *, max_range: float = ...
     ) -> NDArray[np.float64]:
         """(n,) metres from origins to the first surface along directions; nan where there is none."""
+
+def moved_points(points: ArrayLike, rotation: ArrayLike, position: ArrayLike) -> NDArray[np.float64]:
+    """Points (n, 3) by a rotation (3, 3) and a position (3,) [m], (n, 3); not finite where they were not."""
+
+def depth_points(
+    image: ArrayLike, x: ArrayLike, y: ArrayLike, z: float, no_depth: Sequence[float]
+) -> NDArray[np.float64]:
+    """Points (k, 3) of the pixels of a depth image (rows, columns) that have a depth, row by row.
+
+    Parameters
+    ----------
+    image : array_like, (rows, columns)
+        Zero, negative and not finite values are no depth.
+    x, y : array_like, (columns,) and (rows,)
+        Of a point per value of the image [m].
+    z : float
+        The same.
+    no_depth : sequence of float
+        Further values that are no depth.
+    """
+
+def points_within(points: ArrayLike, origin: ArrayLike, distance: float) -> NDArray[np.int64]:
+    """Positions of points (n, dim) nearer than a distance to an origin, (dim,), or each to its own, (n, dim) [m]."""
 
 def pose_matrix(pose: ArrayLike, *, dim: int, name: str = "pose") -> NDArray[np.float64]:
     """A pose as a homogeneous matrix, checked as all are that maps are given.

@@ -30,6 +30,8 @@ GROWS = 64
 SHRINKS = 4.0
 #: Coordinates that differ from a multiple of a cell by less than this part of it are meant to be one.
 _WHOLE = 1e-6
+#: No map reaches so far [m].
+_EVERYWHERE = 1e12
 
 
 #: What OccupancyMap.changes() is asked for, of a 2-D and of a 3-D map.
@@ -144,7 +146,7 @@ class GridFollower:
         if not cells.any():
             return None
         changed = self._boxes(changes.lower, changes.size, changes.after, cells > 0)
-        if self._is_wasteful(m):
+        if (changed.state == -1).any() and self._is_wasteful():
             return self._drawn_anew(m)
         is_whole = not self._contains(changed)
         if is_whole and self._counts is None:
@@ -174,8 +176,14 @@ class GridFollower:
 
     def _changes(self, m: OccupancyMap) -> Changes | None:
         """What is another than at the last look; None if that was at no map, or at one of another kind."""
+        box = None
+        if self._height is not None and m.dim == 3:  # And a cell more, for rounding.
+            low, high = self._height[0] - self.cell_size, self._height[1] + self.cell_size
+            box = np.array([[-_EVERYWHERE, -_EVERYWHERE, low], [_EVERYWHERE, _EVERYWHERE, high]])
         try:
-            return None if self._seen is None else m.changes(since=self._seen, of=_COUNTED[m.dim == 3])
+            if self._seen is None:
+                return None
+            return m.changes(since=self._seen, of=_COUNTED[m.dim == 3], box=box)
         except ValueError:
             return None
 
@@ -259,13 +267,15 @@ class GridFollower:
         upper = self._lower + self.values.shape[::-1]
         return bool((boxes.first >= self._lower).all() and (boxes.last <= upper).all())
 
-    def _is_wasteful(self, m: OccupancyMap) -> bool:
-        bounds = m.bounds()
+    def _is_wasteful(self) -> bool:
+        """Whether the grid was much larger than what was known at the last look."""
         assert self.values is not None
-        if bounds is None:
+        known = self.values != UNKNOWN
+        rows, columns = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
+        if not len(rows):
             return False
-        extent = np.ceil((bounds[1] - bounds[0])[:2] / self.cell_size) + 2 * GROWS
-        return bool(self.values.size > SHRINKS * extent.prod())
+        extent = (rows[-1] - rows[0] + 2 * GROWS) * (columns[-1] - columns[0] + 2 * GROWS)
+        return bool(self.values.size > SHRINKS * extent)
 
 
 def state_in_column(leaves: Leaves) -> NDArray[np.int8]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ndtree._native._core import points_within
 from ndtree.base.scan import Scan
 
 #: This many readings of one scan at the largest range of all are cut off there, not measured.
@@ -158,7 +159,7 @@ NEAREST = 1e-3
 Points = NDArray[np.floating[Any]]
 
 
-def without_padding(points: Points, origin: ArrayLike = 0.0) -> Points:
+def without_padding(points: Points, origin: ArrayLike | None = None) -> Points:
     """The points with NaN instead of padding: what is nearer than 1 mm to its sensor measured nothing.
 
     Drivers fill their arrays with (0, 0, 0) where a beam did not return, often with a time of its own: from
@@ -169,12 +170,7 @@ def without_padding(points: Points, origin: ArrayLike = 0.0) -> Points:
         the sensor's own.
     Returns ndarray of float, (n, dim): `points` itself where there is no padding.
     """
-    own = np.broadcast_to(np.asarray(origin, dtype=points.dtype), points.shape)
-    with np.errstate(invalid="ignore", over="ignore"):
-        # Hardly any point is so near along one axis, and only these are looked at.
-        near = np.flatnonzero(np.abs(points[:, 0] - own[:, 0]) < 2 * NEAREST)
-        way = points[near] - own[near]
-        near = near[(way * way).sum(axis=1) < NEAREST**2]
+    near = points_within(points, np.zeros(points.shape[1]) if origin is None else origin, NEAREST)
     if not len(near):
         return points
     points = points.copy()

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ndtree._errors import WrongValue, key
 from ndtree._lazy import needs
+from ndtree._native._core import depth_points
 from ndtree.logs.core.plain_file import open_regular
 from ndtree.logs.core.source import ReaderOption
 
@@ -83,17 +84,7 @@ def points_of(
     x, y = _rays(camera, image.shape, pixel_stride)
     first = pixel_stride // 2
     values = image[first::pixel_stride, first::pixel_stride]
-    known = values > 0
-    if values.dtype.kind == "f":
-        known &= np.isfinite(values)
-    for value in no_depth:
-        known &= values != value
-    which = np.flatnonzero(known)
-    points = np.empty((len(which), 3))
-    depths = values.astype(np.float64)
-    for axis, along in enumerate((x, y, np.float64(1.0) / camera.scale)):
-        points[:, axis] = (along * depths).ravel().take(which)
-    return points
+    return depth_points(values, x, y, 1.0 / camera.scale, no_depth)
 
 
 def check_stride(pixel_stride: int) -> None:
@@ -106,11 +97,11 @@ def check_stride(pixel_stride: int) -> None:
 def _rays(
     camera: Camera, shape: tuple[int, int], pixel_stride: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """x of columns, (columns,), and y of rows, (rows, 1), at a depth of one image value [m]."""
+    """x of columns and y of rows at a depth of one image value [m]."""
     first = pixel_stride // 2
     v, u = (np.arange(first, n, pixel_stride).astype(np.float64) for n in shape)
     x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
-    return x / camera.scale, (y / camera.scale)[:, None]
+    return x / camera.scale, y / camera.scale
 
 
 def load_depth(path: str) -> NDArray[np.unsignedinteger[Any]]:

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ndtree._native._core import moved_points
+
 Floats = NDArray[np.float64]
 
 #: Larger departures from a rotation are mistakes, smaller ones rounding.
 ROTATION_TOLERANCE = 0.02
 #: Sine of an angle below which an arc is its chord to the last bit.
 STRAIGHT = 1e-9
-#: Points that are moved together, so that what is written between stays in the processor's cache.
-BLOCK = 16384
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,22 +51,7 @@ class Pose:
 
     def apply(self, points: ArrayLike) -> Floats:
         """Points (n, 3) in the map frame, float64 whatever they were [m]; not finite where they were not."""
-        given = np.asarray(points)
-        moved = np.empty(given.shape)
-        most = min(BLOCK, len(given))
-        own, sums, product = np.empty((3, most)), np.empty(most), np.empty(most)
-        with np.errstate(invalid="ignore", over="ignore"):
-            for first in range(0, len(given), BLOCK):
-                part = given[first : first + BLOCK]
-                n = len(part)
-                own[:, :n] = part.T
-                for axis, row in enumerate(self.rotation):
-                    np.multiply(own[0, :n], row[0], out=sums[:n])
-                    for j in (1, 2):
-                        np.multiply(own[j, :n], row[j], out=product[:n])
-                        sums[:n] += product[:n]
-                    np.add(sums[:n], self.position[axis], out=moved[first : first + n, axis])
-        return moved
+        return moved_points(points, self.rotation, self.position)
 
     def inverse(self) -> Pose:
         """The transform back."""

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.poses.pose import BLOCK
 from ndtree.logs.poses.transforms import TransformTree
 from ndtree.logs.ros.messages.beams import Beams
 
+#: Points that are moved together, so that what is written between stays in the processor's cache.
+BLOCK = 16384
 #: Between poses so far apart [s], points are interpolated along lines.
 STEP = 0.004
 #: A sensor that moves no further than this during a scan [m] has one origin, that of the scan's middle.
