@@ -179,8 +179,8 @@ def test_points_are_the_occupied_cells() -> None:
     for axis, name in enumerate("xyz"):
         assert np.allclose(points[name], leaves.center[:, axis], atol=1e-5)
     groups = by_size(points)
-    assert [size for size, _ in groups] == sorted({float(np.float32(size)) for size in leaves.size})
-    assert sum(len(centers) for _, centers in groups) == len(points)
+    assert [one.size for one in groups] == sorted({float(np.float32(size)) for size in leaves.size})
+    assert sum(len(one.centers) for one in groups) == len(points)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -17,6 +17,9 @@ from ndtree.base.voxels import VoxelReport, voxelise
 if TYPE_CHECKING:
     from ndtree._native._core import HeldOutTruth, InsertReport, OccupancyMap
 
+#: The layer with colours, red, green and blue from 0 to 255, and its rule.
+COLOR, COLOR_RULE = "color", "mean3"
+
 
 @dataclass(frozen=True, eq=False)
 class Scan:
@@ -41,6 +44,8 @@ class Scan:
         Direction of the sensor in the plane, its yaw [rad], where a 2-D log says it; maps do not need it.
     pose_covariance : array_like, (3, 3) or (6, 6), optional
         How sure the sensor's pose is, as of ``insert`` of a map.
+    layers : mapping of str to array_like, optional
+        What beams measured beside their range, one entry each, as colours: for the map's layer of that name.
 
     Raises
     ------
@@ -57,6 +62,7 @@ class Scan:
     points_only: bool = False
     heading: float | None = None
     pose_covariance: NDArray[np.float64] | None = None
+    layers: Mapping[str, NDArray[Any]] | None = None
 
     def __post_init__(self) -> None:
         refuse_masked("Scan", {f.name: getattr(self, f.name) for f in fields(self)})
@@ -90,6 +96,9 @@ class Scan:
             covariance = np.asarray(self.pose_covariance, dtype=np.float64)
             require_covariance(covariance, dim)
             object.__setattr__(self, "pose_covariance", covariance)
+        for name, values in (self.layers or {}).items():
+            if len(values) != n:
+                raise ValueError(f"layers: {name} has shape {np.shape(values)}: must be ({n}, ...)")
 
     def _set_of_each_beam(self, name: str, values: NDArray[Any]) -> None:
         n, dim = self.endpoints.shape
@@ -156,6 +165,7 @@ class Scan:
             self.points_only,
             self.heading,
             self.pose_covariance,
+            None if self.layers is None else {name: values[which] for name, values in self.layers.items()},
         )
 
     def with_sigma(self, options: Mapping[str, float]) -> Scan:
@@ -237,6 +247,9 @@ class Scan:
             own["pose_covariance"] = self.pose_covariance
         if moved:
             own["moved"] = True
+        if self.layers:
+            has = target.layers
+            own["layers"] = {name: values for name, values in self.layers.items() if name in has}
         return target.insert(
             self.endpoints, self.origin, returned=self.returned, max_range=max_range, threads=threads, **own
         )

@@ -13,11 +13,16 @@ from numpy.typing import NDArray
 
 from ndtree._native._core import FrontierSearch, OccupancyMap
 from ndtree._native.results import Changes, Leaves
+from ndtree.base.scan import COLOR
+from ndtree.live.palette import color_of
 
 #: Cells that are shown.
 State = Literal["occupied", "free"]
 #: A point: where the cell's centre is, how large it is [m], and how probable that it is occupied.
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("size", "<f4"), ("probability", "<f4")])
+#: The same, and its colour 0x00RRGGBB in the bits of a number, as PCL packs it; grey where none was seen.
+COLORED = np.dtype([*POINT.descr, ("rgb", "<f4")])
+_GREY = 128
 #: A region with another state: its centre and size [m], and the states, -1 unknown, 0 free, 1 occupied.
 CHANGE = np.dtype([(name, "<f4") for name in ("x", "y", "z", "size", "before", "after")])
 
@@ -25,7 +30,7 @@ CHANGE = np.dtype([(name, "<f4") for name in ("x", "y", "z", "size", "before", "
 def cell_points(
     m: OccupancyMap, state: State = "occupied", *, without_speckles: bool = False
 ) -> NDArray[np.void]:
-    """Cells of a state as records of `POINT`; those of a 2-D map lie at z = 0.
+    """Cells of a state as records of `POINT`, of a map with colours of `COLORED`; of a 2-D map at z = 0.
 
     Parameters
     ----------
@@ -39,10 +44,13 @@ def cell_points(
     if without_speckles:
         keep = ~_are_speckles(m, leaves)
         center, size, probability = center[keep], size[keep], probability[keep]
-    points = np.zeros(len(size), dtype=POINT)
+    points = np.zeros(len(size), dtype=COLORED if COLOR in m.layers else POINT)
     for name, values in zip("xyz", center.T):
         points[name] = values
     points["size"], points["probability"] = size, probability
+    if COLOR in m.layers:
+        colors = np.nan_to_num(m.layer(COLOR, center), nan=_GREY).round().astype(np.uint32)
+        points["rgb"] = (colors @ np.array([1 << 16, 1 << 8, 1], np.uint32)).view(np.float32)
     return points
 
 
@@ -66,11 +74,26 @@ def changed_points(changes: Changes) -> NDArray[np.void]:
     return points
 
 
-def by_size(points: NDArray[np.void]) -> list[tuple[float, NDArray[np.float64]]]:
-    """Edges of cells [m], the smallest first, and the centres (n, 3) of those of each [m]."""
+class Cells(NamedTuple):
+    """Cells of one size [m]: centres (n, 3) [m], and colours (n, 3) or (1, 3), of each or of all, 0 to 1."""
+
+    size: float
+    centers: NDArray[np.float64]
+    colors: NDArray[np.float64]
+
+
+def by_size(points: NDArray[np.void]) -> list[Cells]:
+    """Cells by their size, the smallest first, in their own colours, else in one for each size."""
     sizes, which = np.unique(points["size"], return_inverse=True)
     centers = np.stack([points[name].astype(np.float64) for name in "xyz"], axis=1)
-    return [(float(size), centers[which == number]) for number, size in enumerate(sizes)]
+    found = []
+    for number, size in enumerate(sizes.tolist()):
+        colors = np.array([color_of(number)])
+        if points.dtype == COLORED:
+            packed = points["rgb"][which == number].view(np.uint32)[:, None]
+            colors = (packed >> np.array([16, 8, 0], np.uint32) & 255) / 255.0
+        found.append(Cells(size, centers[which == number], colors))
+    return found
 
 
 class FrontierPose(NamedTuple):

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Sequence
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,8 @@ from numpy.typing import NDArray
 
 from ndtree._native._core import OccupancyMap
 from ndtree.live.grid import GridFollower
-from ndtree.live.outputs import POINT, Frontiers, by_size, cell_points
-from ndtree.live.palette import GRID_COLORS, color_of
+from ndtree.live.outputs import Frontiers, by_size, cell_points
+from ndtree.live.palette import GRID_COLORS
 from ndtree.live.way import Way
 
 try:
@@ -158,22 +159,23 @@ class FoxgloveSink:
         )
 
     def _cells(self, m: OccupancyMap, stamp: float) -> Any:
+        points = cell_points(m)
         return messages.PointCloud(
             **self._head(stamp),
             pose=_pose((0.0, 0.0, 0.0)),
-            point_stride=POINT.itemsize,
-            fields=_fields(POINT),
-            data=cell_points(m).tobytes(),
+            point_stride=points.dtype.itemsize,
+            fields=_fields(points.dtype),
+            data=points.tobytes(),
         )
 
     def _boxes(self, m: OccupancyMap, stamp: float) -> Any:
         entities = []
-        for number, (size, centers) in enumerate(by_size(cell_points(m))):
+        for size, centers, colors in by_size(cell_points(m)):
             edges = messages.Vector3(x=size, y=size, z=size)
-            red, green, blue = color_of(number)
-            color = messages.Color(r=red, g=green, b=blue, a=1.0)
+            shown = [messages.Color(r=r, g=g, b=b, a=1.0) for r, g, b in colors.tolist()]
             cubes = [
-                messages.CubePrimitive(pose=_pose(one), size=edges, color=color) for one in centers.tolist()
+                messages.CubePrimitive(pose=_pose(one), size=edges, color=color)
+                for one, color in zip(centers.tolist(), shown if len(shown) > 1 else repeat(shown[0]))
             ]
             entities.append(messages.SceneEntity(**self._head(stamp), id=f"cells of {size:g} m", cubes=cubes))
         everything = messages.SceneEntityDeletion(type=messages.SceneEntityDeletionType.All)

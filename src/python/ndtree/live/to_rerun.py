@@ -12,7 +12,7 @@ import numpy as np
 from ndtree._native._core import OccupancyMap
 from ndtree.live.grid import FREE, OCCUPIED, UNKNOWN, GridFollower
 from ndtree.live.outputs import Frontiers, by_size, cell_points, direction_of
-from ndtree.live.palette import GRID_COLORS, color_of
+from ndtree.live.palette import GRID_COLORS
 from ndtree.live.way import Way
 
 try:
@@ -94,11 +94,11 @@ class RerunSink:
         to = self._recording
         to.set_time("time", timestamp=stamp)
         sizes = set()
-        for number, (size, centers) in enumerate(by_size(cell_points(m))):
+        for size, centers, colors in by_size(cell_points(m)):
             sizes.add(size)
             halves = np.full((len(centers), 3), size / 2)
-            color = [round(255 * one) for one in color_of(number)]
-            to.log(_cells(size), rerun.Boxes3D(centers=centers, half_sizes=halves, colors=[color]))
+            shown = (255 * colors).round().astype(np.uint8)
+            to.log(_cells(size), rerun.Boxes3D(centers=centers, half_sizes=halves, colors=shown))
         for size in self._sizes - sizes:
             to.log(_cells(size), rerun.Clear(recursive=False))
         self._sizes = sizes

@@ -9,13 +9,15 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from ndtree._errors import WrongOption, key, marked
+from ndtree._native import _core
+from ndtree._native._core import OccupancyMap
 from ndtree.base import checks
 from ndtree.base.checks import Check, Table, integer, number, one_of, text, true_or_false
 from ndtree.base.files import begins_with, replaced
-from ndtree.base.scan import Scan
+from ndtree.base.scan import COLOR, COLOR_RULE, Scan
 from ndtree.evaluation.no_returns import AUTO
 from ndtree.logs import FORMATS, READER_OPTIONS, Log, read
 from ndtree.logs.core.rules import GIVEN, MEASURED, USUAL, Decision
@@ -166,6 +168,13 @@ class Config:
     def options(self) -> dict[str, Any]:
         """Options of the map."""
         return self._some(OF_MAPS)
+
+    def new_map(self, dim: int, options: Mapping[str, Any] | None = None) -> OccupancyMap:
+        """An empty map of a dimension, with other options in their place if there are some."""
+        make: Any = _core.FixedMap if self.get("fixed") else _core.AdaptiveMap
+        layers = {COLOR: COLOR_RULE} if self.get("colors") else None
+        held = make(dim=dim, layers=layers, **(self.options if options is None else options))
+        return cast(OccupancyMap, held)
 
     @property
     def typed(self) -> list[str]:

@@ -12,7 +12,7 @@ from ndtree._errors import marked
 from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import map_options, opened
-from ndtree.cli.commands.logs import inspected, made, new_map, skipped, warn_of_skipped
+from ndtree.cli.commands.logs import inspected, made, skipped, warn_of_skipped
 from ndtree.cli.commands.options import GivenLog, Json
 from ndtree.cli.commands.output import check_picture, is_stdout, write_json
 from ndtree.cli.commands.pictures import plotting
@@ -60,7 +60,7 @@ def clean(
     begin = time.perf_counter()
     source = opened(given, log)
     plot = plotting() if picture else None
-    made(lambda: new_map(source.dim, given))
+    made(lambda: given.new_map(source.dim))
     writer = made(lambda: writer_of(source, output, mark))
     if picture is not None:
         check_picture(plot, picture)

@@ -12,7 +12,7 @@ from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import indented
 from ndtree.cli.commands.flags import fleet_options, takes
-from ndtree.cli.commands.logs import inspected, made, new_map
+from ndtree.cli.commands.logs import inspected, made
 from ndtree.cli.commands.options import Json, argument, flag
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.progress import progress
@@ -65,9 +65,9 @@ def fleet(call: _Call, given: Any = None) -> None:
         how = Config({name: given.values[name] for name in of_logs})
         sources = {name: functools.partial(how.read, log) for name, log in sources.items()}
     first = opened(next(iter(sources.values())))
-    made(lambda: new_map(first.dim, given))
+    made(lambda: given.new_map(first.dim))
     _, config = inspected(first, given)
-    target = new_map(first.dim, config)
+    target = config.new_map(first.dim)
     made(lambda: TileGrid.of(target, call.tile_size))
     with progress() as advance:
         report = distributed.map(

@@ -18,7 +18,7 @@ from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import map_figures, print_map
 from ndtree.cli.commands.flags import flag_of, map_options, require_taken, takes
-from ndtree.cli.commands.logs import inspected, load_map, made, new_map, open_log
+from ndtree.cli.commands.logs import inspected, load_map, made, open_log
 from ndtree.cli.commands.messages import in_words
 from ndtree.cli.commands.options import Json, LogArgument, Port, World, flag
 from ndtree.cli.commands.output import is_stdout, write_json
@@ -178,7 +178,7 @@ def _given_by_map(call: _Call, given: Config) -> tuple[Config, Optional[Occupanc
         given = given.overridden(Config.of(**target.options).values)
     given = given.overridden(Config.of(fixed=call.fixed or None).values)
     if target is None:
-        made(lambda: new_map(given.get("dim", 2), given))
+        made(lambda: given.new_map(given.get("dim", 2)))
     return given, target
 
 
@@ -212,7 +212,7 @@ class _Run:
         self.mapper = LiveMapper(
             intake,
             target=self._target,
-            make=lambda dim, options: new_map(dim, Config.of(**options, fixed=call.fixed or None)),
+            make=self._given.new_map,
             queue=call.queue,
             patience=call.patience,
             window=window,

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Callable, Optional
 
 from ndtree._errors import marked
-from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.scan import Scan
@@ -87,11 +86,6 @@ def made(make: Callable[[], Any]) -> Any:
         return make()
     except (ValueError, TypeError, RuntimeError) as error:
         raise WrongCall(in_words(error)) from None
-
-
-def new_map(dim: int, config: Config) -> OccupancyMap:
-    make = _core.FixedMap if config.get("fixed") else _core.AdaptiveMap
-    return make(dim=dim, **config.options)
 
 
 def inspected(log: Log, given: Config, *, with_sigma: bool = True) -> tuple[Log, Config]:

@@ -13,7 +13,7 @@ import typer
 from ndtree.base.exit_status import BAD_INPUT, WrongCall
 from ndtree.cli.commands.app import command, examples, print_error, reason_of, reports_errors
 from ndtree.cli.commands.flags import map_options, opened, takes
-from ndtree.cli.commands.logs import inspected, made, new_map, skipped, warn_of_skipped
+from ndtree.cli.commands.logs import inspected, made, skipped, warn_of_skipped
 from ndtree.cli.commands.map_tiles import is_tiled, map_into_tiles, print_tiled
 from ndtree.cli.commands.mapping import Mapped, mapped, written
 from ndtree.cli.commands.messages import in_words
@@ -160,7 +160,7 @@ class _Wanted:
 
     def config(self, log: Log) -> tuple[Log, Config]:
         """What is decided for a log, and the log as it is read then."""
-        made(lambda: new_map(log.dim, self.given))
+        made(lambda: self.given.new_map(log.dim))
         log, config = inspected(log, self.given)
         if self.write_config is not None:
             config.save(self.write_config)

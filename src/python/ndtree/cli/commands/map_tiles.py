@@ -9,7 +9,7 @@ from ndtree._errors import WrongValue
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.words import number_of
 from ndtree.cli.commands.figures import counted, indented
-from ndtree.cli.commands.logs import length_of, new_map
+from ndtree.cli.commands.logs import length_of
 from ndtree.cli.commands.mapping import Passage
 from ndtree.cli.commands.messages import in_words
 from ndtree.cli.commands.progress import progress
@@ -47,7 +47,7 @@ def map_into_tiles(
 ) -> dict[str, Any]:
     """Map a log, or go on with what was killed. Returns figures."""
     limit = bytes_of("--max-resident", max_resident)
-    target = new_map(log.dim, config)
+    target = config.new_map(log.dim)
     source = {
         "log": Path(log.name).name,
         "no_return": config.no_return,

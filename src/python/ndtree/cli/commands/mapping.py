@@ -17,7 +17,7 @@ from ndtree.base.progress import Progress
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
 from ndtree.cli.commands.figures import counted, indented, map_figures, print_map
-from ndtree.cli.commands.logs import new_map, skipped, timed
+from ndtree.cli.commands.logs import skipped, timed
 from ndtree.cli.commands.options import PictureStyle
 from ndtree.cli.commands.pictures import draw
 from ndtree.cli.commands.progress import mapping_progress, progress
@@ -164,7 +164,7 @@ def mapped(
 
     With `static`, the log is read twice before, for what moved, and beams do not end there.
     """
-    target = new_map(log.dim, config)
+    target = config.new_map(log.dim)
     counts = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
     seconds = 0.0
     track = np.full((2, log.dim), np.nan)

@@ -91,6 +91,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("pixel_stride", "N", "1", "large depth images: mapping is faster"),
         Row("pixel_sigma", "PX", "1 px", "structure from motion of another quality"),
         Row("body", "SHAPE", "none", "the robot sees itself: a box, spheres or capsules"),
+        Row("colors", "", "off", "clouds have colours, and cells shall have them"),
         Row("sweep", "NAME", "as the log says", "when a sensor's beams were measured, if nothing says so"),
         Row(
             "pose_covariance",

@@ -14,7 +14,6 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
-from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.live.corrections import Corrections
 from ndtree.live.fading import Fading
@@ -73,7 +72,6 @@ class MapService:
         self._node = node
         value = node.value
         given = config_of(value, node.map_options())
-        self._fixed = bool(given.get("fixed"))
         target = None
         file = value("map_file")
         if value("resume") and file and Path(file).exists():
@@ -90,7 +88,7 @@ class MapService:
             localizer = Localizer(target, place)
         self._localizer = localizer
         if target is None:
-            self._new_map(given.get("dim", 3), given.options)  # Refuses what no map can be made of.
+            given.new_map(given.get("dim", 3))  # Refuses what no map can be made of.
         self._intake = MessagesIntake(
             node.name,
             given,
@@ -130,7 +128,7 @@ class MapService:
         self.mapper = LiveMapper(
             self._intake,
             target=target,
-            make=self._new_map,
+            make=given.new_map,
             queue=value("queue"),
             patience=value("patience"),
             threads=value("threads"),
@@ -142,9 +140,6 @@ class MapService:
             sinks=sinks,
             way=robot,
         )
-
-    def _new_map(self, dim: int, options: dict[str, Any]) -> OccupancyMap:
-        return (_core.FixedMap if self._fixed else _core.AdaptiveMap)(dim=dim, **options)
 
     def _localized(self, found: Localization) -> None:
         """Publish where the robot is, while it is known."""

@@ -26,7 +26,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ndtree.live.grid import GridPart
 from ndtree.live.localizing import quaternion_of
 from ndtree.live.outputs import FrontierPose, by_size
-from ndtree.live.palette import color_of
 
 #: Messages of ROS 1 take bytes, and arrays of numbers by classes of their own; those of ROS 2 take arrays.
 IS_ROS1 = hasattr(Header, "_md5sum")
@@ -153,14 +152,16 @@ def cloud_message(points: NDArray[np.void], frame: str, stamp: float) -> PointCl
 def marker_message(points: NDArray[np.void], frame: str, stamp: float) -> MarkerArray:
     """Cells as boxes, a list of each size; lists of before are deleted."""
     markers = [Marker(header=header(frame, stamp), action=Marker.DELETEALL)]
-    for number, (size, centers) in enumerate(by_size(points)):
-        red, green, blue = color_of(number)
+    for number, (size, centers, colors) in enumerate(by_size(points)):
         marker = Marker(header=header(frame, stamp), ns=f"cells of {size:g} m", id=number)
         marker.type, marker.action = Marker.CUBE_LIST, Marker.ADD
         marker.pose.orientation.w = 1.0
         marker.scale.x = marker.scale.y = marker.scale.z = size
-        marker.color = ColorRGBA(r=red, g=green, b=blue, a=1.0)
+        marker.colors = [ColorRGBA(r=r, g=g, b=b, a=1.0) for r, g, b in colors.tolist()]
+        marker.color = marker.colors[0]
         marker.points = [Point(x=x, y=y, z=z) for x, y, z in centers.tolist()]
+        if len(marker.colors) < len(marker.points):  # One for all.
+            marker.colors = []
         markers.append(marker)
     return MarkerArray(markers=markers)
 

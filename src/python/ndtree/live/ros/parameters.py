@@ -56,6 +56,7 @@ ROWS = (
     Row("zero_is", "", "What ranges of 0 say: no-echo or invalid."),
     Row("body", "", "The robot, no obstacle: box:LX,LY,LZ[,X,Y,Z], sphere:, capsule:, footprint:, @FRAME."),
     Row("pose_covariance", "", "Covariances of poses widen beams: auto, ignore or use."),
+    Row("colors", False, "Colours of clouds become a layer of the map; cells are shown in them."),
     Row("dim", 0, "2 or 3; 0: what the sensors say.", (0, 3)),
     Row("fixed_cells", False, "All cells of one size."),
     Row("max_range", 0.0, "Longer beams are free up to here [m]; 0: no limit.", (0.0, 1e6)),

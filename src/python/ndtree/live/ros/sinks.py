@@ -232,7 +232,7 @@ class ChangesSink(NodeSink):
             self._seen = None
             return
         if self._seen is None or self._seen.options != m.options:  # Then everything is new.
-            self._seen = type(m)(dim=m.dim, **m.options)
+            self._seen = type(m)(dim=m.dim, layers=m.layers, **m.options)
         changes, self._seen = m.changes(since=self._seen), m
         if len(changes.size):
             self._clouds.publish(cloud_message(changed_points(changes), self._frame(), stamp))

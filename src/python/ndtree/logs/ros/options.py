@@ -40,6 +40,7 @@ class BagOptions:
     zero_is: str | None = None
     body: str | None = None
     pose_covariance: str | None = None
+    colors: bool = False
 
     @property
     def wanted(self) -> list[Wanted]:

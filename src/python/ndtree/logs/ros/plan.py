@@ -74,7 +74,15 @@ def planned(bag: Bag, options: BagOptions, dim: int | None, *, so_far: bool, in_
     found, wanted, notes = _placed(bag, options)
     survey = found.survey
     sensors = [
-        Sensor(bag, one, survey, sigma=want.sigma, camera=options.camera, pixel_stride=options.pixel_stride)
+        Sensor(
+            bag,
+            one,
+            survey,
+            sigma=want.sigma,
+            camera=options.camera,
+            pixel_stride=options.pixel_stride,
+            colored=options.colors,
+        )
         for one, want in zip(found.topics, wanted)
     ]
     sweeps, said, shown = understood(bag, sensors, found.places, survey.clock, options, so_far=so_far)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._errors import key, located
-from ndtree.base.scan import Scan
+from ndtree.base.scan import COLOR, Scan
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.rules import NO_ECHO, Rules
 from ndtree.logs.poses.transforms import plain
@@ -155,6 +155,7 @@ class MessageReader:
             sigmas,
             heading=heading,
             pose_covariance=self._covariance(place, one, origins),
+            layers=None if beams.colors is None else {COLOR: beams.colors},
         )
 
     def _covariance(self, place: Placement, one: Measured, origins: Floats) -> Floats | None:

@@ -164,6 +164,8 @@ BODY = ReaderOption(
     "Of a ROS bag: the robot itself, box:LX,LY,LZ[,X,Y,Z], sphere:, capsule: or footprint:, + more, @FRAME.",
 )
 
+COLORS = ReaderOption("colors", bool, "Of a ROS bag: colours of clouds become a layer of the map, color.")
+
 POSE_COVARIANCE = ReaderOption(
     "pose_covariance",
     str,
@@ -200,7 +202,7 @@ ROSBAG = Format(
     _open,
     options=(
         TOPIC, FIXED_FRAME, ODOMETRY, POSE_TOPIC, TRAJECTORY, STILL, MOUNT, SENSOR_FRAME, BASE_FRAME,
-        TIME_OFFSET, DESKEW, SWEEP, CAMERA, PIXEL_STRIDE, ZERO_IS, BODY, POSE_COVARIANCE,
+        TIME_OFFSET, DESKEW, SWEEP, CAMERA, PIXEL_STRIDE, ZERO_IS, BODY, POSE_COVARIANCE, COLORS,
     ),
     stored_as="either",
     contents=_contents,

@@ -22,6 +22,7 @@ from ndtree.logs.ros.messages.beams import (
     LASER,
     LIVOX,
     MULTI_ECHO_LASER,
+    PACKED_CLOUD,
     PLANAR,
     POINT_CLOUD,
     RANGE,
@@ -98,6 +99,7 @@ class Sensor:
     `sigma`: Of its ranges [m].
     `camera`: Of depth images.
     `pixel_stride`: Of depth images.
+    `colored`: Colours of clouds are read.
     Attributes:
     `camera_topic`: Where its cameras are from.
     `note`: What was found out of the unit of its depths.
@@ -112,12 +114,13 @@ class Sensor:
         sigma: float | None = None,
         camera: str | None = None,
         pixel_stride: int = 1,
+        colored: bool = False,
     ) -> None:
         self.topic, self.sigma = topic, sigma
         self.seen = survey.seen[topic.name]
         self.camera_topic: str | None = None
         self.note = ""
-        self._pixel_stride = pixel_stride
+        self._pixel_stride, self._colored = pixel_stride, colored
         self._cameras: tuple[np.ndarray[Any, Any], list[Camera]] | None = None
         if topic.type in IMAGES:
             first = bag.first(topic.name)
@@ -160,6 +163,8 @@ class Sensor:
         `no_return_range` is up to where a beam without return is free if the message does not say [m];
         `zero_is_silent`, whether a LaserScan's range of 0 is one; `noise` has seen its earlier messages.
         """
+        if self.topic.type in (POINT_CLOUD, PACKED_CLOUD):
+            return cloud_beams(message, stamp, colored=self._colored)
         if self._cameras is None:
             return beams_of(self.topic.type, message, stamp, no_return_range, zero_is_silent, noise)
         stamps, cameras = self._cameras
@@ -179,7 +184,7 @@ def beams_of(
         return laser_beams(message, no_return_range, zero_is_silent, noise)
     if kind in (MULTI_ECHO_LASER, RANGE):
         return (range_beams if kind == RANGE else multi_echo_beams)(message, no_return_range)
-    if kind == POINT_CLOUD:
+    if kind in (POINT_CLOUD, PACKED_CLOUD):
         return cloud_beams(message, stamp)
     return livox.beams(message) if kind in LIVOX else old_cloud.beams(message)
 

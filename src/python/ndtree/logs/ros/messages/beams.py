@@ -15,6 +15,7 @@ LASER = "sensor_msgs/msg/LaserScan"
 MULTI_ECHO_LASER = "sensor_msgs/msg/MultiEchoLaserScan"
 RANGE = "sensor_msgs/msg/Range"
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+PACKED_CLOUD = "point_cloud_interfaces/msg/CompressedPointCloud2"
 OLD_CLOUD = "sensor_msgs/msg/PointCloud"
 LIVOX = (
     "livox_ros_driver/msg/CustomMsg",
@@ -26,15 +27,20 @@ COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
 #: Say of each point where it is.
-CLOUDS = (POINT_CLOUD, OLD_CLOUD, *LIVOX)
+CLOUDS = (POINT_CLOUD, PACKED_CLOUD, OLD_CLOUD, *LIVOX)
 #: Measure in one plane.
 PLANAR = (LASER, MULTI_ECHO_LASER, RANGE)
 IMAGES = (IMAGE, COMPRESSED_IMAGE)
 #: No sensor takes longer for one scan [s]; what says so is in another unit, or wrong.
 LONGEST_SWEEP = 1.0
 #: The best first: of several sensors in a bag one of an earlier type is read.
-SENSORS = (LASER, MULTI_ECHO_LASER, POINT_CLOUD, *LIVOX, OLD_CLOUD, IMAGE, COMPRESSED_IMAGE, RANGE)
-SENSOR_NAMES = "LaserScan, MultiEchoLaserScan, PointCloud2, PointCloud, Livox CustomMsg, depth Image or Range"
+SENSORS = (
+    LASER, MULTI_ECHO_LASER, POINT_CLOUD, PACKED_CLOUD, *LIVOX, OLD_CLOUD, IMAGE, COMPRESSED_IMAGE, RANGE
+)  # fmt: skip
+SENSOR_NAMES = (
+    "LaserScan, MultiEchoLaserScan, PointCloud2, CompressedPointCloud2, PointCloud, Livox CustomMsg, "
+    "depth Image or Range"
+)
 
 
 @dataclass(frozen=True)
@@ -62,6 +68,7 @@ class Beams:
     unlimited: str = ""
     zeros: int = 0  # Beams with a range of 0.
     swapped: bool = False  # The message's bytes are in the other order than it says.
+    colors: NDArray[np.uint8] | None = None  # (n, 3), red, green and blue.
 
 
 def stamp_of(message: Any) -> float:

@@ -15,15 +15,18 @@ _FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8
 
 #: What drivers call the time of a point: Velodyne, Ouster, Hesai and RoboSense, Livox, and others.
 _TIMES = ("t", "time", "timestamp", "time_stamp", "offset_time", "time_offset")
+#: Fields with a colour, 0x00RRGGBB, whatever type they say it is.
+_COLORS = ("rgb", "rgba")
 #: Units of times [s], and the shortest sweep that they are told apart by [s].
 _UNITS, SHORTEST_SWEEP = (1.0, 1e-3, 1e-6, 1e-9), 1e-3
 
 
-def cloud_beams(message: Any, stamp: float) -> Beams:
+def cloud_beams(message: Any, stamp: float, *, colored: bool = False) -> Beams:
     """Points of a PointCloud2 with fields x, y and z of any type, byte order and layout.
 
     NaN is invalid, and so is padding. A message without points may be without fields, too. Where the points
-    without space between rows need all bytes, `row_step` is not asked: many drivers set it wrong.
+    without space between rows need all bytes, `row_step` is not asked: many drivers set it wrong. Where
+    `colored`, colours are read of a field rgb or rgba, if there is one, as PCL packs them.
     """
     height, width, step = int(message.height), int(message.width), int(message.point_step)
     data = np.asarray(message.data, dtype=np.uint8)
@@ -67,11 +70,24 @@ def cloud_beams(message: Any, stamp: float) -> Beams:
     for axis, name in enumerate(("x", "y", "z")):
         points[:, :, axis] = table[name]
     flat = without_padding(points.reshape(-1, 3))
+    color = next((by_name[name] for name in _COLORS if name in by_name), None)
+    colors = None
+    if colored and color is not None and 0 <= color.offset <= step - 4:
+        table_of: Any = {
+            "names": ["rgb"],
+            "formats": [order + "u4"],
+            "offsets": [color.offset],
+            "itemsize": step,
+        }
+        packed = np.ndarray(
+            (height, width), np.dtype(table_of), np.ascontiguousarray(data), strides=(row_step, step)
+        )
+        colors = (packed["rgb"].reshape(-1, 1) >> np.array([16, 8, 0], np.uint32)).astype(np.uint8)
     if len(names) < 4:
-        return Beams(flat, swapped=swapped)
+        return Beams(flat, swapped=swapped, colors=colors)
     times, wrong = times_of(table[names[3]].ravel(), stamp, np.isfinite(flat).all(axis=1))
     senseless = f"{names[3]} {wrong}" if wrong else ""
-    return Beams(flat, times=times, senseless=senseless, swapped=swapped)
+    return Beams(flat, times=times, senseless=senseless, swapped=swapped, colors=colors)
 
 
 def times_of(values: NDArray[Any], stamp: float, measured: NDArray[np.bool_]) -> tuple[Floats | None, str]:
