@@ -39,6 +39,7 @@
 #include "ndtree/query/field_grid.hpp"
 #include "ndtree/query/field_update.hpp"
 #include "ndtree/query/frontiers.hpp"
+#include "ndtree/query/information_gain.hpp"
 #include "ndtree/query/nearest.hpp"
 #include "ndtree/query/point.hpp"
 #include "ndtree/query/point_packet.hpp"

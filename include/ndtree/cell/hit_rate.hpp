@@ -3,6 +3,8 @@
 /// The fraction of the beams which reach a cell that end in it, and how well it is known.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
 
 #include "ndtree/cell/evidence_cell.hpp"
@@ -46,10 +48,24 @@ class HitRate {
     }
     return kMostHits * 0.5 * (below + above);
   }
+  /// What one more beam, independent of those before, says about the rate [bit], in [0, 1]: the mutual
+  /// information of its outcome and of the fraction p that has the Beta distribution, which is the entropy of
+  /// a beam by the mean of p, less the mean entropy of one whose p is known.
+  [[nodiscard]] double bits_of_next() const {
+    const double a = hits_ / kBeamsOfOne + prior_hits_;
+    const double b = misses_ / kBeamsOfOne + prior_misses_;
+    const double n = a + b;
+    const double all = digamma(n + 1.0);
+    const double nats = a / n * (digamma(a + 1.0) - all - std::log(a / n)) +
+                        b / n * (digamma(b + 1.0) - all - std::log(b / n));
+    return std::max(0.0, nats) / kNatsOfBit;
+  }
   /// Beams that the cell's evidence is worth.
   [[nodiscard]] double beams() const { return hits_ + misses_; }
 
  private:
+  static constexpr double kNatsOfBit = 0.69314718055994531;
+
   double hits_;
   double misses_;
   double prior_hits_;
