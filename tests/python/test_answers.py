@@ -175,6 +175,11 @@ def answers() -> dict[str, Any]:
         "one of NearestOccupied": m.nearest_occupied(points[0]),
         "RayEnds": m.cast_rays([0.0, 0.0], points.reshape(2, 3, 2), details=True),
         "one of RayEnds": m.cast_rays([0.0, 0.0], points[0], details=True),
+        "InformationGain": m.information_gain(points, ndtree.RangeSensor.laser(max_range=3.0, beams=90)),
+        "one of InformationGain": m.information_gain(
+            points[0], ndtree.RangeSensor.laser(max_range=3.0, beams=90)
+        ),
+        "RangeSensor": ndtree.RangeSensor.laser(max_range=3.0, beams=90),
         "Frontier": m.frontiers(min_cells=0)[0],
         "Changes": m.changes(since=before),
         "one of Changes": m.changes(since=before)[0],

@@ -324,3 +324,48 @@ def test_ctrl_c_while_the_command_is_imported_is_no_traceback(start: list[str], 
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=20)
     assert (process.returncode, errors) == (130, "")
+
+
+def test_a_planner_that_was_stopped_answers_as_a_new_one(on_alarm: Any) -> None:
+    def stop(*_: object) -> None:
+        raise Stop
+
+    on_alarm(stop)
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05)
+    m.mark([[-20.0, -20.0], [20.0, 20.0]], "free")
+    for corner in np.random.default_rng(5).uniform(-19.0, 18.0, (500, 2)):
+        m.mark([corner, corner + 0.4], "occupied")
+    start, goal, body = np.full(2, -19.5), np.full(2, 19.5), ndtree.Sphere(0.2)
+    goals = np.random.default_rng(6).uniform(-19.0, 19.0, (50, 2))
+    begin = time.perf_counter()
+    expected = ndtree.Planner(m, body).plan(start, goal)
+    whole = time.perf_counter() - begin
+    ways = ndtree.Planner(m, body).ways(start, goals)
+    assert expected
+    stopped = 0
+    for instant in np.linspace(1e-3, 1.2 * whole, 12):
+        planner = ndtree.Planner(m, body)
+        try:
+            signal.setitimer(signal.ITIMER_REAL, instant)
+            planner.plan(start, goal)
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        except Stop:
+            stopped += 1
+        np.testing.assert_array_equal(planner.plan(start, goal).points, expected.points)
+        np.testing.assert_array_equal(planner.ways(start, goals), ways)
+    assert stopped > 0
+
+
+def test_a_question_for_information_stops_soon(on_alarm: Any) -> None:
+    def stop(*_: object) -> None:
+        raise Stop
+
+    on_alarm(stop)
+    m, sensor = mapped(2000, 6.0), ndtree.RangeSensor.laser(max_range=20.0, beams=20_000)
+    poses = np.random.default_rng(7).uniform(-5.0, 5.0, (5000, 3))
+    for threads in (1, 3):
+        begin = time.perf_counter()
+        with pytest.raises(Stop):
+            signal.setitimer(signal.ITIMER_REAL, 0.05)
+            m.information_gain(poses, sensor, threads=threads)
+        assert time.perf_counter() - begin < 3.0

@@ -213,6 +213,51 @@ def test_octomap_files_are_planned_in(tmp_path: Path) -> None:
     )
 
 
+def test_frontiers_come_in_the_order_of_the_way() -> None:
+    m, body = rooms(2, "fixed"), ndtree.Sphere(0.2)
+    for corner in ((-0.8, -0.8), (0.6, -0.8), (3.0, 0.9)):  # Holes: two of them near each other by air.
+        m.clear([corner, np.add(corner, 0.4)])
+    here = point(2, -1.2, -0.8)
+    planner = ndtree.Planner(m, body, unknown="free")
+    found = m.frontiers(min_cells=4)
+    ordered = planner.by_way(here, found)
+    assert len(ordered) >= 3 and [way for _, way in ordered] == sorted(way for _, way in ordered)
+    assert {id(frontier) for frontier, _ in ordered} <= {id(frontier) for frontier in found}
+    for frontier, way in ordered:
+        assert way == planner.ways(here, frontier.cell_centers).min()
+    assert planner.by_way(here, []) == []
+    assert ndtree.Planner(m, body).by_way(here, found) == []  # Beside unknown space it fits nowhere.
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("name", BODIES)
+def test_corridors_are_free_and_overlap(dim: int, name: str) -> None:
+    m, body = rooms(dim), BODIES[name](dim)
+    planner = ndtree.Planner(m, body, clearance=0.05)
+    path = planner.plan(point(dim, -3.3, -1.0), point(dim, 3.3, -1.0))
+    corridors = planner.corridors(path.points, reach=0.8)
+    assert len(corridors) == len(path.points) - 1
+    inside = 0
+    for k, planes in enumerate(corridors):
+        normals, offsets = planes[:, :dim], planes[:, dim]
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+        assert (
+            normals @ path.points[[k, k + 1]].T <= offsets[:, None] + 1e-9
+        ).all()  # So neighbours overlap.
+        low, high = path.points[[k, k + 1]].min(axis=0) - 0.8, path.points[[k, k + 1]].max(axis=0) + 0.8
+        places = RNG.uniform(low, high, (400, dim))
+        places = places[(normals @ places.T < offsets[:, None] - 1e-6).all(axis=0)]
+        assert not m.collides(body, places, unknown="occupied").any()
+        inside += len(places)
+    assert inside > 100
+    for points, reach, said in (
+        (path.points, 0.0, "reach = 0"),
+        ([[-3.3, -1.0, 0.0][:dim], [3.3, -1.0, 0.0][:dim]], 1.0, "meets an obstacle in segment 0"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            planner.corridors(points, reach=reach)
+
+
 def test_the_command_writes_a_path(tmp_path: Path) -> None:
     pytest.importorskip("typer")
     from typer.testing import CliRunner

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "ndtree/core/body.hpp"
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/planning/sweep.hpp"
@@ -106,6 +107,7 @@ class CorridorCell {
 /// @param path two points at least, free for the body, as Path::points. @param reach how far sets go beyond
 /// the segment on each axis, > 0 [m].
 /// @throws std::invalid_argument if the body meets an obstacle on the path, or `reach` is not > 0 and finite.
+/// Cancelled, see CancelScope.
 /// O(segments · obstacles around · planes).
 template <class Map>
 [[nodiscard]] std::vector<std::vector<HalfSpace<Map::kDim>>> corridors(
@@ -121,6 +123,7 @@ template <class Map>
   for (const BodyPart<D>& part : body) extent = std::max(extent, reach_of(part));
   std::vector<std::vector<HalfSpace<D>>> result;
   for (std::size_t i = 0; i + 1 < path.size(); ++i) {
+    checkpoint();
     if (sweep_collides(map, body, path[i], path[i + 1], unknown))
       throw std::invalid_argument("path: the body meets an obstacle in segment " + std::to_string(i));
     const Box<D> around{path[i].cwiseMin(path[i + 1]), path[i].cwiseMax(path[i + 1])};

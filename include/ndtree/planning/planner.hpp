@@ -18,6 +18,7 @@
 #include "ndtree/core/body.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/planning/corridor.hpp"
 #include "ndtree/planning/free_space.hpp"
 #include "ndtree/planning/path_search.hpp"
 #include "ndtree/planning/place_walk.hpp"
@@ -152,6 +153,13 @@ class Planner {
     for (std::size_t i = 0; i + 1 < points.size(); ++i)
       if (sweep_collides(seen_, kept_away_, points[i], points[i + 1], unknown())) return i;
     return std::nullopt;
+  }
+  /// Convex sets of places around the segments of a path, from which the body meets no obstacle, see
+  /// corridors().
+  /// @throws as corridors().
+  [[nodiscard]] std::vector<std::vector<HalfSpace<D>>> corridors(const std::vector<Vector<D>>& points,
+                                                                 double reach) const {
+    return ndtree::corridors(seen_, kept_away_, points, reach, unknown());
   }
 
   /// Follows a map. O(what changed since).

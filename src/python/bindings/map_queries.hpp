@@ -12,6 +12,7 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -25,6 +26,7 @@
 #include "ndtree/query/distance_field.hpp"
 #include "ndtree/query/field_update.hpp"
 #include "ndtree/query/frontiers.hpp"
+#include "ndtree/query/information_gain.hpp"
 #include "ndtree/query/nearest.hpp"
 #include "ndtree/query/ray.hpp"
 #include "pose_numbers.hpp"
@@ -99,6 +101,15 @@ struct RayEndArrays {
   double* cell_size;
 };
 
+/// Beams of a sensor, one after the other: `dim` numbers of a direction, dim - 1 of a spacing.
+struct AnyBeamPattern {
+  const double* directions;
+  const double* spacing;
+  std::size_t beams;
+  double max_range;
+  double mean_free_path;
+};
+
 class MapQueries;
 
 /// A planner in a map of any kind. Calls are made one at a time.
@@ -113,6 +124,9 @@ class AnyPlanner {
   virtual bool update(const MapQueries& map) = 0;
   /// The first of the segments between n points in which the body collides; -1 if there is none.
   [[nodiscard]] virtual std::int64_t first_blocked(const double* points, std::size_t n) const = 0;
+  /// For each segment, half spaces one after the other: a normal and an offset each.
+  [[nodiscard]] virtual std::vector<std::vector<double>> corridors(const double* points, std::size_t n,
+                                                                   double reach) const = 0;
   [[nodiscard]] virtual std::size_t memory_bytes() const = 0;
 };
 
@@ -137,6 +151,10 @@ class MapQueries {
   virtual void trace_rays(const double* origins, std::size_t origin_step, const double* directions,
                           std::size_t n, double max_range, bool stops_at_unknown, RayAim aim,
                           const RayEndArrays& out) const = 0;
+  /// What a scan from each of n poses would see anew. @param poses as collides(). @param threads 0: as many
+  /// as there are cores.
+  virtual void information_gain(const double* poses, std::size_t n, const AnyBeamPattern& sensor,
+                                std::size_t threads, double* volume, double* bits) const = 0;
   [[nodiscard]] virtual AnyField distance_field(const AnyBox& box, double cell_size, double max_distance,
                                                 UnknownSpace unknown) const = 0;
   [[nodiscard]] virtual AnyFrontiers frontiers(const std::optional<AnyBox>& box, double min_cells) const = 0;
@@ -190,6 +208,26 @@ class MapQueriesOf final : public MapQueries {
       out.cell_size[i] =
           has_cell ? end->cell->upper[0] - end->cell->lower[0] : std::numeric_limits<double>::quiet_NaN();
     });
+  }
+  void information_gain(const double* poses, std::size_t n, const AnyBeamPattern& sensor, std::size_t threads,
+                        double* volume, double* bits) const override {
+    if constexpr (D <= 3) {
+      const auto beams = static_cast<Eigen::Index>(sensor.beams);
+      const BeamPattern<D> pattern{
+          Eigen::Map<const Points<D>>(sensor.directions, D, beams),
+          Eigen::Map<const Eigen::Matrix<double, D - 1, Eigen::Dynamic>>(sensor.spacing, D - 1, beams),
+          sensor.max_range, sensor.mean_free_path};
+      std::vector<Pose<D>> placed;
+      for (std::size_t i = 0; i < n; ++i) placed.push_back(pose_at(poses, i));
+      const std::size_t cores = threads > 0 ? threads : std::thread::hardware_concurrency();
+      const auto gains = ndtree::information_gain(map_, placed, pattern, cores);
+      for (std::size_t i = 0; i < n; ++i) {
+        volume[i] = gains[i].volume;
+        bits[i] = gains[i].bits;
+      }
+    } else {
+      throw_no_shapes();
+    }
   }
   [[nodiscard]] AnyField distance_field(const AnyBox& box, double cell_size, double max_distance,
                                         UnknownSpace unknown) const override {
@@ -282,6 +320,18 @@ class MapQueriesOf final : public MapQueries {
     [[nodiscard]] std::int64_t first_blocked(const double* points, std::size_t n) const override {
       const auto found = planner_.first_blocked(points_of(points, n));
       return found ? static_cast<std::int64_t>(*found) : -1;
+    }
+    [[nodiscard]] std::vector<std::vector<double>> corridors(const double* points, std::size_t n,
+                                                             double reach) const override {
+      std::vector<std::vector<double>> all;
+      for (const auto& planes : planner_.corridors(points_of(points, n), reach)) {
+        std::vector<double>& numbers = all.emplace_back();
+        for (const HalfSpace<D>& plane : planes) {
+          numbers.insert(numbers.end(), plane.normal.data(), plane.normal.data() + D);
+          numbers.push_back(plane.offset);
+        }
+      }
+      return all;
     }
     [[nodiscard]] std::size_t memory_bytes() const override { return planner_.memory_bytes(); }
 

@@ -106,7 +106,40 @@ PythonPath plan_once(const PythonMap& map, const py::object& start, const py::ob
   return plan_with(*planner_of(map, body, clearance, unknown), start, goal, max_seconds);
 }
 
+struct GainArrays {
+  py::array volume, bits;
+};
+GainArrays information_gain(const PythonMap& map, const py::object& poses, const py::object& sensor,
+                            int threads) {
+  const int dim = map.constant().dim();
+  const Poses placed = poses_from(poses, dim);
+  if (threads < 0) throw py::value_error("threads = " + std::to_string(threads) + ": must be >= 0");
+  for (const char* const name : {"directions", "spacing", "max_range", "mean_free_path"})
+    if (!py::hasattr(sensor, name)) throw py::type_error("sensor: must be a RangeSensor");
+  const DoubleArray directions = as_doubles(sensor.attr("directions"), "sensor.directions");
+  const DoubleArray spacing = as_doubles(sensor.attr("spacing"), "sensor.spacing");
+  if (directions.ndim() != 2 || directions.shape(1) != dim)
+    throw py::value_error("sensor: directions of shape " + shape_text(directions) + ", expected (n, " +
+                          std::to_string(dim) + ") of a map with dim = " + std::to_string(dim));
+  if (spacing.ndim() != 2 || spacing.shape(0) != directions.shape(0) || spacing.shape(1) != dim - 1)
+    throw py::value_error("sensor: spacing of shape " + shape_text(spacing) + ", expected (" +
+                          std::to_string(directions.shape(0)) + ", " + std::to_string(dim - 1) + ")");
+  const AnyBeamPattern pattern{
+      directions.data(), spacing.data(), static_cast<std::size_t>(directions.shape(0)),
+      sensor.attr("max_range").cast<double>(), sensor.attr("mean_free_path").cast<double>()};
+  py::array_t<double> volume(static_cast<py::ssize_t>(placed.count));
+  py::array_t<double> bits(static_cast<py::ssize_t>(placed.count));
+  map.read([&, v = volume.mutable_data(), b = bits.mutable_data()](const MapInterface& m) {
+    m.queries()->information_gain(placed.numbers.data(), placed.count, pattern,
+                                  static_cast<std::size_t>(threads), v, b);
+  });
+  return {volume, bits};
+}
+
 void bind_path(py::module_& module) {
+  py::class_<GainArrays>(module, "InformationGain", "What a scan from each of n poses would see anew.")
+      .def_readonly("volume", &GainArrays::volume, "(n,) float64: of unknown space [m^dim].")
+      .def_readonly("bits", &GainArrays::bits, "(n,) float64: about the hit rates of smallest cells.");
   py::class_<PythonPath>(module, "Path", "A way from a start to a goal.")
       .def_readonly("points", &PythonPath::points, "(n, dim) float64 [m].")
       .def_readonly("status", &PythonPath::status, "'found', 'none' or 'out of time'.")
@@ -122,6 +155,8 @@ void bind_planning(py::module_& module) {
   py::class_<PythonMap> map_type = module.attr("OccupancyMap");
   map_type.def("plan", &plan_once, "start"_a, "goal"_a, py::kw_only(), "body"_a, "clearance"_a = 0.0,
                "unknown"_a = "blocked", "max_seconds"_a = py::none(), doc::OccupancyMap_plan);
+  map_type.def("information_gain", &information_gain, "poses"_a, "sensor"_a, py::kw_only(), "threads"_a = 0,
+               doc::OccupancyMap_information_gain);
   py::class_<PythonPlanner>(module, "Planner", doc::Planner)
       .def(py::init(&planner_of), "map"_a, "body"_a, py::kw_only(), "clearance"_a = 0.0,
            "unknown"_a = "blocked")
@@ -159,6 +194,20 @@ void bind_planning(py::module_& module) {
                        [n, p = path.data()](const AnyPlanner& one) { return one.first_blocked(p, n); });
           },
           "points"_a, doc::Planner_first_blocked)
+      .def(
+          "corridors",
+          [](const PythonPlanner& planner, const py::object& points, double reach) {
+            const DoubleArray path = as_points(points, "points", planner.dim);
+            const auto n = static_cast<std::size_t>(path.shape(0));
+            auto all = ask(
+                planner, SharedLock::Use::look,
+                [n, reach, p = path.data()](const AnyPlanner& one) { return one.corridors(p, n, reach); });
+            py::list corridors;
+            for (std::vector<double>& planes : all)
+              corridors.append(take(std::move(planes), planner.dim + 1));
+            return corridors;
+          },
+          "points"_a, py::kw_only(), "reach"_a = 1.0, doc::Planner_corridors)
       .def_property_readonly(
           "memory_bytes",
           [](const PythonPlanner& planner) {

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         FrontierSearch,
         HeldOutTruth,
         HistoryReport,
+        InformationGain,
         InsertReport,
         Leaves,
         MapStats,
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
     from ndtree.alignment import Alignment, align
     from ndtree.base.certificate import Certificate
     from ndtree.base.scan import Scan
+    from ndtree.base.sensor import RangeSensor
     from ndtree.evaluation.comparison import Comparison, compare
     from ndtree.evaluation.delayed import DelayedMoved
     from ndtree.evaluation.map_comparison import MapComparison, compare_maps
@@ -96,6 +98,7 @@ __all__ = [
     "FrontierSearch",
     "HeldOutTruth",
     "HistoryReport",
+    "InformationGain",
     "InsertReport",
     "Leaves",
     "Log",
@@ -109,6 +112,7 @@ __all__ = [
     "OctoMap",
     "Path",
     "Planner",
+    "RangeSensor",
     "RayEnds",
     "Reliability",
     "Scan",
@@ -153,6 +157,7 @@ _MODULES = {
     "Log": "ndtree.logs",
     "MapComparison": "ndtree.evaluation.map_comparison",
     "OctoMap": "ndtree._native",
+    "RangeSensor": "ndtree.base.sensor",
     "Scan": "ndtree.base.scan",
     "TileMapper": "ndtree.tiles",
     "TiledMap": "ndtree.tiles",

@@ -41,6 +41,7 @@ TAKEN: dict[str, Axes] = {
     "states_in": {"lower": 1, "upper": 1},
     "collides": {"poses": 2},
     "path_collides": {"poses": 2},
+    "information_gain": {"poses": 2},
 }
 
 

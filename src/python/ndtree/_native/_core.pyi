@@ -12,6 +12,7 @@ from ndtree._native.results import Claims as Claims
 from ndtree._native.results import CompressReport as CompressReport
 from ndtree._native.results import Frontier as Frontier
 from ndtree._native.results import HistoryReport as HistoryReport
+from ndtree._native.results import InformationGain as InformationGain
 from ndtree._native.results import InsertReport as InsertReport
 from ndtree._native.results import Leaves as Leaves
 from ndtree._native.results import MapStats as MapStats
@@ -22,6 +23,7 @@ from ndtree._native.results import Path as Path
 from ndtree._native.results import RayEnds as RayEnds
 from ndtree.base.certificate import Certificate
 from ndtree.base.scan import Scan
+from ndtree.base.sensor import RangeSensor
 from ndtree.base.typing import (
     ChangeOf,
     Insertion,
@@ -1756,6 +1758,36 @@ class OccupancyMap:
         KeyboardInterrupt
             Ctrl-C.
         """
+    def information_gain(self, poses: ArrayLike, sensor: RangeSensor, *, threads: int = 0) -> InformationGain:
+        """What a scan from each of several poses is expected to see anew.
+
+        A beam sees along its way, through free and unknown space, up to what ends `cast_rays`, and there the outermost
+        smallest cell. It is as wide as its spacing times the distance, and at most a smallest cell. Large cells count as
+        the smallest ones that they stand for; so it is what equal cells would give.
+
+        Parameters
+        ----------
+        poses : (n, dim + 1, dim + 1) array of float; or (n, 3) in 2-D, (n, 7) in 3-D; or (n, dim)
+            From the sensor's frame to the map's, as for collides(); or positions alone.
+        sensor : RangeSensor
+            Of the map's dimension.
+        threads : int
+            That work at once; 0: as many as there are cores. The result is the same, bit for bit.
+
+        Returns
+        -------
+        InformationGain
+            .volume, (n,) float64, of unknown space [m^dim]: one that occludes nothing by default, else with the
+            probability that beams get there, see RangeSensor.mean_free_path. .bits, (n,) float64: the mutual information
+            of the next look at each smallest cell that is seen and of its hit rate, summed up.
+
+        Raises
+        ------
+        ValueError
+            A pose is wrong, or the sensor is of another dimension; it is named. The map is 4-D or an OctoMap.
+        KeyboardInterrupt
+            Ctrl-C.
+        """
     def crop(self, box: ArrayLike) -> None:
         """Forget all cells but those that share a volume with a box.
 
@@ -2121,6 +2153,35 @@ class Planner:
         KeyboardInterrupt
             Ctrl-C.
         """
+    def by_way(
+        self, start: ArrayLike, frontiers: Iterable[Frontier], *, max_seconds: float | None = None
+    ) -> list[tuple[Frontier, float]]:
+        """Frontiers that the body can reach, in the order of the way to them.
+
+        The way to a frontier is that to the nearest of its cells from whose centre the body meets no obstacle.
+        Beside unknown space it fits nowhere where that is blocked: such a planner has no way to any frontier.
+
+        Parameters
+        ----------
+        start : (dim,) array of float
+            Where the origin of the body is [m].
+        frontiers : iterable of Frontier
+            As `OccupancyMap.frontiers` gives them.
+        max_seconds : float, optional
+            As for ways().
+
+        Returns
+        -------
+        list of (Frontier, float)
+            The nearest first, each with the length of the way to it [m]; of equally near ones, in their order.
+
+        Raises
+        ------
+        ValueError
+            The body collides at the start.
+        KeyboardInterrupt
+            Ctrl-C.
+        """
     def update(self, map: OccupancyMap) -> bool:
         """Follow the map: afterwards paths are those of a planner made of the map as it is now.
 
@@ -2151,6 +2212,32 @@ class Planner:
         -------
         int
             Number of the segment; -1 if the path is free.
+        """
+    def corridors(self, points: ArrayLike, *, reach: float = 1.0) -> list[NDArray[np.float64]]:
+        """Convex free space along a path, as optimizers of trajectories take it.
+
+        For each segment a set of places that contains it, so that neighbours share the point between them. From no place
+        in a set does the body, with its clearance, overlap an obstacle. Each plane touches one, at right angles to the
+        shortest way there from the body's sweep; obstacles are taken in that order, the nearest first.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Of a path, straight between them and free for the body [m].
+        reach : float
+            How far sets go beyond the segment on each axis, > 0 [m].
+
+        Returns
+        -------
+        list of (k, dim + 1) float64, n - 1 of them
+            Half spaces a, b: normals of length 1, and offsets [m]. The places x with a @ x <= b for all of them.
+
+        Raises
+        ------
+        ValueError
+            The body meets an obstacle on the path: the message names the segment. An argument is wrong.
+        KeyboardInterrupt
+            Ctrl-C.
         """
     @property
     def memory_bytes(self) -> int:

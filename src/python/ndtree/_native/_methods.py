@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ndtree import _lazy
 from ndtree._native import _core
+from ndtree._native.results import Frontier
 
 _save_own = _core.OccupancyMap.save
 
@@ -169,6 +170,50 @@ def _map_text(self: _core.AdaptiveMap) -> str:
     return f"{before}{name}{has:.6g} (rounded from {asked:g}){after[re.match(r'[^,)]*', after).end() :]}"  # type: ignore[union-attr]
 
 
+def by_way(
+    self: _core.Planner,
+    start: ArrayLike,
+    frontiers: Iterable[Frontier],
+    *,
+    max_seconds: float | None = None,
+) -> list[tuple[Frontier, float]]:
+    """Frontiers that the body can reach, in the order of the way to them.
+
+    The way to a frontier is that to the nearest of its cells from whose centre the body meets no obstacle.
+    Beside unknown space it fits nowhere where that is blocked: such a planner has no way to any frontier.
+
+    Parameters
+    ----------
+    start : (dim,) array of float
+        Where the origin of the body is [m].
+    frontiers : iterable of Frontier
+        As `OccupancyMap.frontiers` gives them.
+    max_seconds : float, optional
+        As for ways().
+
+    Returns
+    -------
+    list of (Frontier, float)
+        The nearest first, each with the length of the way to it [m]; of equally near ones, in their order.
+
+    Raises
+    ------
+    ValueError
+        The body collides at the start.
+    KeyboardInterrupt
+        Ctrl-C.
+    """
+    found = list(frontiers)
+    if not found:
+        return []
+    goals = np.concatenate([frontier.cell_centers for frontier in found])
+    ways = self.ways(start, goals, max_seconds=max_seconds)
+    ends = np.cumsum([len(frontier) for frontier in found])[:-1]
+    nearest = [float(part.min()) for part in np.split(ways, ends)]
+    order = sorted(range(len(found)), key=nearest.__getitem__)
+    return [(found[i], nearest[i]) for i in order if nearest[i] < math.inf]
+
+
 def _given(type_: type, name: str, function: Any) -> None:
     """Add a method that is written here."""
     function.__name__, function.__qualname__ = name, f"{type_.__name__}.{name}"
@@ -177,6 +222,7 @@ def _given(type_: type, name: str, function: Any) -> None:
 
 
 _given(_core.OccupancyMap, "save", save)
+_given(_core.Planner, "by_way", by_way)
 _core.OccupancyMap.min_cell_size = property(_min_cell_size)  # type: ignore[assignment, method-assign]
 _core.OccupancyMap.max_cell_size = property(_max_cell_size)  # type: ignore[assignment, method-assign]
 _core.OccupancyMap.disputed = property(_disputed)  # type: ignore[assignment, method-assign]

@@ -2,7 +2,7 @@
 """What maps answer: plain objects with arrays and numbers, which can be indexed, shown and pickled."""
 
 from ndtree._native.results.arrays import Answers as Answers
-from ndtree._native.results.arrays import Changes, Frontier, Leaves, NearestOccupied, RayEnds
+from ndtree._native.results.arrays import Changes, Frontier, InformationGain, Leaves, NearestOccupied, RayEnds
 from ndtree._native.results.reports import (
     Claims,
     CompressReport,
@@ -20,6 +20,7 @@ __all__ = [
     "CompressReport",
     "Frontier",
     "HistoryReport",
+    "InformationGain",
     "InsertReport",
     "Leaves",
     "MapStats",

@@ -172,6 +172,30 @@ class RayEnds(Answers):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class InformationGain(Answers):
+    """What a scan from each of n poses is expected to see anew; indexed as `Leaves`.
+
+    Attributes
+    ----------
+    volume : (n,) float64
+        Of unknown space [m^dim].
+    bits : (n,) float64
+        What one more look at each smallest cell says about its hit rate, by the cell's Beta posterior.
+    """
+
+    _number = "volume"
+
+    volume: NDArray[np.float64]
+    bits: NDArray[np.float64]
+
+    def __repr__(self) -> str:
+        if not self.shape:
+            return f"InformationGain(volume={self.volume:g}, bits={self.bits:g})"
+        most = float(self.volume.max()) if self.volume.size else 0.0
+        return f"InformationGain({_count(self.shape)}: volume up to {most:g})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Changes(Answers):
     """Regions whose state, or cell, is another one, one entry each; indexed as `Leaves`.
 
