@@ -48,10 +48,7 @@ COLORS = ("height", "size", "probability")
 
 
 def coloring(
-    shown: Cells,
-    by: str = "height",
-    colormap: str | None = None,
-    heights: tuple[float, float] | None = None,
+    shown: Cells, by: str = "height", colormap: str | None = None, heights: tuple[float, float] | None = None
 ) -> Coloring:
     """Colors for cells by "height", "size" or "probability", stretched over those that are shown."""
     if by not in COLORS:

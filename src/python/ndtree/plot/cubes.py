@@ -140,12 +140,7 @@ def bounds_on_screen(cubes: Cells, bounds: Region, azimuth: float, elevation: fl
 
 
 def draw_cubes(
-    cubes: Cells,
-    bounds: Region,
-    ax: Axes,
-    view: tuple[float, float],
-    colors: Coloring,
-    finest: float,
+    cubes: Cells, bounds: Region, ax: Axes, view: tuple[float, float], colors: Coloring, finest: float
 ) -> Axes:
     """Cells that are smaller than `finest` [m] are drawn as large, in their mean color. Has no frame yet."""
     to_viewer, screen = _screen(*view)

@@ -30,11 +30,7 @@ def _brightness(probability: Floats) -> Floats:
 
 
 def draw_borders(
-    every: Cells,
-    ax: Axes,
-    region: Region | None,
-    color: str = BORDER_COLOR,
-    linewidth: float = 0.35,
+    every: Cells, ax: Axes, region: Region | None, color: str = BORDER_COLOR, linewidth: float = 0.35
 ) -> Axes:
     region = tuple(region) if region is not None else picture_region(every)
     shown = every.inside(region)

@@ -15,10 +15,7 @@ __all__ = ["COMMANDS", "app", "every"]
 
 #: In the order of the help: a command's module, and what the help says of it, which is how its own begins.
 COMMANDS = {
-    "demo": (
-        "demo",
-        "Map a log in several ways, draw the maps, and say what each costs and how true it is.",
-    ),
+    "demo": ("demo", "Map a log in several ways, draw the maps, and say what each costs and how true it is."),
     "simulate": (
         "simulate",
         "Simulate a drive through a world, and write its log to a file that can be mapped.",
@@ -27,14 +24,8 @@ COMMANDS = {
         "map_log",
         "Build a map from a log, and write it to a file. Several logs give a map each, or with --merge one.",
     ),
-    "align": (
-        "align",
-        "Find the poses of a 2-D laser's log, where its own drift or it has none.",
-    ),
-    "clean": (
-        "clean",
-        "Write the points of a log without what moved: people, cars, doors.",
-    ),
+    "align": ("align", "Find the poses of a 2-D laser's log, where its own drift or it has none."),
+    "clean": ("clean", "Write the points of a log without what moved: people, cars, doors."),
     "live": (
         "live",
         "Map a recording as a robot would: message by message, at its own pace, and say what was dropped.",
@@ -47,18 +38,12 @@ COMMANDS = {
         "compare",
         "Compare maps of the same log: cells, updates, time, memory, and truth on scans held out.",
     ),
-    "study": (
-        "study",
-        "Map several logs with several sets of options, and write tables and a picture.",
-    ),
+    "study": ("study", "Map several logs with several sets of options, and write tables and a picture."),
     "calibrate": (
         "calibrate",
         "Estimate the options of the sensor from a log: the noise of its ranges, and its error rates.",
     ),
-    "view": (
-        "view",
-        "Show a map on a page of this computer until Ctrl-C, or draw it into a file.",
-    ),
+    "view": ("view", "Show a map on a page of this computer until Ctrl-C, or draw it into a file."),
     "plan": ("plan", "Find a short way for a robot through a map."),
     "convert": ("convert", "Write a map as a file of another kind."),
     "info": ("info", "Say what is in a map or a log."),

@@ -47,11 +47,7 @@ def calibrate(
     source, config = inspected(opened(given, log), given, with_sigma=False)
     with progress() as advance:
         figures = calibration.calibrate(
-            source,
-            max_range=config.max_range,
-            no_return=config.no_return,
-            limit=limit,
-            progress=advance,
+            source, max_range=config.max_range, no_return=config.no_return, limit=limit, progress=advance
         )
     warn_of_skipped(source)
     if not is_stdout(json_file):

@@ -44,8 +44,7 @@ def clean(
         ),
     ],
     mark: Annotated[
-        bool,
-        typer.Option("--mark", help="Leave out no point: a field moved has the probability of each."),
+        bool, typer.Option("--mark", help="Leave out no point: a field moved has the probability of each.")
     ] = False,
     picture: Annotated[
         Optional[Path], typer.Option(metavar="FILE", help="Draw all points, those that moved in red.")

@@ -13,16 +13,7 @@ from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.comparing import compared
 from ndtree.cli.commands.flags import map_options, takes
 from ndtree.cli.commands.logs import open_log, placed_map
-from ndtree.cli.commands.options import (
-    HeldOut,
-    Json,
-    Repeat,
-    Scans,
-    Seed,
-    World,
-    argument,
-    flag,
-)
+from ndtree.cli.commands.options import HeldOut, Json, Repeat, Scans, Seed, World, argument, flag
 from ndtree.cli.commands.output import check_picture, is_stdout, write, write_json
 from ndtree.cli.commands.pictures import draw_side_by_side, plotting
 from ndtree.evaluation.comparison import Turns
@@ -106,11 +97,7 @@ def compare_(context: typer.Context, call: _Call, given: Any = None) -> None:
 
 
 def _compare_two(
-    context: typer.Context,
-    a: Path,
-    b: Optional[Path],
-    json_file: Optional[Path],
-    picture: Optional[Path],
+    context: typer.Context, a: Path, b: Optional[Path], json_file: Optional[Path], picture: Optional[Path]
 ) -> None:
     if b is None:
         raise WrongCall(f"compare: {a} is a map, expected a second one")

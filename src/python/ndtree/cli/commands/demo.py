@@ -17,14 +17,7 @@ from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.comparing import compared
 from ndtree.cli.commands.flags import map_options, takes
 from ndtree.cli.commands.logs import open_log
-from ndtree.cli.commands.options import (
-    Json,
-    LogArgument,
-    Scans,
-    Seed,
-    World,
-    flag,
-)
+from ndtree.cli.commands.options import Json, LogArgument, Scans, Seed, World, flag
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.pictures import draw_close_up, plotting
 
@@ -64,13 +57,7 @@ def demo(context: typer.Context, call: _Call, given: Any = None) -> None:
             draw_close_up(plot, made["adaptive"], made[name], path)
         print(*_first_lines(made, pictures[0]), sep="\n", file=say, flush=True)
 
-    comparison = compared(
-        opened,
-        maps,
-        given,
-        json_file=call.json_file,
-        made_maps=show,
-    )
+    comparison = compared(opened, maps, given, json_file=call.json_file, made_maps=show)
     if not is_stdout(call.json_file):
         print(f"\n{comparison}")
     write_json(comparison, call.json_file)

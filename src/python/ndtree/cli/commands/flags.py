@@ -16,13 +16,7 @@ import typer
 from ndtree._errors import WrongOption, marked
 from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.options import Dim, MaxRange, NoReturnKind, NoReturnOption
-from ndtree.logs import (
-    FORMATS,
-    READER_OPTIONS,
-    Log,
-    contents,
-    require_options,
-)
+from ndtree.logs import FORMATS, READER_OPTIONS, Log, contents, require_options
 from ndtree.logs.core.rules import Selection
 from ndtree.logs.ros.placement.mount import mount_of
 from ndtree.maps.kinds import MAP_OPTIONS
@@ -38,10 +32,7 @@ _OF_FORMATS = "Options of single formats"
 def _flag(name: str, type: Any, help: str, panel: str, flag: str | None = None) -> inspect.Parameter:
     """A flag that is None where it was not given."""
     option = typer.Option(
-        *([flag] if flag else []),
-        help=help.replace("[", r"\["),
-        show_default=False,
-        rich_help_panel=panel,
+        *([flag] if flag else []), help=help.replace("[", r"\["), show_default=False, rich_help_panel=panel
     )
     return inspect.Parameter(
         name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[Optional[type], option]

@@ -22,13 +22,7 @@ from ndtree.cli.commands.logs import inspected, load_map, made, open_log
 from ndtree.cli.commands.messages import in_words
 from ndtree.cli.commands.options import Json, LogArgument, Port, World, flag
 from ndtree.cli.commands.output import is_stdout, write_json
-from ndtree.cli.commands.shows import (
-    FoxgloveOption,
-    RerunOption,
-    foxglove_sink,
-    rerun_sink,
-    wait_at,
-)
+from ndtree.cli.commands.shows import FoxgloveOption, RerunOption, foxglove_sink, rerun_sink, wait_at
 from ndtree.live import (
     Corrections,
     Fading,

@@ -17,14 +17,7 @@ from ndtree.cli.commands.logs import inspected, made, skipped, warn_of_skipped
 from ndtree.cli.commands.map_tiles import is_tiled, map_into_tiles, print_tiled
 from ndtree.cli.commands.mapping import Mapped, mapped, written
 from ndtree.cli.commands.messages import in_words
-from ndtree.cli.commands.options import (
-    GivenLogs,
-    Json,
-    Port,
-    StyleOption,
-    WriteConfig,
-    flag,
-)
+from ndtree.cli.commands.options import GivenLogs, Json, Port, StyleOption, WriteConfig, flag
 from ndtree.cli.commands.output import check_output, check_picture, fits_map, is_stdout, write_json
 from ndtree.cli.commands.pictures import observers_of, plotting, stay
 from ndtree.cli.commands.shows import FoxgloveOption, RerunOption, showing, wait_at

@@ -39,20 +39,12 @@ def bytes_of(flag: str, text: Optional[str]) -> int:
 
 
 def map_into_tiles(
-    log: Log,
-    output: Path,
-    config: Config,
-    tile_size: Optional[float],
-    max_resident: Optional[str],
+    log: Log, output: Path, config: Config, tile_size: Optional[float], max_resident: Optional[str]
 ) -> dict[str, Any]:
     """Map a log, or go on with what was killed. Returns figures."""
     limit = bytes_of("--max-resident", max_resident)
     target = config.new_map(log.dim)
-    source = {
-        "log": Path(log.name).name,
-        "no_return": config.no_return,
-        "max_range": str(config.max_range),
-    }
+    source = {"log": Path(log.name).name, "no_return": config.no_return, "max_range": str(config.max_range)}
     try:
         mapper = TileMapper(
             storage_of(output), target, tile_size=tile_size, max_resident=limit, made_from=source

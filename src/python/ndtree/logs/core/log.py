@@ -277,10 +277,7 @@ class Log(ABC):
         return SelectedLog(self, Selection(self.dim, **parts, box=box, origin=origin))
 
     def save(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        progress: Callable[[str, int, int], None] | None = None,
+        self, path: str | os.PathLike[str], *, progress: Callable[[str, int, int], None] | None = None
     ) -> int:
         """Write all scans to one .npz file, which `read` reads.
 

@@ -229,10 +229,7 @@ def _on_plane(latitude: float, longitude: float, altitude: float, scale: float) 
 
 
 def _imu_calibration_of(source: Source) -> str:
-    here, above = (
-        source.inside(_IMU),
-        os.path.join(os.path.abspath(source.path), os.pardir, _IMU),
-    )
+    here, above = (source.inside(_IMU), os.path.join(os.path.abspath(source.path), os.pardir, _IMU))
     for path in (here, above):
         if os.path.isfile(path):
             return path

@@ -242,10 +242,7 @@ def space_of(topic: str) -> str:
 
 
 def _numbers(position: Any, quaternion: Any) -> tuple[list[float], list[float]]:
-    return (
-        [position.x, position.y, position.z],
-        [quaternion.x, quaternion.y, quaternion.z, quaternion.w],
-    )
+    return ([position.x, position.y, position.z], [quaternion.x, quaternion.y, quaternion.z, quaternion.w])
 
 
 def share_within(stamps: NDArray[np.float64], span: tuple[float, float]) -> float:

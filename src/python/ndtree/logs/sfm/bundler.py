@@ -140,9 +140,5 @@ class _Lines:
 
 
 BUNDLER = Format(
-    "bundler",
-    "a Bundler model",
-    lambda source: source.head.startswith(MAGIC),
-    BundlerLog,
-    (PIXEL_SIGMA,),
+    "bundler", "a Bundler model", lambda source: source.head.startswith(MAGIC), BundlerLog, (PIXEL_SIGMA,)
 )

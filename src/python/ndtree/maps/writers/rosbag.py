@@ -43,11 +43,7 @@ def holds_maps_alone(path: str) -> bool:
 
 
 def write(
-    m: OccupancyMap,
-    path: Path,
-    *,
-    cell_size: float | None = None,
-    height: tuple[float, float] | None = None,
+    m: OccupancyMap, path: Path, *, cell_size: float | None = None, height: tuple[float, float] | None = None
 ) -> None:
     """A bag of ROS 1 (.bag), or the one file of a bag of ROS 2 (.mcap, .db3), in the frame ``map``.
 
@@ -131,11 +127,7 @@ def _octomap(m: OccupancyMap, store: Any, now: int, cell_size: float | None) -> 
 
 
 def _grid(
-    m: OccupancyMap,
-    store: Any,
-    now: int,
-    cell_size: float | None,
-    height: tuple[float, float] | None,
+    m: OccupancyMap, store: Any, now: int, cell_size: float | None, height: tuple[float, float] | None
 ) -> Any:
     pixels, (x, y), size = m.map_server_image(cell_size=cell_size, height=height)
     percent = np.zeros(256, dtype=np.int8)
