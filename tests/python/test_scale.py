@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 import ndtree
 from ndtree.base.scan import Scan
 from ndtree.cli.commands import app
-from ndtree.tuning.scale import Scale
+from ndtree.tuning.first_look import Scale
 
 
 def scans(factor: float = 1.0, at: tuple[float, float] = (0.0, 0.0)) -> list[Scan]:

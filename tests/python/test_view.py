@@ -32,10 +32,9 @@ import ndtree
 from ndtree import viewer as view
 from ndtree.cli.commands import app
 from ndtree.viewer import Look, picking, snapshot
-from ndtree.viewer.frame import framed
+from ndtree.viewer.frame import MAX_TRACK, Track, framed
 from ndtree.viewer.look import KINDS, shown_kinds
 from ndtree.viewer.snapshot import Snapshot
-from ndtree.viewer.track import MAX_TRACK, Track
 
 RUN = CliRunner()
 

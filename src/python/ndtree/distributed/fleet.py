@@ -22,7 +22,7 @@ from ndtree.base.progress import Progress
 from ndtree.distributed import plan
 from ndtree.distributed.blocks import Block
 from ndtree.distributed.engines import Engine, engine_of
-from ndtree.distributed.run import run_all
+from ndtree.distributed.plan import run_all
 from ndtree.distributed.scans import ScanIndex, StoredScans, index_name, moved, moves_name
 from ndtree.distributed.stages import BlockRecord, Job, entries_of, indexed, integrate, prepare
 from ndtree.tiles.grid import Tile, TileGrid

@@ -4,12 +4,16 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from ndtree.base.progress import Progress
 from ndtree.distributed.blocks import Block, divided
+from ndtree.distributed.engines import Engine
 from ndtree.distributed.scans import IndexedScan, ScanIndex
 from ndtree.distributed.stages import BlockTask, Job, ScanRef, scans_name
 from ndtree.tiles.grid import Tile
@@ -130,3 +134,33 @@ def stored_tasks(storage: Storage, job: Job) -> list[BlockTask] | None:
 
 def _plan_name(run: str) -> str:
     return f"{run}/work/plan.json"
+
+
+def run_all(
+    engine: Engine, what: str, tasks: list[tuple[Any, ...]], progress: Progress | None
+) -> tuple[list[Any], float]:
+    """Run tasks that do not depend on each other; each is a function and its arguments.
+
+    Returns results list: Of each task; seconds float: Sum over all tasks, from when the engine got them to
+    when it gave their results [s]. The engine never has more of them than workers, so that what is not the
+    tasks' own time is its own.
+    """
+    results: list[Any] = [None] * len(tasks)
+    running: dict[Any, tuple[int, float]] = {}
+    waiting = iter(range(len(tasks)))
+    done, seconds = 0, 0.0
+    while done < len(tasks):
+        while len(running) < max(1, engine.workers):
+            number = next(waiting, None)
+            if number is None:
+                break
+            begun = time.perf_counter()
+            running[engine.submit(*tasks[number])] = (number, begun)
+        for handle in engine.done_of(running):
+            number, begun = running.pop(handle)
+            results[number] = engine.result(handle)
+            seconds += time.perf_counter() - begun
+            done += 1
+            if progress is not None:
+                progress(what, done, len(tasks))
+    return results, seconds

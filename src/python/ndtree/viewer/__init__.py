@@ -12,7 +12,7 @@ with needs("ndtree.viewer needs viser", "view"):
 
 from ndtree.viewer.controls import legend_html
 from ndtree.viewer.look import Look
-from ndtree.viewer.server import HOST
+from ndtree.viewer.page_guard import HOST
 from ndtree.viewer.viewer import MAX_BOXES, PORT, Viewer, first_camera, view
 from ndtree.viewer.visitor import MAX_CLEAR_BOXES
 

@@ -15,13 +15,12 @@ import viser
 from ndtree.cells.lattice import Floats
 from ndtree.plot.figures import kind_of
 from ndtree.viewer.controls import Controls
-from ndtree.viewer.frame import draw_frame
+from ndtree.viewer.frame import Track, draw_frame
 from ndtree.viewer.layers import Layer, edges_of
 from ndtree.viewer.look import IN_PLANE, KINDS, Look, shown_kinds
 from ndtree.viewer.picking import numbers_of
 from ndtree.viewer.snapshot import Snapshot
 from ndtree.viewer.tiles import Tiles
-from ndtree.viewer.track import Track
 
 MAX_CLEAR_BOXES = 30_000  # And of those that are seen through, which the page has to sort.
 _TRACK_COLOR = (200, 30, 120)

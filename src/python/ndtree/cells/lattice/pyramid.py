@@ -11,8 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.cells.lattice.blocks import Block, block_runs
-from ndtree.cells.lattice.cells import Booleans, Cells, Floats, Integers
+from ndtree.cells.lattice.cells import Block, Booleans, Cells, Floats, Integers, block_runs
 from ndtree.cells.lattice.neighbours import CellIndex
 
 

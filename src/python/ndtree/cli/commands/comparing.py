@@ -19,7 +19,7 @@ from ndtree.evaluation.comparison import DEFAULT_MAPS, Comparison, Turns, map_in
 from ndtree.logs import Log
 from ndtree.maps.kinds import make_map
 from ndtree.tuning.config import Config
-from ndtree.tuning.scale import Scale
+from ndtree.tuning.first_look import Scale
 
 
 def compared(

@@ -24,8 +24,8 @@ from ndtree.cli.commands.progress import mapping_progress, progress
 from ndtree.evaluation.moved import MovedPoints
 from ndtree.logs import Log
 from ndtree.tuning.config import Config
+from ndtree.tuning.first_look import Scale
 from ndtree.tuning.inspection import BEYOND_MEMORY
-from ndtree.tuning.scale import Scale
 
 
 @dataclass

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from ndtree._errors import WrongValue, key
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.messages.beams import Beams
+from ndtree.logs.ros.placement.advice import bases_in
 from ndtree.logs.ros.placement.placement import Placement
-from ndtree.logs.ros.placement.registered import bases_in
 
 Floats = NDArray[np.float64]
 

@@ -16,9 +16,18 @@ from ndtree.logs.ros.files.bag import Topic
 from ndtree.logs.ros.messages.beams import CLOUDS, Beams, Floats
 from ndtree.logs.ros.messages.sweep import in_map
 from ndtree.logs.ros.options import BagOptions
-from ndtree.logs.ros.placement.advice import HOW_TO_MOUNT, MOUNT, listed, standing, typed, unconnected
+from ndtree.logs.ros.placement.advice import (
+    HOW_TO_MOUNT,
+    MOUNT,
+    USUAL,
+    bases_in,
+    listed,
+    observer_of,
+    standing,
+    typed,
+    unconnected,
+)
 from ndtree.logs.ros.placement.mount import mount_of
-from ndtree.logs.ros.placement.registered import USUAL, bases_in, observer_of
 from ndtree.logs.ros.survey import PoseRow, Survey, share_within
 
 #: Where poses come from of a sensor that has but one.
