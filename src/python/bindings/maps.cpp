@@ -152,7 +152,7 @@ HeldOutTruth evaluate(const PythonMap& map, const py::object& points, const py::
 /// A Python warning where a beam that is not cut by max_range is absurdly long beside the cells, before
 /// anything changes. O(beams).
 void warn_of_scale(const BeamArrays& beams, int dim, double cell_size, double max_range) {
-  constexpr double kMostCells = 20000.0;  // As MOST_CELLS of ndtree.tuning.scale.
+  constexpr double kMostCells = 20000.0;  // As MOST_CELLS of ndtree.tuning.first_look.
   if (max_range < kInfinity) return;      // Who says so means it.
   const double limit = kMostCells * cell_size;
   const double* const ends = beams.endpoints.data();
