@@ -18,7 +18,7 @@ from scipy.spatial import transform as spatial
 
 import ndtree
 from ndtree.logs import read
-from ndtree.logs.ros.messages import multi_echo
+from ndtree.logs.ros.messages.own import multi_echo
 
 Rotation = spatial.Rotation
 
@@ -115,7 +115,7 @@ def test_echoes_are_what_others_decode(make: Messages) -> None:
         is_ros1 = make.kind == "ros1"
         pack = make.store.serialize_ros1 if is_ros1 else make.store.serialize_cdr
         data = bytes(pack(message, message.__msgtype__))
-        found = multi_echo.decoded(data, is_ros1=is_ros1)
+        found = multi_echo(data, is_ros1=is_ros1)
         assert found.header.frame_id == frame and found.beams == len(ranges)
         for name in ("angle_min", "angle_increment", "time_increment", "scan_time", "range_min", "range_max"):
             assert getattr(found, name) == pytest.approx(getattr(message, name))
@@ -123,7 +123,7 @@ def test_echoes_are_what_others_decode(make: Messages) -> None:
             np.testing.assert_array_equal(found.echoes[found.numbers == number], beam.echoes)
         for cut in range(5, len(data), 3):
             try:  # What is cut off behind the echoes, among the intensities, is not missed.
-                part = multi_echo.decoded(data[:-cut], is_ros1=is_ros1)
+                part = multi_echo(data[:-cut], is_ros1=is_ros1)
             except ValueError as error:
                 assert "expected" in str(error)
             else:

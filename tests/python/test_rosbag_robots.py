@@ -17,7 +17,7 @@ from bags import Messages, write_bag
 from scipy.spatial import transform as spatial
 
 from ndtree.logs import read
-from ndtree.logs.ros.messages.livox import decoded
+from ndtree.logs.ros.messages.own import livox as decoded
 from ndtree.logs.ros.placement.mount import mount_of
 
 Rotation = spatial.Rotation

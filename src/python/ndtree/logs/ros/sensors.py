@@ -16,11 +16,10 @@ from ndtree.logs.core.source import WrongOption
 from ndtree.logs.folders.depth_image import Camera, camera_of
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files.bag import Bag, Topic
-from ndtree.logs.ros.messages import image, livox, old_cloud
+from ndtree.logs.ros.messages import image
 from ndtree.logs.ros.messages.beams import (
     IMAGES,
     LASER,
-    LIVOX,
     MULTI_ECHO_LASER,
     PACKED_CLOUD,
     PLANAR,
@@ -34,6 +33,7 @@ from ndtree.logs.ros.messages.beams import (
 from ndtree.logs.ros.messages.cloud import cloud_beams
 from ndtree.logs.ros.messages.head import head_of
 from ndtree.logs.ros.messages.laser import NoiseAtLimit, laser_beams, multi_echo_beams, range_beams
+from ndtree.logs.ros.messages.own import point_beams
 from ndtree.logs.ros.storage import Raw
 from ndtree.logs.ros.survey import Survey
 
@@ -186,7 +186,7 @@ def beams_of(
         return (range_beams if kind == RANGE else multi_echo_beams)(message, no_return_range)
     if kind in (POINT_CLOUD, PACKED_CLOUD):
         return cloud_beams(message, stamp)
-    return livox.beams(message) if kind in LIVOX else old_cloud.beams(message)
+    return point_beams(message)
 
 
 def readable(bag: Bag) -> list[Topic]:

@@ -19,7 +19,8 @@ from ndtree.logs.core.plain_file import FREE_BYTES, MOST_PACKED
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files import mcap_file, ros1_file, sqlite_file
 from ndtree.logs.ros.files.chunks import Damaged, unpacked_message
-from ndtree.logs.ros.messages import foxglove, livox, multi_echo, old_cloud, packed_cloud, protobuf
+from ndtree.logs.ros.messages import foxglove, protobuf
+from ndtree.logs.ros.messages.own import DECODERS
 from ndtree.logs.ros.storage import Connection, OnDamage, Raw, Storage, line_of
 
 METADATA, METADATA_BEGINS = "metadata.yaml", b"rosbag2_bagfile_information:"
@@ -102,9 +103,8 @@ class Bag:
             return foxglove.decoded(raw.data, one.type)
         if one.encoding == "protobuf":
             return foxglove.message_of(protobuf.fields_of(raw.data, one.name, one.schema), one.type)
-        for ours in (livox, multi_echo, old_cloud, packed_cloud):
-            if one.type in ours.TYPES:
-                return ours.decoded(raw.data, is_ros1=one.encoding == "ros1")
+        if one.type in DECODERS:
+            return DECODERS[one.type](raw.data, is_ros1=one.encoding == "ros1")
         if one.encoding not in self._stores:
             self._stores[one.encoding] = self._store(one.encoding)
         store = self._stores[one.encoding]

@@ -78,7 +78,7 @@ def laser_beams(
 def multi_echo_beams(message: Any, no_return_range: float | None = None) -> Beams:
     """Beams of a MultiEchoLaserScan, of each its nearest echo that is valid as in `laser_beams`.
 
-    `message` is what `ndtree.logs.ros.messages.multi_echo` decodes. A beam with no valid echo did not return
+    `message` is what `ndtree.logs.ros.messages.own` decodes. A beam with no valid echo did not return
     if one of its echoes is +inf.
     """
     echoes, numbers = message.echoes, message.numbers

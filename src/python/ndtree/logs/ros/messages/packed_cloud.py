@@ -12,10 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.ros.messages.beams import PACKED_CLOUD
 from ndtree.logs.ros.messages.head import Header, header_of, order_of
-
-TYPES = (PACKED_CLOUD,)
 
 #: The most bytes that a packed one may stand for, and how many more are taken.
 _MOST, _FREE = 1000, 1 << 20
