@@ -72,7 +72,6 @@ class FleetReport:
         Of the worker that took most, as the system counts it, mapped files included [bytes].
     longest_block_seconds : float
         Of the block that took longest [s]: no number of workers is faster.
-    workers : int
     records : list of BlockRecord
         Of each block.
     """
@@ -167,10 +166,6 @@ def map(
         A block's state is written whenever it has taken this many in: what a killed worker has to do again.
     progress : callable, optional
         Called as ``progress(what, done, total)``.
-
-    Returns
-    -------
-    FleetReport
 
     Raises
     ------
@@ -287,7 +282,6 @@ def remap(
 
     Parameters
     ----------
-    url : str or path
     poses : mapping
         Of a log's name and of the number of a scan in it, among those that were taken, to a pose as of
         `OccupancyMap.transformed`: from where its log had it to where it is. Those left out stay.

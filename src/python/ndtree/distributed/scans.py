@@ -169,7 +169,6 @@ def moved(scan: Scan, pose: Any) -> Scan:
 
     Parameters
     ----------
-    scan : Scan
     pose : (dim + 1, dim + 1) array of float
         A rotation and a translation.
     """

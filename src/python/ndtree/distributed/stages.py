@@ -83,7 +83,6 @@ class BlockRecord:
 
     Attributes
     ----------
-    block : Block
     entries : list of (tile, dict)
         What the manifest says of its tiles.
     counters : list of int

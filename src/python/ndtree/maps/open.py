@@ -201,10 +201,6 @@ def _map_server(name: str) -> PlacedMap:
 def load(path: str | os.PathLike[str]) -> AdaptiveMap | FixedMap:
     """Read a map that save() wrote, or an OctoMap file, .bt or .ot; the content says what it is.
 
-    Parameters
-    ----------
-    path : str or os.PathLike
-
     Returns
     -------
     AdaptiveMap or FixedMap

@@ -50,10 +50,6 @@ def cells(
         Of the lines.
     linewidth : float
         Of the lines [points].
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     require_dim(m, 2)
     return _named(draw_borders(Cells.of(m), axes_or_new(ax), region, color, linewidth), ax)
@@ -84,10 +80,6 @@ def occupancy(
     style : {"paper", "ros"}
         "paper": occupied white, free black, unknown grey, in grey levels of the probability; "ros", as
         map_server and RViz have it: occupied black, free white, unknown grey, by the state alone.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     require_dim(m, 2)
     every = Cells.of(m)
@@ -169,10 +161,6 @@ def slice(
         Draw the leaves' borders, too, but not of leaves so small that nothing else would be seen.
     style : {"paper", "ros"}
         As for `occupancy`.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     require_dim(m, 3)
     held, value = _held(axis, value, {"x": x, "y": y, "z": z})

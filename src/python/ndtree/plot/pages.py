@@ -116,10 +116,6 @@ def overview(
         Of the picture [inches].
     dpi : float
         Pixels an inch.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     require_dim(m, 2)
     require_style(style)

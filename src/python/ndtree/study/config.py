@@ -48,8 +48,6 @@ class Study:
         What it is from.
     output : Path
         Folder of the results.
-    logs : tuple of StudyLog
-    sets : tuple of ParameterSet
     held_out : int
         As in `compare`.
     repeat : int

@@ -35,7 +35,6 @@ class TileGrid:
 
     Attributes
     ----------
-    dim : int
     unit : float
         Edge of the smallest cell [m].
     cube : int
@@ -122,7 +121,6 @@ class TileGrid:
 
         Parameters
         ----------
-        scan : Scan
         options : dict
             The map's: they say how far behind its end point a beam reaches.
         max_range : float

@@ -32,8 +32,6 @@ class StoredFile:
     ----------
     file : str
         Its name in the folder; it is made from the content, and so never written anew with another one.
-    bytes : int
-    sha256 : str
     """
 
     file: str
@@ -49,7 +47,6 @@ class TileEntry(StoredFile):
     ----------
     revision : int
         Of the manifest that first had it with this content.
-    observed_leaves : int
     bounds : tuple of lists, or None
         Lower and upper corner around all observed cells [m].
     """
@@ -65,8 +62,6 @@ class Manifest:
 
     Attributes
     ----------
-    kind : MapKind
-    grid : TileGrid
     revision : int
         Grows by one with each state that was written.
     frame : StoredFile

@@ -53,7 +53,6 @@ class TileMapper:
 
     Parameters
     ----------
-    storage : Storage
     m : OccupancyMap
         Any with the options that the map shall have; it is not changed.
     tile_size : float, optional

@@ -75,9 +75,5 @@ def in_order(logs: Mapping[str, Iterable[Scan]]) -> Iterator[tuple[Place, Scan]]
     """All scans of some logs: by time, those of one time by the name of their log.
 
     Of each log the next scan alone is in memory.
-
-    Parameters
-    ----------
-    logs : mapping of str to iterable of Scan
     """
     return heapq.merge(*(placed(name, scans) for name, scans in logs.items()), key=lambda one: one[0].key)

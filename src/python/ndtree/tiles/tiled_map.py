@@ -55,8 +55,6 @@ class TiledMap:
 
     Parameters
     ----------
-    storage : Storage
-    manifest : Manifest
     cache_bytes : int
         Memory of tiles that are kept.
 
@@ -478,10 +476,6 @@ def open_tiles(url: str | os.PathLike[str], *, cache_bytes: int = CACHE_BYTES) -
         A folder, or what fsspec (extra ``fleet``) knows: s3://, gs://, memory:// and others.
     cache_bytes : int
         Memory of tiles that are kept; one answer may need more.
-
-    Returns
-    -------
-    TiledMap
 
     Raises
     ------

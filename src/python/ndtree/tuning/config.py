@@ -79,7 +79,6 @@ class Config:
 
     Parameters
     ----------
-    values : mapping of str to Decision
     look : FirstLook, optional
         What was measured.
     notes : tuple of str

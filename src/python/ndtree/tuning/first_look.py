@@ -43,7 +43,6 @@ class FirstLook:
 
     Parameters
     ----------
-    dim, scans, beams : int
     range_sigma, range_sigma_quadratic : float
         Standard deviation of a range [m], and its growth with the squared range [1/m].
     is_measured : bool
@@ -130,7 +129,6 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
 
     Parameters
     ----------
-    log : Log
     progress : callable, optional
         Called as ``progress(what, done, total)``.
 

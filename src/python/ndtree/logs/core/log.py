@@ -264,10 +264,6 @@ class Log(ABC):
             Point of the log that becomes the map's origin [m], for far-away coordinates. It is subtracted
             first, in double precision: `box` is in the map.
 
-        Returns
-        -------
-        Log
-
         Raises
         ------
         ValueError

@@ -126,10 +126,6 @@ class SimulatedLog(SizedLog):
             As in `SeenSpace`: ``samples``, ``spacings``, ``tolerance`` [m], ``margin`` [m], ``middle``,
             ``seed``.
 
-        Returns
-        -------
-        SeenSpace
-
         Raises
         ------
         ValueError
@@ -155,10 +151,6 @@ def simulate(
         As in `ndtree.typing.SimulationOptions`: ``noise_scale``, ``outlier_rate``, ``no_return_rate``,
         ``position_sigma`` [m], ``heading_sigma`` [rad], ``yaw`` [rad]; and how many move: ``people``, the
         first of whom walks ahead of the sensor, ``doors`` of the office, and ``cars`` of the street.
-
-    Returns
-    -------
-    SimulatedLog
 
     Raises
     ------
