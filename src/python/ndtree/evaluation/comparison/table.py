@@ -35,63 +35,74 @@ def _flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
+def _percent(value: float) -> str:
+    return f"{100 * value:.2f} %"
+
+
+def _grouped(value: float) -> str:
+    return f"{round(value):,}"
+
+
+#: Of each line what it is called, the figure of a map that it has, or two of which it is the ratio, and how
+#: it is written.
+_LINES: tuple[tuple[str, str, Callable[[float], str]], ...] = (
+    ("cells", "cells", _grouped),
+    ("  after pruning", "cells_pruned", _grouped),
+    ("nodes", "nodes", _grouped),
+    ("updates", "updates", _grouped),
+    ("time", "seconds.median", "{:.3f} s".format),
+    ("beams a second", "beams_per_second", _grouped),
+    ("memory", "memory_bytes", lambda value: f"{value / 2**20:.2f} MiB"),
+    ("  resident", "resident_bytes", lambda value: f"{value / 2**20:.2f} MiB"),
+    ("free space called free", "truth.free/truth.samples", _percent),
+    ("  called occupied", "truth.occupied/truth.samples", _percent),
+    ("  called unknown", "truth.unknown/truth.samples", _percent),
+    ("end points at occupied", "truth.endpoints_near/truth.endpoints", _percent),
+    ("balanced accuracy", "truth.balanced_accuracy", _percent),
+    ("log score", "truth.log_score", "{:.3f}".format),
+    ("  of hits", "truth.hit_log_score", "{:.3f}".format),
+    ("ray casts within 0.1 m", "truth.casts_within/truth.casts", _percent),
+    ("  median error", "truth.median_error", lambda value: f"{100 * value:.2f} cm"),
+    ("  at the surface", "truth.surfaces_within/truth.casts", _percent),
+    ("  median error", "truth.surface_error", lambda value: f"{100 * value:.2f} cm"),
+    ("free but unseen", "claims.free_unseen", _percent),
+    ("seen but unknown", "claims.seen_unknown", _percent),
+    ("wrong volume", "claims.wrong_volume", _percent),
+    ("calibration error", "calibration.all.ece", "{:.4f}".format),
+    ("  in cells called free", "calibration.free.ece", "{:.4f}".format),
+    ("  called occupied", "calibration.occupied.ece", "{:.4f}".format),
+    ("free is occupied, at most", "certificate.at_most", _percent),
+    ("exactly free, called free", "exact.free.free", _percent),
+    ("  last 0.1 m before walls", "exact.near.free", _percent),
+    ("exactly inside, called occupied", "exact.inside.occupied", _percent),
+    ("area under the ROC curve", "exact.auc", "{:.4f}".format),
+    ("thin things found", "exact.thin.found", _percent),
+    ("floor found, under grazing beams", "exact.floor.found", _percent),
+)
+
+
+def _at(row: Any, figure: str) -> Any:
+    """A figure of a map; None where it has none."""
+    for name in figure.split("."):
+        row = row.get(name) if isinstance(row, Mapping) else None
+    return row
+
+
+def _cell(row: Mapping[str, Any], figure: str, form: Callable[[float], str]) -> str | None:
+    part, _, whole = figure.partition("/")
+    return _ratio(_at(row, part), _at(row, whole) if whole else 1, form)
+
+
+def _ratio(part: Any, whole: Any, form: Callable[[float], str]) -> str | None:
+    return None if part is None or not whole else form(part / whole)
+
+
 def table_of(comparison: Mapping[str, Any]) -> str:
     rows = comparison["maps"]
-    lines: list[tuple[str, list[str]]] = []
-
-    def line(label: str, text: Callable[[dict[str, Any]], str | None]) -> None:
-        cells = [text(row) for row in rows]
-        if any(cell is not None for cell in cells):
-            lines.append((label, ["-" if cell is None else cell for cell in cells]))
-
-    def truth(key: str, of: str) -> Callable[[dict[str, Any]], str | None]:
-        return lambda row: _percent(row["truth"][key], row["truth"][of]) if row["truth"] else None
-
-    def exact(where: str, state: str) -> Callable[[dict[str, Any]], str | None]:
-        return lambda row: _percent(row["exact"].get(where, {}).get(state), 1) if "exact" in row else None
-
-    def claimed(key: str) -> Callable[[dict[str, Any]], str | None]:
-        return lambda row: _percent(row["claims"][key], 1)
-
-    def calibrated(of: str) -> Callable[[dict[str, Any]], str | None]:
-        return lambda row: _error(row["calibration"][of]["ece"]) if row.get("calibration") else None
-
-    def certified(row: dict[str, Any]) -> str | None:
-        return _percent(row["certificate"]["at_most"], 1) if row.get("certificate") else None
-
-    line("cells", lambda row: _grouped(row["cells"]))
-    line("  after pruning", lambda row: _grouped(row.get("cells_pruned")))
-    line("nodes", lambda row: _grouped(row["nodes"]))
-    line("updates", lambda row: _grouped(row["updates"]))
-    line("time", lambda row: f"{row['seconds']['median']:.3f} s")
-    line("beams a second", lambda row: _grouped(row["beams_per_second"]))
-    line("memory", lambda row: _bytes(row["memory_bytes"]))
-    line("  resident", lambda row: _bytes(row["resident_bytes"]))
-    line("free space called free", truth("free", "samples"))
-    line("  called occupied", truth("occupied", "samples"))
-    line("  called unknown", truth("unknown", "samples"))
-    line("end points at occupied", truth("endpoints_near", "endpoints"))
-    line("balanced accuracy", lambda row: _percent((row["truth"] or {}).get("balanced_accuracy"), 1))
-    line("log score", lambda row: _nats((row["truth"] or {}).get("log_score")))
-    line("  of hits", lambda row: _nats((row["truth"] or {}).get("hit_log_score")))
-    line("ray casts within 0.1 m", truth("casts_within", "casts"))
-    line("  median error", lambda row: _centimetres((row["truth"] or {}).get("median_error")))
-    line("  at the surface", truth("surfaces_within", "casts"))
-    line("  median error", lambda row: _centimetres((row["truth"] or {}).get("surface_error")))
-    line("free but unseen", claimed("free_unseen"))
-    line("seen but unknown", claimed("seen_unknown"))
-    line("wrong volume", claimed("wrong_volume"))
-    line("calibration error", calibrated("all"))
-    line("  in cells called free", calibrated("free"))
-    line("  called occupied", calibrated("occupied"))
-    line("free is occupied, at most", certified)
-    line("exactly free, called free", exact("free", "free"))
-    line("  last 0.1 m before walls", exact("near", "free"))
-    line("exactly inside, called occupied", exact("inside", "occupied"))
-    line("area under the ROC curve", lambda row: _number((row.get("exact") or {}).get("auc")))
-    line("thin things found", exact("thin", "found"))
-    line("floor found, under grazing beams", exact("floor", "found"))
-
+    found = [(label, [_cell(row, figure, form) for row in rows]) for label, figure, form in _LINES]
+    lines = [
+        (label, ["-" if cell is None else cell for cell in cells]) for label, cells in found if any(cells)
+    ]
     labels = max(len(label) for label, _ in lines)
     widths = [max(len(row["map"]), *(len(cells[i]) for _, cells in lines)) for i, row in enumerate(rows)]
     beams = comparison["beams"]
@@ -139,36 +150,9 @@ def _sizes_table(comparison: Mapping[str, Any]) -> list[str]:
         for row in by_size["sizes"]:
             size = "  not mapped" if row["size"] is None else f"  {row['size']:.4g} m"
             label = f"{size:<12}{_grouped(row[total]):>8}"
-            lines.append(line(label, (_percent(row[right][name], row[total]) for name in names)))
+            shares = [_ratio(row[right][name], row[total], _percent) for name in names]
+            lines.append(line(label, shares))
     return lines
-
-
-def _grouped(value: float | None) -> str | None:
-    return None if value is None else f"{round(value):,}"
-
-
-def _percent(part: float | None, whole: float) -> str | None:
-    return None if part is None or not whole else f"{100 * part / whole:.2f} %"
-
-
-def _bytes(value: float | None) -> str | None:
-    return None if value is None else f"{value / 2**20:.2f} MiB"
-
-
-def _number(value: float | None) -> str | None:
-    return None if value is None else f"{value:.4f}"
-
-
-def _error(value: float | None) -> str | None:
-    return None if value is None else f"{value:.4f}"
-
-
-def _nats(value: float | None) -> str | None:
-    return None if value is None else f"{value:.3f}"
-
-
-def _centimetres(value: float | None) -> str | None:
-    return None if value is None else f"{100 * value:.2f} cm"
 
 
 class Comparison(dict[str, Any]):
