@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     from ndtree.evaluation.map_comparison import MapComparison, compare_maps
     from ndtree.logs import Log, read, simulate
     from ndtree.maps.conversion import convert
-    from ndtree.maps.open import load
+    from ndtree.maps.loading import load
     from ndtree.tiles import TiledMap, TileMapper, open_tiles
     from ndtree.tuning.calibration import Calibration, calibrate
     from ndtree.tuning.config import Config
@@ -168,7 +168,7 @@ _MODULES = {
     "convert": "ndtree.maps.conversion",
     "first_look": "ndtree.tuning.first_look",
     "inspect": "ndtree.tuning.inspection",
-    "load": "ndtree.maps.open",
+    "load": "ndtree.maps.loading",
     "open_tiles": "ndtree.tiles",
     "read": "ndtree.logs",
     "simulate": "ndtree.logs",

@@ -9,7 +9,6 @@ import re
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +21,6 @@ from ndtree.logs.core.failures import readable
 from ndtree.logs.core.plain_file import open_regular
 from ndtree.maps.images import map_image
 from ndtree.tiles import MANIFEST, open_tiles
-
-if TYPE_CHECKING:
-    from ndtree._native._core import AdaptiveMap, FixedMap
 
 #: Of files of before OctoMap 1.0: a number that other files may begin with, too, so that the name counts.
 OLD_OCTOMAP_MAGIC = b"\3\0\0\0"
@@ -196,55 +192,3 @@ def _map_server(name: str) -> PlacedMap:
     on_lattice = np.all(np.abs(lower / size - np.rint(lower / size)) <= _ON_LATTICE)
     offset = np.zeros(2) if on_lattice else lower
     return PlacedMap(_core.from_grid(image.states, lower - offset, size), offset, name, image.notes)
-
-
-def load(path: str | os.PathLike[str]) -> AdaptiveMap | FixedMap:
-    """Read a map that save() wrote, or an OctoMap file, .bt or .ot; the content says what it is.
-
-    Returns
-    -------
-    AdaptiveMap or FixedMap
-        Of an OctoMap file as load_octomap() gives it, which takes options, too.
-
-    Raises
-    ------
-    OSError
-        The file cannot be read.
-    ValueError
-        It is no such file, truncated, damaged, or of another version. What is no map is named by its kind,
-        with the call that helps.
-    """
-    try:
-        return _core.load(path)
-    except (IsADirectoryError, ValueError):
-        better = _better(os.fsdecode(path))
-        if better is None:
-            raise
-        raise better from None
-
-
-def _better(name: str) -> ValueError | None:
-    """What a file or folder is instead of one of these maps; None if it is damaged or not known."""
-    from ndtree.logs import MAP_MAGIC, OCTOMAP_MAGIC, kind_of  # All formats: not for those who load maps.
-    from ndtree.logs.core.plain_file import open_regular
-    from ndtree.maps.open import is_map, no_map, tiles_url
-
-    if tiles_url(name) is not None:
-        return ValueError(f"{name}: a map in tiles, expected one in a file:\n  ndtree.open_tiles({name!r})")
-    if not os.path.isdir(name):
-        with open_regular(name) as file:
-            if file.read(len(OCTOMAP_MAGIC)).startswith((MAP_MAGIC, OCTOMAP_MAGIC)):
-                return None
-        if is_map(name):
-            target = f"{os.path.splitext(os.path.basename(name))[0]}.ndt"
-            return ValueError(
-                f"{name}: a map of map_server's, expected one of ndtree's or OctoMap's:\n"
-                f"  ndtree.convert({name!r}, {target!r})"
-            )
-    if kind_of(name) is None:
-        return None
-    in_python = f"for scan in ndtree.read({name!r}): scan.insert_into(m)"
-    return no_map(name, "a map of ndtree's or OctoMap's (.bt, .ot)", in_python)
-
-
-load.__module__ = "ndtree"
