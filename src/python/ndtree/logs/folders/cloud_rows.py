@@ -16,6 +16,8 @@ from ndtree.logs.folders.cloud_files import kind_of_name
 
 Bools = NDArray[np.bool_]
 Numbers = NDArray[np.float32]
+#: Of the types of columns, as all who read PLY call them.
+_NAMES = {ply_files._TYPES[name]: name for name in "float double char uchar short ushort int uint".split()}
 
 
 def write_rows(source: str, target: str, keep: Bools, moved: Numbers | None = None) -> None:
@@ -55,18 +57,8 @@ def write_cloud(target: str | os.PathLike[str], columns: dict[str, NDArray[Any]]
             "DATA binary",
         ]
     else:
-        names = {
-            "f4": "float",
-            "f8": "double",
-            "i1": "char",
-            "u1": "uchar",
-            "i2": "short",
-            "u2": "ushort",
-            "i4": "int",
-            "u4": "uint",
-        }
         head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
-        head += [f"property {names[kind.str[1:]]} {name}" for name, kind in zip(columns, kinds)]
+        head += [f"property {_NAMES[kind.str[1:]]} {name}" for name, kind in zip(columns, kinds)]
         head.append("end_header")
     with open(target, "wb") as file:
         file.write(("\n".join(head) + "\n").encode())
@@ -89,11 +81,7 @@ def _pcd(source: str, target: str, keep: Bools, moved: Numbers | None) -> None:
     count = int(np.count_nonzero(keep))
     if header.encoding == "ascii":
         rows = [line for line in data.splitlines() if line.strip()]
-        body = b"".join(
-            row + (b"" if moved is None else f" {moved[i]:g}".encode()) + b"\n"
-            for i, row in enumerate(rows)
-            if keep[i]
-        )
+        body = _text(rows, keep, moved)
     else:
         if header.encoding == "binary":
             table = np.frombuffer(data, pcd_files._layout(header, len(data)), count=header.points)
@@ -102,13 +90,7 @@ def _pcd(source: str, target: str, keep: Bools, moved: Numbers | None) -> None:
             table = np.empty(header.points, layout)
             for name, column in zip(layout.names or (), columns):
                 table[name] = column
-        if moved is not None:
-            joined = np.empty(len(table), [*_described(table.dtype), ("moved", "<f4")])
-            for name in table.dtype.names or ():
-                joined[name] = table[name]
-            joined["moved"] = moved
-            table = joined
-        body = table[keep].tobytes()
+        body = _binary(table, keep, moved, "<")
     is_same = count == header.points
     lines = []
     for line in head.splitlines():
@@ -125,8 +107,23 @@ def _pcd(source: str, target: str, keep: Bools, moved: Numbers | None) -> None:
         out.write(("\n".join(lines) + "\n").encode() + body)
 
 
-def _described(dtype: np.dtype[Any]) -> list[Any]:
-    return [(name, dtype[name]) for name in dtype.names or ()]
+def _text(rows: list[bytes], keep: Bools, moved: Numbers | None) -> bytes:
+    """Lines of some points, with one number more or not."""
+    more = [b""] * len(rows) if moved is None else [f" {value:g}".encode() for value in moved]
+    return b"".join(row + end + b"\n" for row, end, use in zip(rows, more, keep) if use)
+
+
+def _binary(table: NDArray[Any], keep: Bools, moved: Numbers | None, order: str) -> bytes:
+    """Rows of some points, with one column more or not."""
+    if moved is not None:
+        names = table.dtype.names or ()
+        columns: list[Any] = [*((name, table.dtype[name]) for name in names), ("moved", order + "f4")]
+        joined = np.empty(len(table), columns)
+        for name in names:
+            joined[name] = table[name]
+        joined["moved"] = moved
+        table = joined
+    return table[keep].tobytes()
 
 
 def _ply(source: str, target: str, keep: Bools, moved: Numbers | None) -> None:
@@ -147,23 +144,13 @@ def _ply(source: str, target: str, keep: Bools, moved: Numbers | None) -> None:
         raise ValueError(f"{source}: its points come behind others, expected them first")
     if not order:
         rows = [line for line in data.splitlines() if line.strip()]
-        body = b"".join(
-            row + (b"" if moved is None else f" {moved[i]:g}".encode()) + b"\n"
-            for i, row in enumerate(rows[: vertex.count])
-            if keep[i]
-        )
+        body = _text(rows[: vertex.count], keep, moved)
         rest = b"".join(row + b"\n" for row in rows[vertex.count :])
     else:
         dtype = np.dtype([(f"{i}", order + p.kind) for i, p in enumerate(vertex.properties)])
         table = np.frombuffer(data, dtype, count=vertex.count)
         rest = data[table.nbytes :]
-        if moved is not None:
-            joined = np.empty(len(table), [*_described(dtype), ("moved", order + "f4")])
-            for name in dtype.names or ():
-                joined[name] = table[name]
-            joined["moved"] = moved
-            table = joined
-        body = table[keep].tobytes()
+        body = _binary(table, keep, moved, order)
     head = re.sub(rb"(?m)^element vertex\s+\d+", b"element vertex %d" % np.count_nonzero(keep), head)
     if moved is not None:
         last = [found.end() for found in re.finditer(rb"(?m)^property .*$", head[: _end_of_vertex(head)])][-1]
