@@ -17,10 +17,7 @@ from ndtree.logs.core.log import DerivedLog, Log
 class AlignedLog(DerivedLog):
     """A log with other poses, one for each of its scans; it is read as lazily as the log.
 
-    Raises
-    ------
-    ValueError
-        When it is read, if the log has another number of scans than there are poses.
+    Raises ValueError when it is read, if the log has another number of scans than there are poses.
     """
 
     def __init__(self, log: Log, poses: Floats) -> None:

@@ -53,14 +53,9 @@ class Loop:
 class Graph:
     """Key scans and relations between their poses.
 
-    Attributes
-    ----------
-    poses : (n, 3) float64
-        Of the key scans.
-    loops : list of Loop
-        Found so far.
-    tested : int
-        Pairs of submaps that were looked at.
+    `poses` (n, 3) float64: Of the key scans.
+    `loops`: Found so far.
+    `tested`: Pairs of submaps that were looked at.
     """
 
     def __init__(self, track: Track) -> None:

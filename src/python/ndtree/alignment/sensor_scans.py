@@ -23,25 +23,17 @@ _LEAST_RANGE = 0.1  # Nearer end points are the robot's own [m].
 class SensorScan:
     """One scan.
 
-    Parameters
-    ----------
-    points : (n, 2) float64
-        End points of beams that returned, in the sensor's frame [m].
-    free : (m, 2) float64
-        End points of all beams: it is free up to there [m].
-    pose : (3,) float64
-        The log's: x, y and yaw; yaw is 0 where the log does not say it, and the frame is turned as the map's.
-    stamp : float
-        Of the scan [s].
-    has_heading : bool
-        Whether the log says yaw.
+    `points` (n, 2) float64: End points of beams that returned, in the sensor's frame [m].
+    `free` (m, 2) float64: End points of all beams: it is free up to there [m].
+    `pose` (3,) float64: The log's: x, y and yaw; yaw is 0 where the log does not say it, and the frame is
+        turned as the map's.
     """
 
     points: Floats
     free: Floats
     pose: Floats
-    stamp: float
-    has_heading: bool = True
+    stamp: float  # Of the scan [s].
+    has_heading: bool = True  # Whether the log says yaw.
 
 
 def pose_in_log(scan: Scan) -> Floats:

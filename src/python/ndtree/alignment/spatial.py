@@ -47,28 +47,18 @@ _MOST_JUMPS = (1, 0.005)  # Jumps that there may be, one or this fraction.
 class SpatialAlignment:
     """Poses of a 3-D log's scans by kiss-icp.
 
-    Attributes
-    ----------
-    source : Log
-        The log.
-    poses : (n, 4, 4) float64
-        Of each scan's sensor; turned as against the log's axes, so the first is not turned.
-    origins : (n, 3) float64
-        Where the log has the sensors [m].
-    stamps : (n,) float64
-        Of the scans [s].
-    lost : int
-        Scans that saw too little of what the scans before them saw.
-    seconds : float
-        What it took.
+    `poses` (n, 4, 4) float64: Of each scan's sensor; turned as against the log's axes, so the first is not
+        turned.
+    `origins` (n, 3) float64: Where the log has the sensors [m].
+    `stamps` (n,) float64: Of the scans [s].
     """
 
-    source: Log
+    source: Log  # The log.
     poses: Floats
     origins: Floats
     stamps: Floats
-    lost: int
-    seconds: float
+    lost: int  # Scans that saw too little of what the scans before them saw.
+    seconds: float  # What it took.
     _voxel: float
     _points: list[Floats]
 
@@ -143,20 +133,14 @@ class SpatialAlignment:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the trajectory as TUM's: a time, a place and a quaternion a line.
 
-        Parameters
-        ----------
-        path : str or path
-            It appears whole or not at all.
+        `path`: It appears whole or not at all.
         """
         write_trajectory(path, self.stamps, self.poses[:, :3, 3], quaternions_of(self.poses[:, :3, :3]))
 
     def draw(self, path: str | os.PathLike[str]) -> None:
         """Draw from above what scans saw, with the log's poses and with these.
 
-        Parameters
-        ----------
-        path : str or path
-            Its ending says the kind of picture.
+        `path`: Its ending says the kind of picture.
         """
         before, after = (self._seen(False), self.origins), (self._seen(True), self.poses[:, :3, 3])
         draw_before_and_after(path, before, after)
@@ -190,25 +174,11 @@ def align_by_kiss_icp(
 
     The result is the same each time: kiss-icp works with one thread.
 
-    Parameters
-    ----------
-    log : Log
-        In 3-D, its scans in the order in which they were taken.
-    max_range : float
-        Farther end points are left out [m]; kiss-icp's voxels are a hundredth of it.
-    progress : callable
-        Called as ``progress(what, done, total)``.
-
-    Returns
-    -------
-    SpatialAlignment
-
-    Raises
-    ------
-    ImportError
-        kiss-icp is not installed; it says what to install.
-    ValueError
-        The log is not 3-D, has no scans, or an argument is out of bounds.
+    `log`: In 3-D, its scans in the order in which they were taken.
+    `max_range`: Farther end points are left out [m]; kiss-icp's voxels are a hundredth of it.
+    `progress`: Called as ``progress(what, done, total)``.
+    Raises ImportError: kiss-icp is not installed; it says what to install; ValueError: the log is not 3-D,
+    has no scans, or an argument is out of bounds.
     """
     require_log(log)
     if log.dim != 3:

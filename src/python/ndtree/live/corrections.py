@@ -52,24 +52,12 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Motion:
-    """Where a scan's sensor was.
+    """Where a scan's sensor was."""
 
-    Attributes
-    ----------
-    stamp : float
-        [s]
-    sensor : Pose
-        In the map, as it was mapped.
-    odometry : Pose
-        The body's, in a frame in which it does not jump.
-    mount : Pose
-        The sensor's, on the body.
-    """
-
-    stamp: float
-    sensor: Pose
-    odometry: Pose
-    mount: Pose
+    stamp: float  # [s]
+    sensor: Pose  # In the map, as it was mapped.
+    odometry: Pose  # The body's, in a frame in which it does not jump.
+    mount: Pose  # The sensor's, on the body.
 
 
 class Correction:

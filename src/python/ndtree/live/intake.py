@@ -140,14 +140,8 @@ class ScansIntake(Intake):
 def motion_in(tree: TransformTree, fixed: str, sensor: str, stamp: float, body: str = "") -> Motion | None:
     """Where a sensor was at a time [s].
 
-    Parameters
-    ----------
-    tree : TransformTree
-    fixed, sensor : str
-        Frames of the map and of the sensor.
-    stamp : float
-    body : str
-        The robot's frame; else the one that moves and is next to the sensor.
+    `fixed`, `sensor`: Frames of the map and of the sensor.
+    `body`: The robot's frame; else the one that moves and is next to the sensor.
     """
     found = tree.body_of(fixed, body or sensor)
     if found is None:
@@ -194,19 +188,11 @@ class PosedIntake(Intake):
     ) -> Scan | Verdict:
         """A scan with poses, if they are known or nothing is worth waiting for.
 
-        Parameters
-        ----------
-        sensor : str
-            That measured; the clock of each may begin again.
-        stamp, last : float
-            When it was measured, and the last time at which a pose is needed [s].
-        until : float
-            Up to when they are known [s].
-        give_up : bool
-            As for `scan`.
-        place : callable
-            Makes the scan; raises NoPose.
-        figures : LiveFigures
+        `sensor`: That measured; the clock of each may begin again.
+        `stamp`, `last`: When it was measured, and the last time at which a pose is needed [s].
+        `until`: Up to when they are known [s].
+        `give_up`: As for `scan`.
+        `place`: Makes the scan; raises NoPose.
         """
         if last > until and not give_up:
             return Verdict.wait

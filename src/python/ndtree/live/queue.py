@@ -15,21 +15,11 @@ LATEST = 1.0
 
 @dataclass(frozen=True)
 class Entry:
-    """A measurement, and when it came.
+    """A measurement, and when it came."""
 
-    Attributes
-    ----------
-    item : object
-        What the mapper's intake understands.
-    received : float
-        By the clock of its source [s].
-    arrived : float
-        By `time.perf_counter` [s].
-    """
-
-    item: Any
-    received: float
-    arrived: float
+    item: Any  # What the mapper's intake understands.
+    received: float  # By the clock of its source [s].
+    arrived: float  # By `time.perf_counter` [s].
 
 
 class ScanQueue:
@@ -37,14 +27,7 @@ class ScanQueue:
 
     Threads that share it hold a lock of theirs.
 
-    Parameters
-    ----------
-    capacity : int
-        Of more that wait, the oldest is dropped.
-
-    Attributes
-    ----------
-    dropped : int
+    `capacity`: Of more that wait, the oldest is dropped.
     """
 
     def __init__(self, capacity: int) -> None:

@@ -15,15 +15,9 @@ class Robot:
 
     It gets scans as a `Way` does, from the thread that maps.
 
-    Parameters
-    ----------
-    intake : Intake
-        Knows the poses of the last scan.
-
-    Attributes
-    ----------
-    position : (3,) or None
-        Of the base at the last scan [m]; None before the first.
+    `intake`: Knows the poses of the last scan.
+    Attributes:
+    `position` (3,) or None: Of the base at the last scan [m]; None before the first.
     """
 
     def __init__(self, intake: Intake) -> None:

@@ -28,10 +28,7 @@ class Publisher(Protocol):
 class Middleware(Protocol):
     """A node of ROS 1 or ROS 2: parameters, topics, a clock, and somebody to talk to.
 
-    Attributes
-    ----------
-    name : str
-        With its namespace.
+    `name`: With its namespace.
     """
 
     name: str

@@ -17,10 +17,8 @@ TRANSFORMS = {"/tf": TF[0], "/tf_static": TF[0]}
 class Wanted:
     """Topics that are wanted: all that may be of use, until it is decided which are.
 
-    Parameters
-    ----------
-    reading : dict
-        What a user said of sensors and frames, as for `ndtree.read`; and as ``follow`` the topic of a Path.
+    `reading`: What a user said of sensors and frames, as for `ndtree.read`; and as ``follow`` the topic of a
+        Path.
     """
 
     def __init__(self, reading: dict[str, Any]) -> None:
@@ -49,12 +47,7 @@ def is_superfluous(topic: str, type: str, chosen: set[str]) -> bool:
 
 
 class Numbers:
-    """Counts what is missing between messages, by the numbers that publishers give them.
-
-    Attributes
-    ----------
-    lost : int
-    """
+    """Counts what is missing between messages, by the numbers that publishers give them."""
 
     def __init__(self) -> None:
         self.lost = 0

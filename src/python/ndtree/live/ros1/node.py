@@ -73,10 +73,7 @@ class _Mark(bytes):
 class MapNode:
     """Maps what sensors publish; see the table of its parameters in `ndtree.live.ros.parameters`.
 
-    Raises
-    ------
-    ValueError, OSError, WrongOption
-        If no map can be made of the parameters.
+    Raises ValueError, OSError, WrongOption if no map can be made of the parameters.
     """
 
     def __init__(self) -> None:

@@ -16,19 +16,10 @@ _OPTIONS = {option.name: option for option in MAP_OPTIONS}
 class Parameters:
     """Values of all parameters; those that may change are looked up each time.
 
-    Parameters
-    ----------
-    given : dict
-        What the server has for the node.
-    current : callable
-        Tells what the server has of a name now.
-    warn : callable
-        Called with what is wrong with a value that was set while the node maps; the one of before holds.
-
-    Raises
-    ------
-    ValueError
-        If there is no parameter of a name, or a value is not of its type or out of its limits.
+    `given`: What the server has for the node.
+    `current`: Tells what the server has of a name now.
+    `warn`: Called with what is wrong with a value that was set while the node maps; the one of before holds.
+    Raises ValueError if there is no parameter of a name, or a value is not of its type or out of its limits.
     """
 
     def __init__(

@@ -21,10 +21,7 @@ SWITCH_INTERVAL = 5e-4
 def main(arguments: list[str] | None = None) -> int:
     """Run the node; its exit status.
 
-    Parameters
-    ----------
-    arguments : list of str, optional
-        As on the command line: ``_PARAMETER:=VALUE``, ``TOPIC:=OTHER``.
+    `arguments`: As on the command line: ``_PARAMETER:=VALUE``, ``TOPIC:=OTHER``.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:

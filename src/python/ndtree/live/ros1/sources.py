@@ -23,12 +23,8 @@ class Sources:
     some where its queue is full, which the numbers in their headers tell; the queue of the mapper bounds how
     many wait.
 
-    Parameters
-    ----------
-    put : callable
-        Is given each Raw message.
-    reading : dict
-        What a user said of sensors and frames, as for `ndtree.read`.
+    `put`: Is given each Raw message.
+    `reading`: What a user said of sensors and frames, as for `ndtree.read`.
     """
 
     def __init__(self, put: Callable[[Raw], None], reading: dict[str, Any]) -> None:

@@ -21,10 +21,7 @@ _LOOKS = 0.2
 def main(arguments: list[str] | None = None) -> int:
     """Run the node; its exit status.
 
-    Parameters
-    ----------
-    arguments : list of str, optional
-        As on the command line; ROS's own stand behind ``--ros-args``.
+    `arguments`: As on the command line; ROS's own stand behind ``--ros-args``.
     """
     # Products of small matrices gain nothing by threads, which wait for each other on a robot's busy machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -28,25 +28,14 @@ SENSOR_DEPTH, POSE_DEPTH = 50, 1000
 class Sources:
     """Subscriptions of a node to sensors, transforms and poses.
 
-    Parameters
-    ----------
-    node : Node
-    put : callable
-        Is given each Raw message.
-    reading : dict
-        What a user said of sensors and frames, as for `ndtree.read`.
-    reliable : bool
-        Whether lost messages are asked for again.
-    queue : int
-        If so, messages of each sensor that may wait to be taken, at least.
-
-    Attributes
-    ----------
-    lost : int
-        Messages that did not come: by the numbers that publishers give them, where the middleware tells
+    `put`: Is given each Raw message.
+    `reading`: What a user said of sensors and frames, as for `ndtree.read`.
+    `reliable`: Whether lost messages are asked for again.
+    `queue`: If so, messages of each sensor that may wait to be taken, at least.
+    Attributes:
+    `lost`: Messages that did not come: by the numbers that publishers give them, where the middleware tells
         these, else those of which it says itself that it lost them, which may be fewer.
-    missing : dict of str to str
-        By type, why its topics cannot be listened to.
+    `missing`: By type, why its topics cannot be listened to.
     """
 
     def __init__(
