@@ -317,6 +317,20 @@ TEST(CubeMap, FacesAreAsDenseAsTheirBeams) {
   EXPECT_NEAR(face.expected_beams(face.depth_for(7.0f, 0.1f), 0.1f), 7.0f, 1e-3f);
 }
 
+TEST(BeamBuckets, OfFacesFollowEachOther) {
+  std::vector<CubeFace<3>> faces(3, CubeFace<3>(Vector<3>::Zero(), 0, false));
+  const int shifts[] = {24, 10, 4};
+  const std::uint32_t counts[] = {1, 0x40, 0x1000};
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    faces[f].key_shift = shifts[f];
+    faces[f].num_buckets = counts[f];
+  }
+  const BeamBuckets<3> buckets(faces);
+  EXPECT_EQ(faces[1].first_bucket, 1u);
+  EXPECT_EQ(buckets.count(), 0x1041u);
+  EXPECT_EQ(buckets.of(2, 0xffff), buckets.count() - 1);
+}
+
 /// A face has a power of two of buckets, with one to two beams in each in the mean.
 TEST(CubeMap, BucketsAreOneOrTwoBeamsOfAFace) {
   for (const std::uint32_t beams : {1u, 2u, 3u, 4u, 7u, 100u, 300'000u, 1u << 24, 0xffffffffu}) {
