@@ -31,10 +31,13 @@ from drives import START
 from robots import PATIENCE, apartment, grid_like, in_background, mapped, office
 from slams import bag_of, drifted, path_message
 from slams import office as driven
+from test_rosbag_clouds import START as CLOUDS_START
+from test_rosbag_clouds import bag as bag_of_clouds
+from test_rosbag_clouds import box_points, colored
 
 import ndtree
 from ndtree.live.above_ground import GroundFollower
-from ndtree.live.outputs import cell_points
+from ndtree.live.outputs import by_size, cell_points
 
 PYTHON = os.environ.get("NDTREE_ROS2_PYTHON", sys.executable)
 PROCESSES = Path(__file__).with_name("ros2")
@@ -152,6 +155,20 @@ def test_clouds_become_a_map_in_space_a_grid_of_a_band_and_octomaps(tmp_path: Pa
         file = tmp_path / f"map.{ending}"
         m.save_octomap(file)
         assert file.read_bytes().partition(b"\ndata\n")[2] == received.arrays[name].tobytes()
+
+
+def test_cells_are_shown_in_the_colours_of_clouds(tmp_path: Path) -> None:
+    make = Messages("mcap")
+    clouds = [colored(make, CLOUDS_START + 0.1 * i, box_points(), big=False, name="rgb") for i in range(6)]
+    bag = bag_of_clouds(tmp_path / "clouds", make, clouds)
+    received = published(bag, tmp_path, 1.0, 6, colors="true", min_cell_size=0.1)
+    m = ndtree.load(tmp_path / "node.ndt")
+    expected = cell_points(m)
+    assert m.layers == {"color": "mean3"} and len(expected) > 500
+    points = received.arrays["points"]
+    assert np.array_equal(points.view("<u4"), expected.view("<u4").reshape(len(expected), -1))
+    colors = np.concatenate([one.colors for one in by_size(expected)])
+    assert np.allclose(received.arrays["colors"], colors, atol=1e-6) and len(np.unique(colors, axis=0)) > 3
 
 
 def has_octomap_services() -> bool:

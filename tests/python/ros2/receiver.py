@@ -102,6 +102,11 @@ class Receiver:
             for one in (markers.markers if markers is not None else ())
             for point in one.points
         ]
+        colors = [
+            (color.r, color.g, color.b)
+            for one in (markers.markers if markers is not None else ())
+            for color in one.colors
+        ]
         diagnostics = self.last.get("diagnostics")
         said = {one.key: one.value for one in diagnostics.status[0].values} if diagnostics else {}
         frontiers = self.last.get("frontiers")
@@ -120,6 +125,7 @@ class Receiver:
                 origin=np.array([origin.x, origin.y, self.info.resolution]) if origin else np.zeros(0),
                 points=points,
                 boxes=np.array(boxes),
+                colors=np.array(colors),
                 frontiers=np.array(poses),
                 text=json.dumps(text),
                 **octomaps,
