@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ndtree.logs.poses.pose import Pose, matrices_of, quaternions_of
+from ndtree.logs.poses.pose import matrices_of, quaternions_of
 from ndtree.logs.poses.trajectory import STAMP_TOLERANCE, Trajectory
 from ndtree.logs.poses.trajectory_files import read_times, read_trajectory, trajectory_kind
 
@@ -49,14 +49,6 @@ def test_matrices_and_quaternions_are_scipys_and_inverse() -> None:
     np.testing.assert_allclose(matrices_of(every.as_quat()), every.as_matrix(), atol=1e-15)
     again = quaternions_of(every.as_matrix())
     np.testing.assert_allclose(np.abs(np.sum(again * every.as_quat(), axis=1)), 1.0, atol=1e-14)
-
-
-def test_what_is_fixed_to_the_sensor_moves_with_it() -> None:
-    one, mount = drive(), Pose.from_quaternion([0.5, 0, 0.2], [0, 0, np.sqrt(0.5), np.sqrt(0.5)])
-    stamp = one.stamps[3]
-    moved, expected = one.transformed(mount).pose_at(stamp), one.pose_at(stamp) @ mount
-    np.testing.assert_allclose(moved.position, expected.position, atol=1e-8)
-    np.testing.assert_allclose(moved.rotation, expected.rotation, atol=1e-12)
 
 
 def test_outside_is_refused_but_for_rounding() -> None:

@@ -14,7 +14,6 @@ import stat
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import IO, Any
 
 from ndtree.logs.core.failures import one_line
@@ -207,26 +206,6 @@ def text_lines(path: str | os.PathLike[str]) -> Iterator[tuple[int, str]]:
             if file.line == 1 and (wrong := wrongly_written(line)) is not None:
                 raise ValueError(f"{file.path}: {wrong[0]}:\n  {wrong[1].format(shlex.quote(file.path))}")
             yield file.line, line.decode("utf-8", "replace")
-
-
-class BoundedPath(type(Path())):  # type: ignore[misc]
-    """A path for libraries that open it: regular files only, and reads of no more bytes than the file has.
-
-    A false length in a file would else make room for as much as it says.
-    """
-
-    def open(self, mode: str = "r", *more: Any, **named: Any) -> IO[Any]:
-        if mode != "rb" or more or named:
-            return super().open(mode, *more, **named)
-        with open_regular(self) as file:
-            return _BoundedFile(io.FileIO(os.dup(file.fileno())))
-
-
-class _BoundedFile(io.BufferedReader):
-    def read(self, size: int | None = -1) -> bytes:
-        if size is not None and size > 0:
-            size = min(size, os.fstat(self.fileno()).st_size)
-        return super().read(size)
 
 
 _DECIMAL_COMMA = re.compile(rb"[-+]?\d*,\d+(?:[eE][-+]?\d+)?|[-+]?\d+")

@@ -12,12 +12,9 @@ from ndtree.logs.core.failures import NoPose
 from ndtree.logs.poses.pose import (
     STRAIGHT,
     Pose,
-    matrices_of,
     matrix_of,
-    multiplied,
     nearest_rotations,
     quaternions_of,
-    rotated,
     slerp,
     unit_quaternions,
 )
@@ -175,14 +172,3 @@ class Trajectory:
         if stamp > last:
             return NoPose(f"{self.name}: {message}", "after", float(stamp) - last)
         return NoPose(f"{self.name}: {message}", "before", first - float(stamp))
-
-    def transformed(self, T_sensor_other: Pose) -> Trajectory:
-        """The trajectory of something that is fixed to the sensor."""
-        matrices = matrices_of(self.quaternions)
-        return Trajectory(
-            self.stamps,
-            rotated(matrices, T_sensor_other.position) + self.positions,
-            multiplied(matrices, T_sensor_other.rotation),
-            name=self.name,
-            is_numbered=self.is_numbered,
-        )
