@@ -224,10 +224,7 @@ class TiledMap:
         if interval is None:
             return self._at(points, 0.0, lambda m, some: m.probability(some, of=of))
         bounds = self._at(
-            points,
-            0.0,
-            lambda m, some: np.column_stack(m.probability(some, of=of, interval=interval)),
-            columns=3,
+            points, 0.0, lambda m, some: np.column_stack(m.probability(some, of=of, interval=interval))
         )
         return bounds[:, 0].copy(), bounds[:, 1].copy(), bounds[:, 2].copy()
 
@@ -270,9 +267,7 @@ class TiledMap:
         left = np.flatnonzero(np.isfinite(points).all(axis=1) & ~is_far)
         radius = min(0.25 * self.grid.size, max_distance)
         while left.size:
-            one = self._at(
-                points[left], radius, functools.partial(_nearest, radius=radius), columns=1 + self.dim
-            )
+            one = self._at(points[left], radius, functools.partial(_nearest, radius=radius))
             distance[left], point[left] = one[:, 0], one[:, 1:]
             if radius >= max_distance:
                 break
@@ -386,11 +381,7 @@ class TiledMap:
         return kept
 
     def _at(
-        self,
-        points: ArrayLike,
-        radius: float,
-        ask: Callable[[OccupancyMap, NDArray[np.float64]], Any],
-        columns: int = 0,
+        self, points: ArrayLike, radius: float, ask: Callable[[OccupancyMap, NDArray[np.float64]], Any]
     ) -> Any:
         """What each of some points is told, for which what is within a radius is all that counts."""
         array = np.asarray(points)

@@ -46,7 +46,7 @@ def las_points(path: str) -> NDArray[np.float64]:
                     largest = _checked_chunks(path, file, reader.header)
                     if largest > _LARGE_CHUNK:  # Threads would make room for several at once.
                         reader.laz_backend = laspy.LazBackend.Lazrs
-            units = _units(path, reader)
+            units = _units(reader)
             if units.are_degrees:
                 raise WrongValue(
                     f"{path}: coordinates are degrees of longitude and latitude, expected metres, as of UTM: "
@@ -75,10 +75,10 @@ def las_note(path: str) -> str:
     with open_regular(path) as file, readable(path, "cannot be read as LAS", foreign=True):
         _check_header(path, file)
         with laspy.open(file, closefd=False) as reader:
-            return _units(path, reader).note
+            return _units(reader).note
 
 
-def _units(path: str, reader: Any) -> Units:
+def _units(reader: Any) -> Units:
     """Of a file's coordinates, by the records of its coordinate system."""
     header = reader.header
     records = [*header.vlrs, *(reader.evlrs or ())]
