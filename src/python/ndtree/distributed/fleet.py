@@ -447,12 +447,18 @@ def _kept(
     return tiles, [one for one in before.made_from["blocks"] if Block.from_json(one["block"]) not in touched]
 
 
+#: Of a report, what is a sum over blocks, and what of their records.
+_SUMS = {
+    "block_beams": "beams", "bytes_read": "bytes_read", "written_bytes": "written_bytes",
+    "task_seconds": "seconds", "insert_seconds": "insert_seconds", "state_seconds": "state_seconds",
+    "store_seconds": "store_seconds", "cpu_seconds": "cpu_seconds",
+}  # fmt: skip
+
+
 def _report(
     records: list[BlockRecord], scans: list[Any], indexes: list[ScanIndex], at_engine: float, workers: int
 ) -> FleetReport:
-    def total(name: str) -> Any:
-        return sum(getattr(record, name) for record in records)
-
+    sums = {name: sum(getattr(record, of) for record in records) for name, of in _SUMS.items()}
     return FleetReport(
         scans=len(scans),
         beams=sum(scan.beams for _, scan in scans),
@@ -460,23 +466,14 @@ def _report(
         ignored=sum(index.ignored for index in indexes),
         tiles=sum(len(record.entries) for record in records),
         blocks=len(records),
-        block_beams=total("beams"),
         scan_bytes=sum(index.stored_bytes for index in indexes),
-        bytes_read=total("bytes_read"),
-        written_bytes=total("written_bytes"),
-        seconds=0.0,
-        start_seconds=0.0,
-        prepare_seconds=0.0,
-        task_seconds=total("seconds"),
-        insert_seconds=total("insert_seconds"),
-        state_seconds=total("state_seconds"),
-        store_seconds=total("store_seconds"),
-        engine_seconds=max(0.0, at_engine - total("seconds")),
-        cpu_seconds=total("cpu_seconds"),
+        engine_seconds=max(0.0, at_engine - sums["task_seconds"]),
         peak_memory=max((record.peak_memory for record in records), default=0),
         longest_block_seconds=max((record.seconds for record in records), default=0.0),
         workers=workers,
         records=records,
+        **dict.fromkeys(("seconds", "start_seconds", "prepare_seconds"), 0.0),
+        **sums,
     )
 
 

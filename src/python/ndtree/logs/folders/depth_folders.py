@@ -277,27 +277,18 @@ def _is_depth_folder(source: Source) -> bool:
     return IMAGES in source.names and os.path.isdir(folder) and bool(_images_in(folder))
 
 
+def _is_seven_scenes(source: Source) -> bool:
+    return any(_FRAME.fullmatch(name) for name in source.names)
+
+
+def _is_tum(source: Source) -> bool:
+    return _TUM_IMAGES in source.names and not {_GROUND_TRUTH, "depth"}.isdisjoint(source.names)
+
+
+_OF_CAMERA, _OF_POSES = (CAMERA, PIXEL_STRIDE), (TRAJECTORY, TIME_OFFSET)
+_ALL, _OPEN3D = (*_OF_CAMERA, *_OF_POSES), "a folder of depth images with a trajectory, as Open3D's"
 SEVEN_SCENES = Format(
-    "seven_scenes",
-    "a 7-Scenes folder",
-    lambda source: any(_FRAME.fullmatch(name) for name in source.names),
-    SevenScenesLog,
-    (CAMERA, PIXEL_STRIDE),
-    "folder",
+    "seven_scenes", "a 7-Scenes folder", _is_seven_scenes, SevenScenesLog, _OF_CAMERA, "folder"
 )
-TUM_RGBD = Format(
-    "tum_rgbd",
-    "a TUM RGB-D folder",
-    lambda source: _TUM_IMAGES in source.names and not {_GROUND_TRUTH, "depth"}.isdisjoint(source.names),
-    TumRgbdLog,
-    (CAMERA, PIXEL_STRIDE, TRAJECTORY, TIME_OFFSET),
-    "folder",
-)
-DEPTH_FOLDER = Format(
-    "depth_folder",
-    "a folder of depth images with a trajectory, as Open3D's",
-    _is_depth_folder,
-    DepthFolderLog,
-    (CAMERA, PIXEL_STRIDE, TRAJECTORY, TIME_OFFSET),
-    "folder",
-)
+TUM_RGBD = Format("tum_rgbd", "a TUM RGB-D folder", _is_tum, TumRgbdLog, _ALL, "folder")
+DEPTH_FOLDER = Format("depth_folder", _OPEN3D, _is_depth_folder, DepthFolderLog, _ALL, "folder")
