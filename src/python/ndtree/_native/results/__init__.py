@@ -15,18 +15,6 @@ from ndtree._native.results.reports import (
 )
 
 __all__ = [
-    "Changes",
-    "Claims",
-    "CompressReport",
-    "Frontier",
-    "HistoryReport",
-    "InformationGain",
-    "InsertReport",
-    "Leaves",
-    "MapStats",
-    "Match",
-    "NearestOccupied",
-    "NoReturns",
-    "Path",
-    "RayEnds",
-]
+    "Changes", "Claims", "CompressReport", "Frontier", "HistoryReport", "InformationGain", "InsertReport",
+    "Leaves", "MapStats", "Match", "NearestOccupied", "NoReturns", "Path", "RayEnds",
+]  # fmt: skip
