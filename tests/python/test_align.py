@@ -418,3 +418,5 @@ def test_odometry_that_fails_costs_nothing_in_a_hall(kind):
         odometry[:, :2] = 2 * truth[0, :2] - truth[:, :2]
     found = ndtree.align(recorded(HALL, truth, odometry, seed=5))
     assert errors(found.poses, truth).max() < 0.06
+    if kind == "is backwards":  # It is learned: then nothing contradicts it.
+        assert found.odometry_scale == pytest.approx(-1.0, abs=0.05) and len(found.against) < 10

@@ -11,12 +11,13 @@ from ndtree.alignment.loops import Graph
 from ndtree.alignment.planar import Floats
 from ndtree.alignment.result import Alignment, between_keys
 from ndtree.alignment.sensor_scans import pose_in_log, sensor_scans
-from ndtree.alignment.tracking import NO_ODOMETRY, Motion, Tracker
+from ndtree.alignment.tracking import NO_ODOMETRY, Motion, Track, Tracker
 from ndtree.base.progress import Progress, no_progress
 from ndtree.logs.core.log import Log, SizedLog, require_log
 
 #: Farther end points say little of poses in buildings [m].
 MAX_RANGE = 40.0
+_BACKWARDS = 0.5  # Lower scales are of odometry that counts backwards, and misled the scans.
 _STILL = 1e-3  # Poses of a log that stay within this do not say how the sensor moved [m].
 
 
@@ -30,6 +31,9 @@ def align(
     progress: Progress = no_progress,
 ) -> Alignment:
     """Find the poses of a 2-D log's scans: each matched with those before, and places seen again.
+
+    Where scans say that odometry's ways are too long, too short, or backwards, they are matched once more
+    with ways that are multiplied by that; it counts if it confirms itself.
 
     Parameters
     ----------
@@ -63,16 +67,14 @@ def align(
             raise ValueError(f"{name} = {value:g} m: must be > 0")
     begin = time.perf_counter()
     moves = _moves(log) if odometry is None else odometry
-    tracker = Tracker(cell_size, Motion() if moves else NO_ODOMETRY, moves)
-    track = tracker.track
-    stamps: list[float] = []
-    by_log: list[Floats] = []
-    total = len(log) if isinstance(log, SizedLog) else 0
-    for scan in sensor_scans(log, max_range):
-        tracker.add(scan)
-        stamps.append(scan.stamp)
-        by_log.append(scan.pose)
-        progress("matching scans", len(stamps), total)
+    motion = Motion() if moves else NO_ODOMETRY
+    track, stamps, by_log = _tracked(log, Tracker(cell_size, motion, moves), max_range, progress)
+    scale = _scale_of(track)
+    if abs(scale - 1.0) > motion.rate:
+        scale = scale if scale > _BACKWARDS else -1.0
+        again, _, _ = _tracked(log, Tracker(cell_size, motion, moves, scale), max_range, progress)
+        if abs(_scale_of(again) - scale) < 2.0 * motion.rate:
+            track = again
     if not stamps:
         raise ValueError(f"{log.name}: no scans, expected at least one")
     graph = Graph(track)
@@ -92,10 +94,30 @@ def align(
         against=track.against,
         unfixed=np.array(track.unfixed),
         through=np.array(track.through),
-        odometry_scale=float(np.median(track.ratios)) if track.ratios else 1.0,
+        odometry_scale=_scale_of(track),
         seconds=time.perf_counter() - begin,
         _scans=track.scans,
     )
+
+
+def _tracked(
+    log: Log, tracker: Tracker, max_range: float, progress: Progress
+) -> tuple[Track, list[float], list[Floats]]:
+    """All scans of a log placed, their stamps, and their poses in the log."""
+    stamps: list[float] = []
+    by_log: list[Floats] = []
+    total = len(log) if isinstance(log, SizedLog) else 0
+    for scan in sensor_scans(log, max_range):
+        tracker.add(scan)
+        stamps.append(scan.stamp)
+        by_log.append(scan.pose)
+        progress("matching scans", len(stamps), total)
+    return tracker.track, stamps, by_log
+
+
+def _scale_of(track: Track) -> float:
+    """What odometry's ways are to be multiplied by, as scans say."""
+    return float(np.median(track.ratios)) if track.ratios else 1.0
 
 
 def _moves(log: Log) -> bool:

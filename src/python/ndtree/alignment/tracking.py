@@ -120,13 +120,18 @@ class Tracker:
         How wrong odometry may be.
     has_odometry : bool
         Whether poses of scans say how the sensor moved.
+    scale : float
+        What odometry's ways are to be multiplied by: -1 where it counts backwards.
     """
 
-    def __init__(self, cell_size: float, motion: Motion, has_odometry: bool = True) -> None:
+    def __init__(
+        self, cell_size: float, motion: Motion, has_odometry: bool = True, scale: float = 1.0
+    ) -> None:
         self.track = Track()
         self._cell_size = cell_size
         self._motion = motion
         self._has_odometry = has_odometry
+        self._scale = scale
         self._matcher: Matcher | None = None
         self._map: list[Floats] = []  # End points of key scans where they were.
         self._outlines: list[Outline] = []  # Of the key scans.
@@ -151,7 +156,8 @@ class Tracker:
             track.unfixed.append(0.0)
             self._keep(scan, scan.pose, 0.0)
             return
-        step = between(self._last.pose, scan.pose) if self._has_odometry else self._step
+        told = between(self._last.pose, scan.pose)
+        step = self._scaled(told) if self._has_odometry else self._step
         lasted, self._lasted = self._lasted, scan.stamp - self._last.stamp
         self._is_regular = self._lasted <= _LONGER * lasted or lasted <= 0.0
         self._last_but_one, self._last = self._last.pose, scan
@@ -160,9 +166,9 @@ class Tracker:
         moved = pose[:2] - track.poses[-1][:2]
         place = self._motion.sigmas(step, scan.has_heading)[0]
         track.unfixed.append(_unfixed(moved, covariance[:2, :2], place, self._has_odometry))
-        told = float(step[:2] @ step[:2])
-        if self._has_odometry and told > _MOVES**2:
-            track.ratios.append(float(step[:2] @ self._step[:2]) / told)
+        square = float(told[:2] @ told[:2])
+        if self._has_odometry and square > _MOVES**2:
+            track.ratios.append(float(told[:2] @ self._step[:2]) / square)
         track.poses.append(pose)
         key = track.poses[track.keys[-1]]
         relation = between(key, pose)
@@ -172,6 +178,10 @@ class Tracker:
             track.relations.append(relation)
             track.covariances.append(turned(covariance, key[2]))
             self._keep(scan, pose, track.way[-1] + way)
+
+    def _scaled(self, told: Floats) -> Floats:
+        """A motion by odometry, as far as scans say that it goes."""
+        return told * (self._scale, self._scale, 1.0)
 
     def _matched(self, scan: SensorScan, last: Floats, step: Floats) -> tuple[Floats, Floats, float]:
         """Pose, covariance and score of a scan."""
@@ -219,7 +229,7 @@ class Tracker:
         """The best pose around where odometry has it from where it last agreed."""
         if self._agreed is None or self._agreed[1] is self._last_but_one:
             return None
-        since = between(self._agreed[1], scan.pose)
+        since = self._scaled(between(self._agreed[1], scan.pose))
         sigmas = self._motion.sigmas(since, scan.has_heading)
         return self._near(scan, composed(self._agreed[0], since), sigmas, pieces, _AS_BEFORE)
 
