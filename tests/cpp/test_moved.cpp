@@ -184,6 +184,8 @@ TEST(BeamImage, BeamsFarApartAreAskedOneByOne) {
   EXPECT_EQ(all_pass.look({-1.0F, 0.0F, 0.0F}, 0.03F, 2.9F, 3.1F), Seen::nothing) << "no beam is there";
   const BeamImage<3>::Point beside(std::cos(0.6F), std::sin(0.6F), 0.0F);
   EXPECT_EQ(all_pass.look(beside, 0.03F, 2.9F, 3.1F), Seen::nothing) << "beside the last column";
+  EXPECT_EQ(all_pass.look({std::cos(0.27F), 0.0F, std::sin(0.27F)}, 0.1F, 2.9F, 3.1F), Seen::beside)
+      << "above the highest row, but with beams within the radius";
   // A wall that the column on one side meets at 3 m; the ground below, from 3 m on.
   const auto wall =
       image_of(4.0F, 8, 0.35F, 40, [](const auto& way) { return way[1] > 0.03F ? 3.0F : 9.0F; });
@@ -276,10 +278,11 @@ TEST(Moved, ProbabilityIsThatOfBayes) {
   EXPECT_EQ(posterior(0U, 0U, 0U), 0.5F);
   const double e = options.error_rate;
   constexpr double kThin = 0.2;
-  constexpr double kReturns = 0.15;
+  constexpr double kReturns = 0.1;
+  constexpr double kOdds = 0.4 / 0.6;  // Of moving, before.
   int cases = 0;
   for (std::uint32_t v = 0; v < 7; ++v)
-    for (std::uint32_t h = 0; h < 7; ++h) {
+    for (std::uint32_t h = v == 0 ? 1 : 0; h < 7; ++h) {
       // The mean likelihoods over all fractions below e, above, and between 0 and 1, by the middle rule.
       double moved = 0.0;
       double stands = 0.0;
@@ -307,7 +310,7 @@ TEST(Moved, ProbabilityIsThatOfBayes) {
       const int sum = std::accumulate(orders.begin(), orders.end(), 0);
       for (std::uint32_t r = h == 0 ? 0 : 1; r <= std::min(h, v + 1); ++r, ++cases) {
         const double stays = h == 0 ? 1.0 : std::pow(kReturns, r - 1.0);
-        const double likely = moved * stays;
+        const double likely = kOdds * moved * stays;
         EXPECT_NEAR(posterior(v, h, r), likely / (likely + stands * orders[r] / sum), 1e-4);
         EXPECT_TRUE(v > 0 || posterior(v, h, r) <= 0.5F);
       }

@@ -445,6 +445,37 @@ def test_a_static_map_has_neither_people_nor_less_of_what_stands(office, log, tm
     assert free[1] > free[0]
 
 
+def test_a_static_map_keeps_rods_that_most_beams_pass(tmp_path):
+    rods = np.c_[np.arange(-3, 3.01, 0.25), np.full(25, 2.0)]
+    angles = np.radians(np.linspace(0, 180, 181))
+    ways = np.c_[np.cos(angles), np.sin(angles)]
+    scans = []
+    for x in np.linspace(-1.5, 1.5, 50):
+        along = (rods - [x, 0.0]) @ ways.T
+        aside = np.abs((rods - [x, 0.0]) @ np.c_[-ways[:, 1], ways[:, 0]].T)
+        ranges = np.where(aside < 0.015, along, np.inf).min(0)
+        ranges = np.minimum(ranges, 3.5 / np.maximum(ways[:, 1], 1e-3)).clip(max=8)
+        scans.append(ndtree.Scan([x, 0.0] + ways * ranges[:, None], np.array([x, 0.0]), returned=ranges < 8))
+    np.savez(
+        tmp_path / "fence.npz",
+        points=np.concatenate([scan.endpoints for scan in scans]),
+        origins=np.array([scan.origin for scan in scans]),
+        offsets=181 * np.arange(len(scans) + 1),
+        no_return=~np.concatenate([scan.returned for scan in scans]),
+    )
+    lost = []
+    for more in ((), ("--static",)):
+        target = tmp_path / f"map{len(more)}.ndt"
+        result = run(
+            "map", tmp_path / "fence.npz", "-o", target, "--range-sigma", 0.01, "--min-cell-size", 0.1, *more
+        )
+        assert result.exit_code == 0, result.output
+        near = ndtree.load(target).nearest_occupied(rods[4:-4], max_distance=1.0).distance
+        lost.append(np.count_nonzero(~(near < 0.15)))
+    assert lost[0] > 0, "else this tests nothing"
+    assert lost[1] == 0
+
+
 def test_wrong_calls_end_with_one_line(log, tmp_path):
     folder = run("clean", log, "-o", tmp_path / "folder")
     assert folder.exit_code == 2

@@ -107,10 +107,11 @@ class BeamImage {
   /// @param most at which to stop, and how far apart beams on one surface are at most [m].
   [[nodiscard]] Offset size_of_surface(std::size_t beam, float tolerance, float most);
 
-  enum class Seen : std::uint8_t { nothing, end, passed };
+  enum class Seen : std::uint8_t { nothing, end, beside, passed };
   /// The state of a direction whose beams are far apart: `passed` if all within a radius passed farther
   /// than `farther`, and the nearest in each quarter around it by more than a surface recedes up to there;
-  /// `end` if one within the radius ends between, and none before.
+  /// `beside` if some within the radius passed so far, and none is in a quarter around it, as at the border
+  /// of a field of view; `end` if one within the radius ends between, and none before.
   /// @param radius as an offset. @param nearer, farther [m].
   [[nodiscard]] Seen look(const Point& direction, float radius, float nearer, float farther) const;
 
@@ -354,12 +355,13 @@ template <int D>
 typename BeamImage<D>::Seen BeamImage<D>::look(const Point& direction, float radius, float nearer,
                                                float farther) const {
   const Frame frame = frame_of(direction);
+  constexpr float kNoBeam = std::numeric_limits<float>::infinity();
+  float least = kNoBeam;  // Of the beams within the radius.
   for (float pixels = 1.5F; pixels <= kFarthest; pixels *= 2.0F) {
     const float reach = std::max(pixels * pixel_width(), radius);
     std::array<float, 2 * kSides> nearest;
-    nearest.fill(std::numeric_limits<float>::infinity());
+    nearest.fill(kNoBeam);
     std::array<float, 2 * kSides> sure{};
-    float least = std::numeric_limits<float>::infinity();  // Of the beams within the radius.
     for_each_near(frame, reach, [&](std::int32_t beam, const Offset& to) {
       const float passed = beams_[static_cast<std::size_t>(beam)].sure;
       const std::size_t axis = kSides == 2 && std::abs(to[kSides - 1]) > std::abs(to[0]) ? 1 : 0;
@@ -378,7 +380,7 @@ typename BeamImage<D>::Seen BeamImage<D>::look(const Point& direction, float rad
     if (*std::max_element(nearest.begin(), nearest.end()) > reach * reach) continue;
     return *std::min_element(sure.begin(), sure.end()) > farther ? Seen::passed : Seen::nothing;
   }
-  return Seen::nothing;
+  return least < kNoBeam ? Seen::beside : Seen::nothing;
 }
 
 template <int D>

@@ -95,6 +95,17 @@ class MovedEvidence {
     return number == SurfaceCells<D>::kNone || !workers_ ? MovedTally() : tallies_[number];
   }
 
+  /// The mean of each cell's points [m], D numbers each, in an order that depends on the log alone; none
+  /// before look(). O(cells).
+  [[nodiscard]] std::vector<double> means() const {
+    std::vector<double> found;
+    found.reserve(tallies_.size() * D);
+    for (std::size_t i = 0; i < tallies_.size(); ++i)
+      for (std::size_t k = 0; k < D; ++k)
+        found.push_back(cells_.base()[static_cast<int>(k)] + static_cast<double>(means_[k][i]));
+    return found;
+  }
+
   [[nodiscard]] const MovedOptions& options() const { return options_; }
   [[nodiscard]] std::size_t num_cells() const { return cells_.size(); }
 
@@ -121,7 +132,10 @@ class MovedEvidence {
     using Seen = typename BeamImage<D>::Seen;
     const Seen seen = image_.look(direction_of(i, distance), in_view_ / distance,
                                   std::max(distance - margins_[i], 0.0F), distance + margins_[i]);
-    if (seen != Seen::nothing) count(i, seen == Seen::passed, distance);
+    if (seen == Seen::beside)
+      ++tallies_[i].unsure;
+    else if (seen != Seen::nothing)
+      count(i, seen == Seen::passed, distance);
   }
   /// Counts what the scan says of a cell in which none of its own beams ended.
   void count(std::size_t i, bool is_passed, float distance) {

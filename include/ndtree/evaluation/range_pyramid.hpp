@@ -46,7 +46,8 @@ class RangePyramid {
   static constexpr float kSparse = -2.0F;
 
   /// Up to where beams around a point surely passed [m]; -1 if that is less than `least`, or there are none;
-  /// kSparse if pixels as wide as the radius do not surround the point with beams, but wider ones do.
+  /// kSparse if pixels as wide as the radius do not surround the point with beams, but wider ones do, or some
+  /// of them have beams.
   /// @param distance of the point from the origin [m]. @param radius of what must be in view around it [m].
   [[nodiscard]] float surely_passed(const Point& point, float distance, float radius, float least) const;
 
@@ -340,6 +341,7 @@ float RangePyramid<D>::surely_passed(const Point& point, float distance, float r
   // Along a side: then a pixel is as wide as the radius, at the point's depth.
   const float most_pixels = 2.0F * std::abs(way[face / 2]) / radius;
   bool is_sparse = false;
+  bool has_near = false;
   for (const Level& level : levels_) {
     if (static_cast<float>(level.side) > most_pixels) continue;
     Pixel at;
@@ -347,7 +349,8 @@ float RangePyramid<D>::surely_passed(const Point& point, float distance, float r
     const float found = around_[level.first + Faces::pixel(face, at, level.side)];
     if (!is_sparse && std::abs(found) < least) return -1.0F;
     if (!std::signbit(found)) return is_sparse ? kSparse : found;
-    if (level.side <= kWidestGap) return -1.0F;
+    has_near = is_sparse ? has_near : found > -kHole;
+    if (level.side <= kWidestGap) return has_near ? kSparse : -1.0F;
     is_sparse = true;
   }
   return -1.0F;
@@ -438,6 +441,7 @@ NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightFloats RangePyramid<D>::surely_passed
   const EightInts& face = to.face;
   EightMask open = wanted & (distance > radius) & to.has_beams;
   EightMask sparse = EightMask::none();
+  EightMask near = EightMask::none();
   EightFloats passed = -1.0F;
   const EightFloats most_pixels = 2.0F * to.depth / radius;
   for (const Level& level : levels_) {
@@ -452,9 +456,11 @@ NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightFloats RangePyramid<D>::surely_passed
     const EightMask is_beyond = here & (sparse | (abs_of(found) >= least));
     const EightMask is_seen = bits_of(found) > -1;
     passed = select(is_beyond & is_seen, select(sparse, kSparse, found), passed);
-    sparse = sparse | is_beyond.without(is_seen);
-    open = level.side <= kWidestGap ? open.without(here)
-                                    : open.without(here.without(is_beyond.without(is_seen)));
+    const EightMask is_unseen = is_beyond.without(is_seen);
+    near = near | (is_unseen & (abs_of(found) < kHole)).without(sparse);
+    if (level.side <= kWidestGap) passed = select(is_unseen & near, kSparse, passed);
+    sparse = sparse | is_unseen;
+    open = level.side <= kWidestGap ? open.without(here) : open.without(here.without(is_unseen));
   }
   return passed;
 }

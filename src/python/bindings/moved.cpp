@@ -104,6 +104,20 @@ py::array_t<std::uint32_t> counts(const AnyMovedEvidence& any, const py::object&
   return out;
 }
 
+py::array_t<double> cells(const AnyMovedEvidence& any) {
+  std::vector<double> means;
+  {
+    const Released released;
+    const CallInProgress call;
+    const SharedLock::Holder holder(any.lock, SharedLock::Use::look);
+    std::visit([&](const auto& evidence) { means = evidence.means(); }, any.evidence);
+  }
+  const auto dim = static_cast<py::ssize_t>(any.dim());
+  py::array_t<double> out({static_cast<py::ssize_t>(means.size()) / dim, dim});
+  std::copy(means.begin(), means.end(), out.mutable_data());
+  return out;
+}
+
 // The map as probability_moved() asks it.
 auto standing_of(const MapInterface& map) {
   return [&map](const double* points, std::size_t n, float* out) { map.standing(points, n, out); };
@@ -161,6 +175,7 @@ void bind_moved(py::module_& module) {
       .def("look", &look, "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(),
            "max_range"_a = std::numeric_limits<double>::infinity(), "range_sigma"_a = py::none(),
            "threads"_a = 0, doc::MovedEvidence_look)
+      .def("cells", &cells, doc::MovedEvidence_cells)
       .def("counts", &counts, "points"_a, doc::MovedEvidence_counts)
       .def("probability", &probability, "points"_a, doc::MovedEvidence_probability);
 

@@ -234,6 +234,15 @@ class MovedEvidence:
         ValueError
             If shapes do not fit together.
         """
+    def cells(self) -> NDArray[np.float64]:
+        """Get the cells in which beams ended, each by the mean of its points; none before `look`.
+
+        Returns
+        -------
+        ndarray of float64, (n, dim)
+            [m], in an order that depends on the log alone.
+        """
+
     def counts(self, points: ArrayLike) -> NDArray[np.uint32]:
         """What scans said of the cells of points, from which probability() follows.
 

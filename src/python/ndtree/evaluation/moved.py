@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._native import _core
+from ndtree._native._core import OccupancyMap
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.evaluation.pose_tilt import PoseTilt
@@ -20,6 +21,9 @@ from ndtree.logs.core.log import SizedLog
 
 #: Scans at the begin of a log from which the tilt of its poses is measured.
 _TILT_SCANS = 100
+# Scans that find something in a cell: one may be an outlier.
+_LEAST_FOUND = 2
+_INSIDE = 1e-3  # Of a cell's edge: the box that stands for a point in it.
 #: Points moved if that is more probable than not: 0.5 is said where no scan can tell.
 THRESHOLD = 0.5
 
@@ -133,6 +137,22 @@ class MovedPoints:
         returned = np.ones(len(scan), dtype=bool) if scan.returned is None else scan.returned.copy()
         returned[moved] = False
         return replace(scan, endpoints=ends, returned=returned)
+
+    def keep_standing(self, target: OccupancyMap) -> int:
+        """Mark the cells of what stands in a map of the scans without what moved; returns how many.
+
+        A map weighs the beams that end in a cell against those that pass it, and so calls most cells with a
+        rod in them free. Where two scans or more found something that did not move, and no cell within one
+        edge is occupied, the cell becomes so.
+        """
+        points = self._evidence.cells()
+        found = self._evidence.counts(points)[:, 1] >= _LEAST_FOUND
+        points = points[found & (self._evidence.probability(points) <= THRESHOLD)]
+        beside = target.nearest_occupied(points, max_distance=self._margin).distance
+        lost = points[~(beside <= self._margin)]
+        for point in lost:
+            target.mark((point - _INSIDE * self._margin, point + _INSIDE * self._margin), "occupied")
+        return len(lost)
 
     def scans(self) -> Iterator[tuple[Scan, NDArray[np.float32]]]:
         """Each scan of the log with the probabilities of its points."""

@@ -35,6 +35,7 @@ class Standing:
     points: MovedPoints
     seconds: float
     moved: int = 0
+    kept: int = 0  # Cells of thin things.
 
     @classmethod
     def of(cls, log: Log, config: Config, progress: Progress) -> "Standing":
@@ -50,12 +51,21 @@ class Standing:
             self.moved += before - int(np.count_nonzero(cut.returned))
         return cut
 
+    def finish(self, target: OccupancyMap) -> None:
+        self.kept = self.points.keep_standing(target)
+
     def figures(self) -> dict[str, Any]:
-        return {"points": self.moved, "seconds": self.seconds, "poses": self.points.tilt.figures()}
+        return {
+            "points": self.moved,
+            "kept_cells": self.kept,
+            "seconds": self.seconds,
+            "poses": self.points.tilt.figures(),
+        }
 
     def __str__(self) -> str:
         tilt = f"; {self.points.tilt}" if self.points.tilt.is_notable else ""
-        return f"{self.moved} points moved and were left out, found in {self.seconds:.3f} s{tilt}"
+        kept = f"; {number_of(self.kept, 'cell')} of thin things stay occupied" if self.kept else ""
+        return f"{self.moved} points moved and were left out, found in {self.seconds:.3f} s{kept}{tilt}"
 
 
 @dataclass(frozen=True)
@@ -191,6 +201,8 @@ def mapped(
                 observer.update(target, scan)
             advance(passage.scans, counts["beams"])
     report = passage.report(counts)
+    if standing is not None:
+        standing.finish(target)
     return Mapped(
         log, target, config, report, passage.scans, seconds, passage.read_seconds, track, scale, standing
     )
