@@ -15,6 +15,18 @@ from ndtree._native.results.reports import (
 )
 
 __all__ = [
-    "Changes", "Claims", "CompressReport", "Frontier", "HistoryReport", "InformationGain", "InsertReport",
-    "Leaves", "MapStats", "Match", "NearestOccupied", "NoReturns", "Path", "RayEnds",
-]  # fmt: skip
+    "Changes",
+    "Claims",
+    "CompressReport",
+    "Frontier",
+    "HistoryReport",
+    "InformationGain",
+    "InsertReport",
+    "Leaves",
+    "MapStats",
+    "Match",
+    "NearestOccupied",
+    "NoReturns",
+    "Path",
+    "RayEnds",
+]
