@@ -13,7 +13,7 @@ from ndtree.cli.commands.table import DEFAULTS, QUESTIONS, TOUCHED, Row, row_of
 from ndtree.cli.help import LEFT, WIDTH
 
 #: Lines of a page of ``--help``.
-MOST_LINES = 25
+MOST_LINES = 26
 _EXAMPLES = 3
 
 

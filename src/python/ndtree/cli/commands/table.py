@@ -153,6 +153,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("clearance", "M", "0.0", "the robot does not follow its way exactly"),
         Row("unknown_space", "blocked|free|COST", "blocked", "the map has holes that the robot may cross"),
         Row("max_seconds", "S", "no limit", "a robot that must go on"),
+        Row("strategy", "information|nearest|random", "all three", "one of them alone"),
     ),
     "What is compared?": (
         Row("maps", "A,B", "adaptive, fixed, octomap", "other kinds, or sizes, as fixed@0.1"),
@@ -194,6 +195,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
 DEFAULTS = {
     ("convert", "format"): "as the ending says",
     ("plan", "output"): "none",
+    ("explore", "scans"): "1000 at most",
     ("demo", "output"): "ndtree-demo",
     ("simulate", "output"): "the world's name with .npz, here",
     ("study", "output"): "as CONFIG says",
@@ -224,6 +226,7 @@ TOUCHED = {
     "study": ("processes", "json_file", "quiet"),
     "calibrate": ("max_range", "no_return", "limit", "find_mount", "json_file"),
     "view": ("open_", "png", "color", "slice_", "log"),
+    "explore": ("strategy", "scans", "seed", "picture", "json_file"),
     "plan": ("start_at", "goal", "radius", "unknown_space", "picture"),
     "convert": ("cell_size", "height", "states", "faces", "format"),
     "info": ("look", "topic", "dim", "format", "json_file"),

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``ndtree explore``: a simulated robot explores a world by several strategies."""
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+
+from ndtree.base.exit_status import WrongCall
+from ndtree.base.files import replaced
+from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.flags import takes
+from ndtree.cli.commands.options import Json, Scans, Seed, World
+from ndtree.cli.commands.output import check_picture, is_stdout, write_json
+from ndtree.cli.commands.pictures import plotting
+from ndtree.cli.commands.progress import progress
+from ndtree.evaluation.exploring import ROBOTS, STRATEGIES, Exploration, explore
+
+#: Of the most volume that any strategy has seen: the way that each takes to so much of it.
+PART = 0.95
+_MOST_LOOKS = 1000
+
+
+class StrategyName(str, Enum):
+    """Where the robot goes next."""
+
+    information = "information"
+    nearest = "nearest"
+    random = "random"
+
+
+@dataclass(frozen=True)
+class _Call:
+    """What is typed behind ``ndtree explore``."""
+
+    world: Annotated[World, typer.Argument(help="office: a laser; apartment: a depth camera.")]
+    strategy: Annotated[
+        Optional[list[StrategyName]],
+        typer.Option(help="One of them alone; may be repeated.", show_default=False),
+    ] = None
+    scans: Scans = None
+    seed: Seed = 1
+    picture: Annotated[
+        Optional[Path], typer.Option(help="A picture of maps and ways.", show_default=False)
+    ] = None
+    json_file: Json = None
+
+
+@command(
+    "explore",
+    epilog=examples(
+        "ndtree explore office",
+        "ndtree explore office --strategy information --picture explored.png",
+        "ndtree explore apartment --seed 2 --json explored.json",
+    ),
+)
+@reports_errors
+@takes(_Call)
+def explore_world(call: _Call) -> None:
+    """Let a simulated robot explore a world by several strategies.
+
+    It drives to where the most is seen anew by the metre, to the nearest frontier, or to one at random, and
+    looks after each metre at most. In the office a laser sees all around; in the apartment a depth camera is
+    turned around at each stop, at the height of 1.4 m. Seconds are of computing.
+    """
+    if call.world.value not in ROBOTS:
+        raise WrongCall(f"{call.world.value}: expected one of {', '.join(ROBOTS)}")
+    plot = plotting() if call.picture is not None else None
+    check_picture(plot, call.picture)
+    if call.picture is not None and call.world is not World.office:
+        raise WrongCall(f"--picture {call.picture}: of 2-D maps alone, and {call.world.value} is 3-D")
+    names = [one.value for one in call.strategy] if call.strategy else list(STRATEGIES)
+    done: dict[str, Exploration] = {}
+    for name in dict.fromkeys(names):
+        with progress() as advance:
+            done[name] = explore(
+                call.world.value,
+                name,  # type: ignore[arg-type]
+                seed=call.seed,
+                max_looks=call.scans or _MOST_LOOKS,
+                progress=advance,
+            )
+    figures = _figures(done)
+    if not is_stdout(call.json_file):
+        _print(call.world.value, figures)
+    write_json({"world": call.world.value, "seed": call.seed, "strategies": figures}, call.json_file)
+    if plot is not None and call.picture is not None:
+        _draw(plot, done, call.picture)
+
+
+def _figures(done: dict[str, Exploration]) -> dict[str, dict[str, Any]]:
+    most = max(float(each.volume[-1]) for each in done.values())
+    figures = {}
+    for name, each in done.items():
+        way = each.way_to(PART * most)
+        figures[name] = {
+            "way": float(each.way[-1]),
+            "way_to_95_percent": way if math.isfinite(way) else None,
+            "looks": len(each.way),
+            "volume": float(each.volume[-1]),
+            "seconds": float(each.seconds.sum()),
+            "done": each.done,
+        }
+    return figures
+
+
+def _print(world: str, figures: dict[str, dict[str, Any]]) -> None:
+    unit = "m2" if world == "office" else "m3"
+    print(f"{'strategy':<12} {'way to 95 %':>12} {'whole way':>10} {'looks':>6} {'seen':>10} {'computed':>9}")
+    for name, row in figures.items():
+        way = "never" if row["way_to_95_percent"] is None else f"{row['way_to_95_percent']:.1f} m"
+        print(
+            f"{name:<12} {way:>12} {row['way']:>8.1f} m {row['looks']:>6} {row['volume']:>7.1f} {unit} "
+            f"{row['seconds']:>7.1f} s" + ("" if row["done"] else ", not done")
+        )
+
+
+def _draw(plot: Any, done: dict[str, Exploration], picture: Path) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.0 * len(done), 4.0), layout="constrained")
+    for ax, (name, each) in zip(figure.subplots(1, len(done), squeeze=False)[0], done.items()):
+        plot.occupancy(each.map, ax)
+        ax.plot(*each.track.T, color="tab:red", linewidth=1.0)
+        ax.set_title(f"{name}: {each.way[-1]:.0f} m", fontsize=10)
+    with replaced(picture) as path:
+        figure.savefig(path, format=picture.suffix[1:], dpi=90, bbox_inches="tight")
