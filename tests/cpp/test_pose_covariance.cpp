@@ -171,10 +171,10 @@ TEST(PoseCovariance, AddsToTheNoiseThatABeamHas) {
   covariance(0, 0) = 0.16;
   const BeamSensorModel sensor{SensorOptions{}};
   const Eigen::ArrayXd sigma = range_sigma(scan.view(), covariance, sensor);
-  EXPECT_NEAR(sigma[0], 0.5, 1e-12);                                       // Along.
-  EXPECT_NEAR(sigma[1], std::sqrt(0.0025 + kAcrossWeight * 0.16), 1e-12);  // Across.
-  EXPECT_EQ(sigma[2], 0.2);                                                // An invalid beam.
-  EXPECT_EQ(sigma[3], -1.0);                                               // What insertion refuses.
+  EXPECT_NEAR(sigma[0], 0.5, 1e-12);                              // Along.
+  EXPECT_NEAR(sigma[1], std::sqrt(0.0025 + 0.25 * 0.16), 1e-12);  // Across, at its weight.
+  EXPECT_EQ(sigma[2], 0.2);                                       // An invalid beam.
+  EXPECT_EQ(sigma[3], -1.0);                                      // What insertion refuses.
   scan.range_sigma.resize(0);
   EXPECT_NEAR(range_sigma(scan.view(), covariance, sensor)[0], std::sqrt(0.03 * 0.03 + 0.16), 1e-12);
 }
