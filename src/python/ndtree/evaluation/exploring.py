@@ -43,7 +43,7 @@ class Robot:
 
 ROBOTS = {
     # A planar laser all around.
-    "office": Robot(RangeSensor.laser(max_range=12.0), RangeSensor.laser(max_range=12.0), 0.2),
+    "office": Robot(RangeSensor.laser(max_range=12.0), RangeSensor.laser(max_range=12.0, beams=180), 0.2),
     # A depth camera that is turned around, up and down, carried at one height.
     "apartment": Robot(
         RangeSensor.lidar(max_range=5.0, rings=80, azimuths=360, lowest=-0.7, highest=0.7),
