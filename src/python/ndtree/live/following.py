@@ -93,7 +93,7 @@ class Follower:
             The last is true if the scan narrowed what odometry left open, so that other poses may fit, too.
         """
         guess = one.map_odometry @ at
-        prior = np.diag(np.square(GUESS)) if one.matched is None else self._predicted(one, at)
+        prior = np.diag(np.square(GUESS)) if one.matched is None else self.predicted(one, at)
         sigmas = np.sqrt(np.diag(prior))
         near = max(LEAST[0], SIGMAS * max(sigmas[:2])), max(LEAST[1], SIGMAS * sigmas[2])
         match = self.match(ends, guess, (0.0, 0.0), prior)
@@ -138,7 +138,7 @@ class Follower:
         variances, axes = np.linalg.eigh(modes.covariance[:2, :2])
         return [np.append(way, 0.0) for way in axes.T[variances > SPREAD**2]]
 
-    def _predicted(self, one: Hypothesis, at: Floats) -> Floats:
+    def predicted(self, one: Hypothesis, at: Floats) -> Floats:
         """The covariance of where odometry has the sensor, by that of the last match."""
         assert one.matched is not None
         moved = inverse(one.matched) @ at

@@ -170,8 +170,8 @@ class Hypothesis:
         self.ways = ways or self.ways
         self.untold = self.untold + 1 if ways else self.untold // 2
 
-    def told_covariance(self, extent: Floats) -> Floats:
-        """Covariance of the pose, and of what no scan would have told.
+    def told_covariance(self, extent: Floats, covariance: Floats | None = None) -> Floats:
+        """A covariance of the pose, that of the last match by default, and of what no scan would have told.
 
         Along ways of which scans tell nothing, odometry that slips or a robot that is carried goes unseen:
         then it may be anywhere in the map, `extent` (2,) [m] large. Three standard deviations hold as much
@@ -179,7 +179,7 @@ class Hypothesis:
         """
         unseen = -math.expm1(-self.untold * UNSEEN)
         half = 0.5 * max(0.0, 1.0 - BEYOND / unseen) if self.untold else 0.0
-        told = self.covariance.copy()
+        told = (self.covariance if covariance is None else covariance).copy()
         for way in np.linalg.eigh(self.covariance[:2, :2])[1].T[2 - self.ways :]:  # Where it is least sure.
             told[:2, :2] += (half * float(np.abs(way) @ extent) / 3.0) ** 2 * np.outer(way, way)
         return told

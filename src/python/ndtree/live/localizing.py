@@ -165,14 +165,16 @@ class Localizer:
         match = self._weigh(few, at) if len(few) >= _LEAST_POINTS else None
         if match is None:
             self._miss()
-        here = self._told.map_odometry
+        told, here = self._told, self._told.map_odometry
+        is_matched = told.matched is None or told.matched is at
+        covariance = told.covariance if is_matched else self._follower.predicted(told, at)
         return Localization(
             stamp,
             self.is_lost,
             here @ at,
             here @ (at if body is None else matrix_of(body)),
             here.copy(),
-            self._told.told_covariance(self._extent),
+            told.told_covariance(self._extent, covariance),
             0.0 if match is None else float(match.score),
             0.0 if match is None else float(match.inliers),
         )
