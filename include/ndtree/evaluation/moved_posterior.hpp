@@ -57,10 +57,10 @@ struct MovedTally {
 /// saw through. If something stands there, mostly a fraction of the scans of at most e = error_rate sees
 /// through it; but of a part t of what stands any fraction does: fences, foliage, glass. And scans see
 /// through what stands at any time, by chance, so that of all orders of v and h scans none is more probable.
-/// What moved was there without a break, and after a stay comes back with a probability of q. With a
-/// probability of a = 0.4 that it moved before, and fractions uniform,
+/// What moved was there without a break, and after a stay comes back with a probability of q. With both
+/// equally likely before, and fractions uniform,
 ///
-///     P(moved) = m / (m + s),  m = a / (1 - a) (1 - I_e(v + 1, h + 1)) / (1 - e) q^(r - 1) / p(r),
+///     P(moved) = m / (m + s),  m = (1 - I_e(v + 1, h + 1)) / (1 - e) q^(r - 1) / p(r),
 ///     s = (1 - t) I_e(v + 1, h + 1) / e + t,  p(r) = C(h - 1, r - 1) C(v + 1, r) / C(v + h, h),
 ///
 /// I being the incomplete beta function, and p(r) the fraction of orders with r rows. That is 1/2 without any
@@ -91,7 +91,6 @@ class MovedPosterior {
     if (found > 0)
       moved *= std::exp((stays - 1.0) * std::log(kReturns) + log_choices(through + found, found) -
                         log_choices(found - 1, stays - 1) - log_choices(through + 1, stays));
-    moved *= kMoves / (1.0 - kMoves);
     return static_cast<float>(moved / (moved + stands));
   }
   /// At least 0.5, so that nothing is said, where more scans passed with beams too far apart than may see
@@ -112,9 +111,8 @@ class MovedPosterior {
  private:
   static constexpr std::size_t kFactorials = 1024;
   // Fitted by tools/bench/moved-fit on simulated worlds in which nothing moves, or one thing does:
-  static constexpr double kThin = 0.2;     // Of what stands, that any fraction of scans sees through.
-  static constexpr double kMoves = 0.4;    // Of cells that were seen through, before: most things stand.
-  static constexpr double kReturns = 0.1;  // Of stays in a cell, that another one follows.
+  static constexpr double kThin = 0.2;      // Of what stands, that any fraction of scans sees through.
+  static constexpr double kReturns = 0.15;  // Of stays in a cell, that another one follows.
 
   static const MovedOptions& validated(const MovedOptions& options) {
     options.validate();
