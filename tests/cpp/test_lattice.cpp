@@ -182,7 +182,7 @@ TYPED_TEST(LatticeOf, CellsOfAllLevelsShareTheirBordersToTheLastBit) {
   EXPECT_EQ(cases, 2000);
 }
 
-TYPED_TEST(LatticeOf, ChildrenLieBetweenTheDiagonalVertices) {
+TYPED_TEST(LatticeOf, ChildrenCutTheirParentEvenly) {
   NDTREE_SHAPE;
   const LatticeGeometry<N, D> geometry(0.1, 2);
   int cases = 0;
@@ -198,8 +198,9 @@ TYPED_TEST(LatticeOf, ChildrenLieBetweenTheDiagonalVertices) {
       for (int a = 0; a < D; ++a) {
         const int i = offset[static_cast<std::size_t>(a)];
         const double tolerance = 1e-15 * (1.0 + whole.upper.cwiseAbs().maxCoeff());
-        ASSERT_NEAR(part.lower[a], (diagonal_vertex<N, D>(whole, i)[a]), tolerance);
-        ASSERT_NEAR(part.upper[a], (diagonal_vertex<N, D>(whole, i + 1)[a]), tolerance);
+        const double edge = (whole.upper[a] - whole.lower[a]) / N;
+        ASSERT_NEAR(part.lower[a], whole.lower[a] + i * edge, tolerance);
+        ASSERT_NEAR(part.upper[a], whole.lower[a] + (i + 1) * edge, tolerance);
         ASSERT_TRUE(i > 0 || part.lower[a] == whole.lower[a]);
         ASSERT_TRUE(i < N - 1 || part.upper[a] == whole.upper[a]);
       }

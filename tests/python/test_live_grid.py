@@ -140,7 +140,7 @@ def test_a_table_top_seen_at_a_grazing_angle_is_an_obstacle() -> None:
         m.insert(scan_of_a_table(origin), origin)
         grid.follow(m.snapshot())
         assert np.array_equal(grid.values, image_of(m, grid, height=(0.2, 1.5)))
-    thin = m.leaves(states="free")
+    thin = m.leaves(states=["free"])
     thin = thin[thin.thin]
     assert len(thin) > 20 and (thin.hits >= 2).all() and (np.asarray(m.state(thin.center)) == 0).all()
     column, row = np.floor((thin.center[:, :2] - grid.origin) / 0.1).astype(int).T

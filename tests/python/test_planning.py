@@ -67,10 +67,10 @@ def test_leaves_of_a_box_and_of_states_are_some_of_all(any_room):
 
 def test_the_goal_of_a_frontier_is_a_cell_of_it(any_room):
     """Also of one that surrounds the robot, whose center is where the robot is."""
-    way = np.random.default_rng(0).normal(size=(3000, any_room.dim))
+    way = np.random.default_rng(0).normal(size=(30000, any_room.dim))
     around = ndtree.AdaptiveMap(dim=any_room.dim, min_cell_size=0.1)
     origin = np.zeros(any_room.dim)
-    around.insert(3 * way / np.linalg.norm(way, axis=1)[:, None], origin, returned=np.zeros(3000, bool))
+    around.insert(3 * way / np.linalg.norm(way, axis=1)[:, None], origin, returned=np.zeros(30000, bool))
     for m in (around, any_room):
         for frontier in m.frontiers(min_cells=5):
             apart = np.linalg.norm(frontier.cell_centers - frontier.goal, axis=1)
