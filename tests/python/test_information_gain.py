@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ndtree.evaluation.exploring import explore
 
 import ndtree
+from ndtree.evaluation.exploring import explore
 
 
 def half_seen(kind: str = "adaptive") -> Any:
