@@ -278,11 +278,10 @@ TEST(Moved, ProbabilityIsThatOfBayes) {
   EXPECT_EQ(posterior(0U, 0U, 0U), 0.5F);
   const double e = options.error_rate;
   constexpr double kThin = 0.2;
-  constexpr double kReturns = 0.1;
-  constexpr double kOdds = 0.4 / 0.6;  // Of moving, before.
+  constexpr double kReturns = 0.15;
   int cases = 0;
   for (std::uint32_t v = 0; v < 7; ++v)
-    for (std::uint32_t h = v == 0 ? 1 : 0; h < 7; ++h) {
+    for (std::uint32_t h = 0; h < 7; ++h) {
       // The mean likelihoods over all fractions below e, above, and between 0 and 1, by the middle rule.
       double moved = 0.0;
       double stands = 0.0;
@@ -310,7 +309,7 @@ TEST(Moved, ProbabilityIsThatOfBayes) {
       const int sum = std::accumulate(orders.begin(), orders.end(), 0);
       for (std::uint32_t r = h == 0 ? 0 : 1; r <= std::min(h, v + 1); ++r, ++cases) {
         const double stays = h == 0 ? 1.0 : std::pow(kReturns, r - 1.0);
-        const double likely = kOdds * moved * stays;
+        const double likely = moved * stays;
         EXPECT_NEAR(posterior(v, h, r), likely / (likely + stands * orders[r] / sum), 1e-4);
         EXPECT_TRUE(v > 0 || posterior(v, h, r) <= 0.5F);
       }

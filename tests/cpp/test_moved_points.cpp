@@ -108,7 +108,7 @@ TEST(MovedPoints, OfAFreeCellInWhichABeamEndedNothingIsSaid) {
   const Vector<2> post(2.02, 0.02);
   for (int i = 0; i < 60; ++i) {
     for (int k = 0; k < 40; ++k) scan.endpoints.col(k) = Vector<2>(4.0, 4.0 * (0.002 * (k - 20) + 0.0003));
-    if (i % 10 == 0) scan.endpoints.col(25) = post;
+    if (i % 10 == 0) scan.endpoints.col(25) = post + Vector<2>(1e-3 * i / 10, 0.0);  // Samples differ.
     map.insert(scan);
   }
   const Vector<2> beside(2.02, -0.03);
