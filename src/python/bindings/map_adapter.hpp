@@ -142,13 +142,15 @@ class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
     arrays.observed.reserve(n);
     arrays.disputed.reserve(n);
     arrays.thin.reserve(n);
-    for_each_leaf(cells().tree(), [&](const auto& leaf) { add(leaf, arrays); });
+    const ThinThings thin(cells());
+    for_each_leaf(cells().tree(), [&](const auto& leaf) { add(leaf, thin, arrays); });
     return arrays;
   }
   [[nodiscard]] LeafArrays leaves_in(const double* lower, const double* upper,
                                      const RegionStates& states) const final {
     LeafArrays arrays;
-    for_each_leaf_of(cells(), box(lower, upper), states, [&](const auto& leaf) { add(leaf, arrays); });
+    const ThinThings thin(cells());
+    for_each_leaf_of(cells(), box(lower, upper), states, [&](const auto& leaf) { add(leaf, thin, arrays); });
     return arrays;
   }
 
@@ -191,7 +193,7 @@ class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
     return "dim = " + std::to_string(map.dim()) + ", branching = " + std::to_string(map.branching()) +
            ", refinement = '" + map.refinement() + "'";
   }
-  void add(const typename Cells::Tree::ConstRef& leaf, LeafArrays& arrays) const {
+  void add(const typename Cells::Tree::ConstRef& leaf, const ThinThings& thin, LeafArrays& arrays) const {
     const auto& geometry = cells().tree().geometry();
     for (const std::int64_t coordinate : leaf.index.lower)
       arrays.lower.push_back(geometry.border(coordinate));
@@ -201,7 +203,7 @@ class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
     arrays.misses.push_back(leaf.cell().misses());
     arrays.observed.push_back(leaf.cell().observed());
     arrays.disputed.push_back(is_disputed(leaf.cell()));
-    arrays.thin.push_back(ThinThings(cells()).are_in(leaf.cell()));
+    arrays.thin.push_back(thin.are_in(leaf.cell()));
   }
 };
 
