@@ -41,13 +41,6 @@ Map random_map(Random& random) {
   }
   return map;
 }
-template <int D>
-Pose<D> random_pose(Random& random, double reach) {
-  Pose<D> pose;
-  pose.rotation = random_rotation<D>(random);
-  for (double& x : pose.translation) x = random.uniform(-reach, reach);
-  return pose;
-}
 /// All around, each beam as wide as the gap to its neighbours.
 BeamPattern<2> all_around_2(int beams, double max_range) {
   BeamPattern<2> sensor;

@@ -7,13 +7,12 @@
 #include <cmath>
 #include <limits>
 
-#include "ndtree/core/body.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "options.hpp"
 #include "random.hpp"
-#include "random_rotation.hpp"
+#include "random_rotation.hpp"  // random_pose(), for those who include this.
 
 namespace ndtree::test {
 
@@ -23,14 +22,6 @@ inline MapOptions options_of_history(int branching) {
   options.range_sigma = 0.02;
   options.sample_beams = 2.0;
   return options;
-}
-
-template <int D>
-Pose<D> random_pose(Random& random, double reach) {
-  Pose<D> pose;
-  pose.rotation = random_rotation<D>(random);
-  for (double& x : pose.translation) x = random.uniform(-reach, reach);
-  return pose;
 }
 
 /// Beams to a wall all around, with some that do not return or are not finite.

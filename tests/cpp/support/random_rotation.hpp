@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Rotations for tests.
+/// Rotations and poses for tests.
 #pragma once
 
 #include <Eigen/Core>
 #include <cmath>
 
+#include "ndtree/core/body.hpp"
 #include "random.hpp"
 
 namespace ndtree::test {
@@ -26,6 +27,15 @@ Eigen::Matrix<double, D, D> random_rotation(Random& random) {
     }
   }
   return rotation;
+}
+
+/// Any rotation, and a place within `reach` of the origin on each axis [m].
+template <int D>
+Pose<D> random_pose(Random& random, double reach) {
+  Pose<D> pose;
+  pose.rotation = random_rotation<D>(random);
+  for (double& x : pose.translation) x = random.uniform(-reach, reach);
+  return pose;
 }
 
 }  // namespace ndtree::test
