@@ -147,3 +147,21 @@ def test_commands_warn_of_a_sensor_that_moves(options: list[str], said: str, tmp
     standing = bag(tmp_path / "standing", lambda i: (0, 0, 0), not options)
     done = CliRunner().invoke(app, ["info", str(standing), "--look", *options])
     assert done.exit_code == 0 and "moves" not in done.stderr + done.stdout
+
+
+def test_align_begins_at_rest_where_a_bag_has_no_poses(tmp_path: Path) -> None:
+    way = WAYS["winds"]
+    path, poses, both = bag(tmp_path / "moving", way, False), tmp_path / "poses.txt", tmp_path / "both.ndt"
+    done = CliRunner().invoke(app, ["align", str(path), "-o", str(poses), "--map", str(tmp_path / "a.ndt")])
+    assert done.exit_code == 0, done.stderr
+    assert "there is no /tf, nor any other poses: its scans alone say where it was" in done.stderr
+    assert "shows that it moves" not in done.stderr and "smear" not in done.stderr
+    rows, truth = np.loadtxt(poses), np.array([way(i) for i in range(30)])
+    away = truth[:, :2] - truth[0, :2]
+    c, s = np.cos(truth[0, 2]), np.sin(truth[0, 2])
+    assert np.abs(rows[:, 1:3] - away @ np.array([[c, -s], [s, c]])).max() < 0.05
+    done = CliRunner().invoke(app, ["map", str(path), "--align", "-o", str(both)])
+    assert done.exit_code == 0 and "smear" not in done.stderr, done.stderr
+    assert both.read_bytes() == (tmp_path / "a.ndt").read_bytes()
+    asked = CliRunner().invoke(app, ["align", str(path), "-o", str(poses), "--fixed-frame", "odom"])
+    assert asked.exit_code == 1 and "--still" in asked.stderr, "what was asked for is missing"

@@ -66,6 +66,7 @@ def align(
         if not value > 0:
             raise ValueError(f"{name} = {value:g} m: must be > 0")
     begin = time.perf_counter()
+    log = log.ruled(poses_are_found=True)
     moves = _moves(log) if odometry is None else odometry
     motion = Motion() if moves else NO_ODOMETRY
     track, stamps, by_log = _tracked(log, Tracker(cell_size, motion, moves), max_range, progress)

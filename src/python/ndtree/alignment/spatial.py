@@ -187,6 +187,7 @@ def align_by_kiss_icp(
         raise WrongValue.of("max_range", f"{max_range:g} m", "> 0 and finite")
     odometry = _kiss_icp(max_range)
     begin = time.perf_counter()
+    log = log.ruled(poses_are_found=True)
     first: Floats | None = None
     poses, origins, stamps, kept = [], [], [], []
     known: deque[Any] = deque(maxlen=_REMEMBERED)

@@ -154,6 +154,11 @@ class Config:
         return {name: one.value for name, one in self.values.items() if name in names}
 
     @property
+    def says_poses(self) -> bool:
+        """Whether it says where poses are from."""
+        return not self.values.keys().isdisjoint(_OF_POSES)
+
+    @property
     def reading(self) -> dict[str, Any]:
         """Words of the log's format."""
         return self._some(OF_FORMATS)

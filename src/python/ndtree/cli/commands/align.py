@@ -5,6 +5,7 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import Any, Optional, Union
 
+from ndtree._errors import marked
 from ndtree.alignment import (
     MAX_RANGE,
     MAX_RANGE_IN_SPACE,
@@ -24,6 +25,7 @@ from ndtree.cli.commands.output import check_picture, is_stdout, write_json
 from ndtree.cli.commands.pictures import plotting
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log
+from ndtree.logs.core.failures import NowhereKnown
 from ndtree.tuning.config import Config
 
 KISS_ICP = "kiss-icp"
@@ -49,7 +51,7 @@ class _Call:
     epilog=examples(
         "ndtree align drive.log -o poses.txt",
         "ndtree align drive.log -o poses.txt --map drive.ndt --picture before-after.png",
-        "ndtree align lidar.bag --still --odometry kiss-icp -o poses.txt --map lidar.ndt",
+        "ndtree align lidar.bag --odometry kiss-icp -o poses.txt --map lidar.ndt",
         "ndtree map drive.log --align -o drive.ndt",
     ),
 )
@@ -70,7 +72,7 @@ def align_(call: _Call, given: Any = None) -> None:
         max_range = MAX_RANGE_IN_SPACE if by_kiss_icp else MAX_RANGE
     if not max_range > 0:
         raise WrongCall(f"--max-range {max_range:g}: must be > 0 m")
-    source = opened(given, call.log)
+    source = opened_at_rest(given, call.log)
     if call.picture is not None:
         check_picture(plotting(), call.picture)
     found: Union[Alignment, SpatialAlignment]
@@ -85,7 +87,19 @@ def align_(call: _Call, given: Any = None) -> None:
         files = " and ".join(str(path) for path in (call.output, call.map_file, call.picture) if path)
         print(f"in {found.seconds:.3f} s; wrote {files}")
     write_json({"log": source.name, "format": source.format, **found.figures()}, call.json_file)
-    warn_of_skipped(source)
+    warn_of_skipped(found.source)
+
+
+def opened_at_rest(given: Config, path: Path) -> Log:
+    """The log; where nothing says how its sensor moved, as if it stood, since scans will say."""
+    try:
+        return opened(given, path)
+    except NowhereKnown as error:
+        if given.says_poses:
+            raise
+        why = marked(error).partition(", expected one of")[0].removeprefix(f"{path}: ")
+    log = opened(given.overridden(Config.of(still=True).values), path)
+    return log.noted(f"{why}: its scans alone say where it was")
 
 
 def aligned(log: Log, max_range: float = MAX_RANGE, loops: bool = True) -> Alignment:

@@ -146,9 +146,7 @@ class _Wanted:
     write_config: Optional[Path]
 
     def open(self, logs: Sequence[Path]) -> Log:
-        found = [opened(self.given, log) for log in logs]
-        if self.align:
-            found = [_aligned(log) for log in found]
+        found = [_aligned(self.given, log) if self.align else opened(self.given, log) for log in logs]
         return found[0] if len(found) == 1 else JoinedLog(found)
 
     def config(self, log: Log) -> tuple[Log, Config]:
@@ -164,11 +162,11 @@ class _Wanted:
         return mapped(log, config, read_seconds=read_seconds, observers=observers, static=self.static)
 
 
-def _aligned(log: Log) -> Log:
+def _aligned(given: Config, path: Path) -> Log:
     """A log with poses that fit what its scans saw."""
-    from ndtree.cli.commands.align import aligned  # Not for all other maps.
+    from ndtree.cli.commands.align import aligned, opened_at_rest  # Not for all other maps.
 
-    found = aligned(log)
+    found = aligned(opened_at_rest(given, path))
     return found.log.noted(f"aligned: {found}")
 
 

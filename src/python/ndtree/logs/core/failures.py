@@ -103,6 +103,10 @@ class NoPose(ValueError):
         self.where, self.seconds = where, seconds
 
 
+class NowhereKnown(WrongValue):
+    """Scans of which nothing says where they were taken, and how to say it."""
+
+
 class NotALog(ValueError):
     """A file or folder whose kind is known, but that alone is no log.
 

@@ -38,6 +38,8 @@ class Rules:
         mean nothing.
     cut_off : CutOff or None
         Where readings are a driver's way to say that nothing was hit.
+    poses_are_found : bool
+        Scans say where they were taken: no word of a sensor that moves, though by its poses it stands.
     """
 
     keep_going: bool = False
@@ -45,6 +47,7 @@ class Rules:
     no_return_range: float | None = None
     zero_is: str | None = None
     cut_off: CutOff | None = UNSEARCHED
+    poses_are_found: bool = False
 
 
 GIVEN, MEASURED, USUAL = "given", "measured", "usual"

@@ -74,7 +74,7 @@ class MessageReader:
         self._watched = {
             name: Standing(sensor.is_planar)
             for name, sensor in self._sensors.items()
-            if self._places[name].stands
+            if self._places[name].stands and not rules.poses_are_found
         }
 
     def pass_over(self, raw: Raw) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ndtree._errors import WrongValue, key
+from ndtree.logs.core.failures import NowhereKnown
 from ndtree.logs.core.silence import without_zeros
 from ndtree.logs.poses.trajectory import STAMP_TOLERANCE
 from ndtree.logs.poses.trajectory_files import read_trajectory
@@ -208,7 +209,7 @@ def _by_transforms(
         tree.add_fixed(base, sensor, mount_of(asked.mount))
     connected = tree.connected(sensor)
     if len(connected) == 1:
-        raise WrongValue(unconnected(path, tree, topic, frame, others))
+        raise NowhereKnown(unconnected(path, tree, topic, frame, others))
     stamps = np.array(survey.seen[topic].own_stamps)
     notes: tuple[str, ...] = ()
     observer = observer_of(tree, frame, asked.base_frame) if may_be_registered else None
@@ -286,7 +287,7 @@ def _fixed_frame(
         if share > most:
             best, most = candidate, share
     if best is None:
-        raise WrongValue(standing(path, sensor, connected, USUAL, others))
+        raise NowhereKnown(standing(path, sensor, connected, USUAL, others))
     return best
 
 
