@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Poses of 3-D logs by kiss-icp: of logs that have none, and of logs with poor ones."""
+"""Poses of 3-D logs by kiss-icp and loops: of logs that have none, and of logs with poor ones."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 import ndtree
 from ndtree.alignment import align_by_kiss_icp
+from ndtree.alignment.spatial_loops import SpatialGraph
 from ndtree.cli.commands import app
 from ndtree.logs.poses.pose import quaternions_of
 
@@ -48,6 +49,87 @@ def street(folder: Path, errors: Any = None) -> tuple[Path, np.ndarray]:
         stamps=0.1 * np.arange(SCANS),
     )
     return path, np.array(truth)
+
+
+def blocks(seed: int) -> np.ndarray:
+    """Boxes (n, 2, 3) beside a square of streets: their least and largest corners [m]."""
+    rng = np.random.default_rng(seed)
+    middles = [
+        (x, y) for x in np.arange(-24.0, 25.0, 4.0) for y in np.arange(-24.0, 25.0, 4.0)
+        if min(abs(abs(x) - 12), abs(abs(y) - 12)) > 2.5 or max(abs(x), abs(y)) > 17
+    ]  # fmt: skip
+    middle = np.array(middles) + rng.uniform(-1, 1, (len(middles), 2))
+    size = rng.uniform(0.3, 1.6, (len(middles), 2))
+    low = np.column_stack((middle - size, np.zeros(len(middle))))
+    return np.stack((low, np.column_stack((middle + size, rng.uniform(0.5, 6.0, len(middle))))), axis=1)
+
+
+def seen(boxes: np.ndarray, pose: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """What a lidar with 16 rings sees of boxes and the ground, in its frame [m]."""
+    up, around = np.meshgrid(np.radians(np.linspace(-20, 15, 16)), np.linspace(-np.pi, np.pi, 180, False))
+    ways = np.stack((np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)), -1).reshape(-1, 3)
+    turned, origin = ways @ pose[:3, :3].T, pose[:3, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = (boxes[:, None] - origin) / turned[None, :, None]
+        enter, leave = at.min(axis=2).max(axis=-1), at.max(axis=2).min(axis=-1)
+        met = np.where((enter <= leave) & (enter > 0), enter, np.inf).min(axis=0)
+        ground = np.where(turned[:, 2] < 0, -origin[2] / turned[:, 2], np.inf)
+    ranges = np.minimum(met, ground) + rng.normal(0, 0.01, len(ways))
+    near = ranges < 30
+    return ways[near] * ranges[near, None]
+
+
+def round_trip() -> np.ndarray:
+    """Poses (n, 4, 4) once around the square and a little more, a step of 1 m each."""
+    corners = np.array([(-12, -12), (12, -12), (12, 12), (-12, 12), (-12, -12), (4, -12)], dtype=float)
+    poses = []
+    for side, (begin, end) in enumerate(zip(corners[:-1], corners[1:])):
+        for i in range(int(np.linalg.norm(end - begin))):
+            pose = np.eye(4)
+            yaw = side * np.pi / 2
+            pose[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+            pose[:2, 3] = begin + i * (end - begin) / np.linalg.norm(end - begin)
+            pose[2, 3] = 1.5
+            poses.append(pose)
+    return np.array(poses)
+
+
+def drifted(truth: np.ndarray) -> np.ndarray:
+    """Poses that add up steps with a wrong yaw and pitch, from the first on."""
+    wrong = np.eye(4)
+    wrong[:3, :3] += 6e-4 * np.array([[0, -1, 1], [1, 0, 0], [-1, 0, 0]])
+    poses = [np.eye(4)]
+    for step in np.linalg.inv(truth[:-1]) @ truth[1:]:
+        poses.append(poses[-1] @ step @ wrong)
+    return np.array(poses)
+
+
+@pytest.mark.parametrize("is_changed", [False, True])
+def test_places_that_are_seen_again_close_loops(is_changed: bool) -> None:
+    for library in ("map_closures", "small_gicp"):
+        pytest.importorskip(library)
+    truth, rng, changed = round_trip(), np.random.default_rng(2), 75
+    scans = [seen(blocks(1 + (is_changed and i > changed)), pose, rng) for i, pose in enumerate(truth)]
+    graph = SpatialGraph(drifted(truth), scans)
+    before = off(graph.poses, (np.linalg.inv(truth[0]) @ truth)[:, :3, 3])
+    graph.close()
+    after = off(graph.poses, (np.linalg.inv(truth[0]) @ truth)[:, :3, 3])
+    if is_changed:  # Another town, where odometry says that it is the same place.
+        assert not graph.loops
+        np.testing.assert_array_equal(after, before)
+        return
+    assert len(graph.loops) >= 2 and graph.contradicted == 0
+    for loop in graph.loops:
+        a, b = graph.keys[[loop.older, loop.newer]]
+        np.testing.assert_allclose(loop.relation, np.linalg.inv(truth[a]) @ truth[b], atol=0.1)
+        beside = loop.relation.copy()
+        beside[1, 3] += 1.0
+        assert graph._agree(loop.older, loop.newer, loop.relation)
+        assert not graph._agree(loop.older, loop.newer, beside), "end points where the other saw through"
+    assert before[-1] > 0.5 and after[-1] < 0.1 and after.max() < 0.5 * before.max()
+    again = SpatialGraph(drifted(truth), scans)
+    again.close()
+    np.testing.assert_array_equal(again.poses, graph.poses)
 
 
 def off(poses: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -102,11 +184,11 @@ def test_the_command_writes_trajectory_map_and_picture(tmp_path: Path) -> None:
     path, _ = street(tmp_path)
     out = {name: tmp_path / name for name in ("poses.txt", "map.ndt", "both.png", "figures.json")}
     done = cli(
-        "align", path, "--odometry", "kiss-icp", "--max-range", FAR, "-o", out["poses.txt"],
+        "align", path, "--max-range", FAR, "-o", out["poses.txt"],
         "--map", out["map.ndt"], "--picture", out["both.png"], "--json", out["figures.json"],
     )  # fmt: skip
     assert done.exit_code == 0, done.output
-    assert f"{SCANS} scans aligned" in done.output and "no loops closed" in done.output
+    assert f"{SCANS} scans aligned" in done.output and "no loops found" in done.output
     found = align_by_kiss_icp(ndtree.read(path), max_range=FAR)
     rows = np.loadtxt(out["poses.txt"])
     np.testing.assert_allclose(rows[:, 1:4], found.poses[:, :3, 3], atol=1e-6)
@@ -118,12 +200,11 @@ def test_the_command_writes_trajectory_map_and_picture(tmp_path: Path) -> None:
 
 def test_what_is_missing_or_wrong_is_said_in_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, _ = street(tmp_path)
-    done = cli("align", path, "-o", tmp_path / "poses.txt")
-    assert done.exit_code != 0 and "ndtree align --odometry kiss-icp" in done.output
     monkeypatch.setitem(sys.modules, "kiss_icp", None)
     monkeypatch.setitem(sys.modules, "kiss_icp.config", None)
-    done = cli("align", path, "--odometry", "kiss-icp", "-o", tmp_path / "poses.txt")
-    assert done.exit_code != 0 and "pip install 'ndtree-mapping[kiss-icp]'" in done.output
+    for options in ([], ["--odometry", "kiss-icp"]):
+        done = cli("align", path, *options, "-o", tmp_path / "poses.txt")
+        assert done.exit_code != 0 and "pip install 'ndtree-mapping[kiss-icp]'" in done.output
     assert not (tmp_path / "poses.txt").exists()
     with pytest.raises(ValueError, match="expected a 3-D log"):
         align_by_kiss_icp(ndtree.simulate("office", scans=2))

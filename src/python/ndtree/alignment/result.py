@@ -21,7 +21,7 @@ from ndtree.logs.core.log import Log
 
 _CELL = 0.05  # Of the grid on which walls are counted [m].
 _MOST_LOST = (3, 0.01)  # Scans that may have no match, a few or this fraction,
-_MOST_CONTRADICTED = 0.1  # and of loops that others may contradict.
+MOST_CONTRADICTED = 0.1  # and of loops that others may contradict.
 _MOST_UNFIXED = 1.0  # Way without anything that tells it: of 10 % of it, the error is two cells [m].
 _STANDS = 0.5  # Poses within this may be those of a corridor that looks the same everywhere [m].
 _SCALES = (0.7, 1.4)  # Of odometry.
@@ -147,7 +147,7 @@ class Alignment:
             doubts.append(
                 f"{steps} against odometry could be another, the first at {self.stamps[unsure[0]]:.1f} s"
             )
-        if self.contradicted > _MOST_CONTRADICTED * max(1, len(self.loops)):
+        if self.contradicted > MOST_CONTRADICTED * max(1, len(self.loops)):
             doubts.append(
                 f"{self.contradicted} of {number_of(len(self.loops), 'loop')} contradict the others"
             )

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Poses of a 3-D log by kiss-icp: odometry from what a spinning or solid-state lidar saw.
+"""Poses of a 3-D log by kiss-icp, from what a spinning or solid-state lidar saw, and from places seen again.
 
 Each scan is matched by kiss-icp with those before it, in the frame of its sensor as far as the log tells:
 points from the sensor, along the log's axes. So where the log has no poses, the frame is the sensor's, and
-where it has poor ones, rotations that are found are how these are wrong. Nothing is closed into loops: poses
-drift slowly.
+where it has poor ones, rotations that are found are how these are wrong. Slow drift is taken out by
+`SpatialGraph`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import time
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -21,7 +21,9 @@ import numpy as np
 from ndtree._errors import WrongValue, key
 from ndtree.alignment.aligned_log import AlignedLog
 from ndtree.alignment.planar import Floats
+from ndtree.alignment.result import MOST_CONTRADICTED
 from ndtree.alignment.sensor_scans import spread_evenly
+from ndtree.alignment.spatial_loops import INSTALL, POINTS, SpatialGraph, SpatialLoop, require_libraries
 from ndtree.alignment.writing import compared, draw_before_and_after, verdict, write_trajectory
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
@@ -31,11 +33,11 @@ from ndtree.logs.poses.pose import quaternions_of
 
 #: Farther end points are left out [m].
 MAX_RANGE_IN_SPACE = 100.0
-INSTALL = "install it with:\n  pip install 'ndtree-mapping[kiss-icp]'"
 _LEAST_RANGE = 0.5  # Nearer end points are the robot's own [m].
 _FEWEST = 50  # Points of a scan that says something.
 _CELL = 0.2  # Of the grid on which surfaces are counted [m].
-_KEPT = 2000  # Points of a scan that are drawn and counted.
+_NEARER = (0.7, 0.5)  # Of the largest range, and of voxels, where the poses are doubtful with all of it.
+_DRAWN = 2  # Of the points that are kept, each n-th is drawn and counted.
 _REMEMBERED = 30  # Scans before one, that it should see some of.
 _LOST = 0.3  # Less of a scan in space that was occupied before is no match.
 _MOST_LOST = (3, 0.01)  # Scans that may have none, a few or this fraction.
@@ -45,7 +47,7 @@ _MOST_JUMPS = (1, 0.005)  # Jumps that there may be, one or this fraction.
 
 @dataclass(frozen=True, repr=False)
 class SpatialAlignment:
-    """Poses of a 3-D log's scans by kiss-icp.
+    """Poses of a 3-D log's scans by kiss-icp and loops.
 
     `poses` (n, 4, 4) float64: Of each scan's sensor; turned as against the log's axes, so the first is not
         turned.
@@ -58,9 +60,13 @@ class SpatialAlignment:
     origins: Floats
     stamps: Floats
     lost: int  # Scans that saw too little of what the scans before them saw.
-    seconds: float  # What it took.
+    max_range: float  # Farther end points were left out [m].
     _voxel: float
     _points: list[Floats]
+    loops: list[SpatialLoop] = field(default_factory=list)  # Places that were seen again.
+    tested: int = 0  # Pairs of places that look alike.
+    contradicted: int = 0  # Loops that others contradict.
+    seconds: float = 0.0  # What it took.
 
     @property
     def log(self) -> SpatiallyAlignedLog:
@@ -95,6 +101,9 @@ class SpatialAlignment:
             doubts.append(f"{number_of(self.lost, 'scan')} matched nothing")
         if self.jumps > max(_MOST_JUMPS[0], _MOST_JUMPS[1] * len(self.poses)):
             doubts.append(f"the sensor jumps {self.jumps} times")
+        if self.contradicted > MOST_CONTRADICTED * max(1, len(self.loops)):
+            loops = number_of(len(self.loops), "loop")
+            doubts.append(f"{self.contradicted} of {loops} contradict the others")
         before, after = self.cells
         if self._has_poses and after > 1.02 * before:
             doubts.append(f"surfaces take more cells than before ({after} instead of {before})")
@@ -108,10 +117,10 @@ class SpatialAlignment:
     def __str__(self) -> str:
         before, after = self.cells
         way = float(np.linalg.norm(np.diff(self.poses[:, :3, 3], axis=0), axis=1).sum())
+        closed = f"{number_of(len(self.loops), 'loop')} closed" if self.loops else "no loops found"
         return (
             f"poses moved by {np.median(self.moved):.2f} m, at most {self.moved.max():.2f} m; a path of "
-            f"{way:.1f} m, no loops closed; end points fill {compared(after, before)} cells: "
-            f"{verdict(self.doubts)}"
+            f"{way:.1f} m; {closed}; end points fill {compared(after, before)} cells: {verdict(self.doubts)}"
         )
 
     __repr__ = __str__
@@ -124,6 +133,10 @@ class SpatialAlignment:
             "moved": {"median": float(np.median(self.moved)), "most": float(self.moved.max())},
             "lost": self.lost,
             "jumps": self.jumps,
+            "max_range": self.max_range,
+            "loops": len(self.loops),
+            "tested": self.tested,
+            "contradicted": self.contradicted,
             "has_odometry": self._has_poses,
             "cells": {"before": before, "after": after},
             "doubts": self.doubts,
@@ -148,9 +161,9 @@ class SpatialAlignment:
     def _seen(self, is_found: bool) -> Floats:
         """Some points of the scans where the log or these poses put them."""
         if is_found:
-            placed = [p @ pose[:3, :3].T + pose[:3, 3] for pose, p in zip(self.poses, self._points)]
+            placed = [p[::_DRAWN] @ pose[:3, :3].T + pose[:3, 3] for pose, p in zip(self.poses, self._points)]
         else:
-            placed = [p + origin for origin, p in zip(self.origins, self._points)]
+            placed = [p[::_DRAWN] + origin for origin, p in zip(self.origins, self._points)]
         return np.concatenate(placed) if placed else np.zeros((0, 3))
 
 
@@ -168,16 +181,22 @@ class SpatiallyAlignedLog(AlignedLog):
 
 
 def align_by_kiss_icp(
-    log: Log, *, max_range: float = MAX_RANGE_IN_SPACE, progress: Progress = no_progress
+    log: Log,
+    *,
+    max_range: float = MAX_RANGE_IN_SPACE,
+    close_loops: bool = True,
+    progress: Progress = no_progress,
 ) -> SpatialAlignment:
-    """Find the poses of a 3-D lidar's log: each scan matched with those before by kiss-icp, without loops.
+    """Find the poses of a 3-D lidar's log: each scan matched with those before by kiss-icp, and loops closed.
 
-    The result is the same each time: kiss-icp works with one thread.
+    The result is the same each time: one thread works.
 
     `log`: In 3-D, its scans in the order in which they were taken.
-    `max_range`: Farther end points are left out [m]; kiss-icp's voxels are a hundredth of it.
+    `max_range`: Farther end points are left out [m]; kiss-icp's voxels are a hundredth of it. Where the
+        poses that come out are doubtful, 0.7 and 0.5 times this are tried as well.
+    `close_loops`: Whether to look for places seen again; else poses drift slowly.
     `progress`: Called as ``progress(what, done, total)``.
-    Raises ImportError: kiss-icp is not installed; it says what to install; ValueError: the log is not 3-D,
+    Raises ImportError: a library is not installed; it says what to install; ValueError: the log is not 3-D,
     has no scans, or an argument is out of bounds.
     """
     require_log(log)
@@ -185,9 +204,32 @@ def align_by_kiss_icp(
         raise ValueError(f"{log.name}: is {log.dim}-D, expected a 3-D log")
     if not 0 < max_range < np.inf:
         raise WrongValue.of("max_range", f"{max_range:g} m", "> 0 and finite")
-    odometry = _kiss_icp(max_range)
     begin = time.perf_counter()
+    _kiss_icp(max_range)
+    if close_loops:
+        require_libraries()
     log = log.ruled(poses_are_found=True)
+    found = _by_odometry(log, max_range, progress)
+    for share in _NEARER:
+        if found.doubts:
+            other = _by_odometry(log, share * max_range, progress)
+            found = min(found, other, key=lambda one: (bool(one.doubts), one.lost + one.jumps))
+    graph = SpatialGraph(found.poses, found._points)
+    if close_loops:
+        graph.close(progress)
+    return replace(
+        found,
+        poses=graph.poses,
+        loops=graph.loops,
+        tested=graph.tested,
+        contradicted=graph.contradicted,
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def _by_odometry(log: Log, max_range: float, progress: Progress) -> SpatialAlignment:
+    """Poses by kiss-icp alone."""
+    odometry = _kiss_icp(max_range)
     first: Floats | None = None
     poses, origins, stamps, kept = [], [], [], []
     known: deque[Any] = deque(maxlen=_REMEMBERED)
@@ -211,7 +253,7 @@ def align_by_kiss_icp(
         poses.append(pose)
         origins.append(origin)
         stamps.append(scan.stamp)
-        kept.append(spread_evenly(points, _KEPT))
+        kept.append(spread_evenly(points, POINTS).astype(np.float32))
         progress("matching scans", len(poses), total)
     if not poses:
         raise ValueError(f"{log.name}: no scans, expected at least one")
@@ -221,7 +263,7 @@ def align_by_kiss_icp(
         origins=np.array(origins),
         stamps=np.array(stamps),
         lost=lost,
-        seconds=time.perf_counter() - begin,
+        max_range=max_range,
         _voxel=voxel,
         _points=kept,
     )

@@ -51,7 +51,7 @@ class _Call:
     epilog=examples(
         "ndtree align drive.log -o poses.txt",
         "ndtree align drive.log -o poses.txt --map drive.ndt --picture before-after.png",
-        "ndtree align lidar.bag --odometry kiss-icp -o poses.txt --map lidar.ndt",
+        "ndtree align lidar.bag -o poses.txt --map lidar.ndt",
         "ndtree map drive.log --align -o drive.ndt",
     ),
 )
@@ -59,24 +59,22 @@ class _Call:
 @reading_options
 @takes(_Call)
 def align_(call: _Call, given: Any = None) -> None:
-    """Find the poses of a 2-D laser's log, where its own drift or it has none.
+    """Find the poses of a log, where its own drift or it has none.
 
     Each scan is matched with those before it. Places seen before are found, and all poses made to fit.
-    Of a 3-D lidar: --odometry kiss-icp, which finds no places again.
+    Of a 3-D lidar as with --odometry kiss-icp, by libraries of an extra.
     """
-    max_range = call.max_range
+    if call.max_range is not None and not call.max_range > 0:
+        raise WrongCall(f"--max-range {call.max_range:g}: must be > 0 m")
     by_kiss_icp = given.get("odometry") == KISS_ICP
     if by_kiss_icp:
         given = Config({name: one for name, one in given.values.items() if name != "odometry"})
-    if max_range is None:
-        max_range = MAX_RANGE_IN_SPACE if by_kiss_icp else MAX_RANGE
-    if not max_range > 0:
-        raise WrongCall(f"--max-range {max_range:g}: must be > 0 m")
     source = opened_at_rest(given, call.log)
     if call.picture is not None:
         check_picture(plotting(), call.picture)
-    found: Union[Alignment, SpatialAlignment]
-    found = by_odometry(source, max_range) if by_kiss_icp else aligned(source, max_range, call.loops)
+    if by_kiss_icp and source.dim != 3:
+        raise WrongCall(f"{source.name}: is {source.dim}-D, and --odometry {KISS_ICP} expects a 3-D log")
+    found = aligned(source, call.max_range, call.loops)
     found.save(call.output)
     if call.picture is not None:
         found.draw(call.picture)
@@ -102,22 +100,15 @@ def opened_at_rest(given: Config, path: Path) -> Log:
     return log.noted(f"{why}: its scans alone say where it was")
 
 
-def aligned(log: Log, max_range: float = MAX_RANGE, loops: bool = True) -> Alignment:
+def aligned(
+    log: Log, max_range: Optional[float] = None, loops: bool = True
+) -> Union[Alignment, SpatialAlignment]:
     """The alignment of a log, with its progress shown."""
-    if log.dim != 2:
-        raise WrongCall(
-            f"{log.name}: is {log.dim}-D, expected a 2-D log, or ndtree align --odometry {KISS_ICP}"
-        )
     with progress() as advance:
-        return align(log, max_range=max_range, close_loops=loops, progress=advance)
-
-
-def by_odometry(log: Log, max_range: float) -> SpatialAlignment:
-    """The alignment of a 3-D log by kiss-icp, with its progress shown."""
-    if log.dim != 3:
-        raise WrongCall(f"{log.name}: is {log.dim}-D, and --odometry {KISS_ICP} expects a 3-D log")
-    with progress() as advance:
-        return align_by_kiss_icp(log, max_range=max_range, progress=advance)
+        if log.dim == 3:
+            farthest = max_range or MAX_RANGE_IN_SPACE
+            return align_by_kiss_icp(log, max_range=farthest, close_loops=loops, progress=advance)
+        return align(log, max_range=max_range or MAX_RANGE, close_loops=loops, progress=advance)
 
 
 def print_alignment(log: Log, found: Union[Alignment, SpatialAlignment]) -> None:
