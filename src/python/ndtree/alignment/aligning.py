@@ -67,14 +67,13 @@ def align(
             raise ValueError(f"{name} = {value:g} m: must be > 0")
     begin = time.perf_counter()
     log = log.ruled(poses_are_found=True)
-    moves = _moves(log) if odometry is None else odometry
-    motion = Motion() if moves else NO_ODOMETRY
-    track, stamps, by_log = _tracked(log, Tracker(cell_size, motion, moves), max_range, progress)
-    scale = _scale_of(track)
-    if abs(scale - 1.0) > motion.rate:
-        scale = scale if scale > _BACKWARDS else -1.0
-        again, _, _ = _tracked(log, Tracker(cell_size, motion, moves, scale), max_range, progress)
-        if abs(_scale_of(again) - scale) < 2.0 * motion.rate:
+    has_odometry = moves(log) if odometry is None else odometry
+    motion = Motion() if has_odometry else NO_ODOMETRY
+    track, stamps, by_log = _tracked(log, Tracker(cell_size, motion, has_odometry), max_range, progress)
+    scale = told_scale(track, motion)
+    if scale != 1.0:
+        again, _, _ = _tracked(log, Tracker(cell_size, motion, has_odometry, scale), max_range, progress)
+        if is_confirmed(again, scale, motion):
             track = again
     if not stamps:
         raise ValueError(f"{log.name}: no scans, expected at least one")
@@ -91,11 +90,11 @@ def align(
         tested=graph.tested,
         contradicted=graph.contradicted,
         lost=track.lost,
-        has_odometry=moves,
+        has_odometry=has_odometry,
         against=track.against,
         unfixed=np.array(track.unfixed),
         through=np.array(track.through),
-        odometry_scale=_scale_of(track),
+        odometry_scale=scale_of(track),
         seconds=time.perf_counter() - begin,
         _scans=track.scans,
     )
@@ -116,12 +115,25 @@ def _tracked(
     return tracker.track, stamps, by_log
 
 
-def _scale_of(track: Track) -> float:
+def scale_of(track: Track) -> float:
     """What odometry's ways are to be multiplied by, as scans say."""
     return float(np.median(track.ratios)) if track.ratios else 1.0
 
 
-def _moves(log: Log) -> bool:
+def told_scale(track: Track, motion: Motion) -> float:
+    """The same, to match scans once more with it; 1 where that is not worth it."""
+    scale = scale_of(track)
+    if abs(scale - 1.0) <= motion.rate:
+        return 1.0
+    return scale if scale > _BACKWARDS else -1.0
+
+
+def is_confirmed(track: Track, scale: float, motion: Motion) -> bool:
+    """Whether scans that were matched with a scale say the same."""
+    return abs(scale_of(track) - scale) < 2.0 * motion.rate
+
+
+def moves(log: Log) -> bool:
     """Whether a log's poses are not all the same: reads up to the first that is another."""
     poses = (pose_in_log(scan) for scan in log)
     first = next(poses, None)

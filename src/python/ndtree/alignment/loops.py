@@ -22,8 +22,8 @@ from ndtree.alignment.planar import Floats, between, composed, placed, pose_of, 
 from ndtree.alignment.tracking import Track
 from ndtree.base.progress import Progress, no_progress
 
-_WAY = 4.0  # Of a submap [m],
-_SCANS = 60  # and its key scans, at most.
+SUBMAP_WAY = 4.0  # Of a submap [m],
+SUBMAP_SCANS = 60  # and its key scans, at most.
 _NEAR = 6.0  # Submaps whose middles may be nearer are looked at [m].
 _MOST = 8  # Of these the nearest.
 _DRIFT = (0.3, 0.03)  # How far a place may be wrong: at once, and for a way [m, 1].
@@ -51,30 +51,56 @@ class Loop:
 
 
 class Graph:
-    """Key scans and relations between their poses.
+    """Key scans of a track and relations between their poses; it takes what is added to the track by `grow`.
+
+    Of loops that are given, the track's poses are already where they fit, and its submaps were looked for.
 
     `poses` (n, 3) float64: Of the key scans.
     `loops`: Found so far.
     `tested`: Pairs of submaps that were looked at.
     """
 
-    def __init__(self, track: Track) -> None:
+    def __init__(self, track: Track, loops: Sequence[Loop] = ()) -> None:
+        self._track = track
         self._scans = track.scans
-        self._way = np.asarray(track.way)
-        self.poses = np.array([track.poses[key] for key in track.keys])
-        self._relations = np.array(track.relations).reshape(-1, 3)
-        self._information = np.linalg.inv(np.array(track.covariances).reshape(-1, 3, 3))
-        self.loops: list[Loop] = []
+        self.poses = np.zeros((0, 3))
+        self.loops = list(loops)
         self.tested = 0
-        self._submaps = _in_rows(self._way)
-        self._middles = np.array([ids[len(ids) // 2] for ids in self._submaps])
+        self._looked = 0  # Submaps that were looked for.
         self._matchers: dict[int, Matcher] = {}
         self._outlines: dict[int, Outline] = {}
         self._joined: dict[int, list[int]] = {}
+        self.grow()
+        if loops:
+            self._looked = len(self._submaps)
+            firsts = [ids[0] for ids in self._submaps]
+            for one in loops:
+                self._join(*(np.searchsorted(firsts, [one.older, one.newer], side="right") - 1).tolist())
 
-    def close(self, progress: Progress = no_progress) -> None:
-        """Look for all submaps in older ones."""
-        for newer in range(len(self._submaps)):
+    def grow(self, count: int | None = None, *, is_whole: bool = True) -> int:
+        """Take the track's first key scans; how many submaps are not looked for yet.
+
+        `count`: Of key scans; else all.
+        `is_whole`: Whether nothing follows: else the last submap is not complete.
+        """
+        track, known = self._track, len(self.poses)
+        count = len(track.keys) if count is None else count
+        keys = track.keys[known:count]
+        new = np.array([track.poses[key] for key in keys]).reshape(-1, 3)
+        if known:  # They are where they were matched, seen from the last.
+            new = composed(self.poses[-1], between(track.poses[track.keys[known - 1]], new))
+        self.poses = np.concatenate((self.poses, new))
+        self._way = np.asarray(track.way[:count])
+        self._relations = np.array(track.relations[: count - 1]).reshape(-1, 3)
+        self._information = np.linalg.inv(np.array(track.covariances[: count - 1]).reshape(-1, 3, 3))
+        self._submaps = _in_rows(self._way, is_whole)
+        self._middles = np.array([ids[len(ids) // 2] for ids in self._submaps])
+        return len(self._submaps) - self._looked
+
+    def close(self, progress: Progress = no_progress) -> bool:
+        """Look in older submaps for those that were not looked for yet; whether one was found."""
+        before = len(self.loops)
+        for newer in range(self._looked, len(self._submaps)):
             found = [
                 loop for older, near in self._candidates(newer) if (loop := self._find(older, newer, near))
             ]
@@ -82,6 +108,8 @@ class Graph:
                 self.loops += found
                 self.solve()
             progress("closing loops", newer + 1, len(self._submaps))
+        self._looked = len(self._submaps)
+        return len(self.loops) > before
 
     def solve(self) -> None:
         """Move the poses to where all relations fit best."""
@@ -113,7 +141,7 @@ class Graph:
         here = self.poses[self._middles[newer], :2]
         near = []
         for older in range(newer - 1):
-            if first - self._way[self._submaps[older][-1]] < 1.5 * _WAY:
+            if first - self._way[self._submaps[older][-1]] < 1.5 * SUBMAP_WAY:
                 continue
             away = float(np.hypot(*(self.poses[self._middles[older], :2] - here)))
             least = away - (_DRIFT[0] + _DRIFT[1] * ways[older])
@@ -153,10 +181,13 @@ class Graph:
         relation = pose_of(match.pose)
         if not self._agree(older, newer, relation):
             return None
-        self._joined.setdefault(older, []).append(newer)
-        self._joined.setdefault(newer, []).append(older)
+        self._join(older, newer)
         # The covariance is in the frame of the older, as the match is.
         return Loop(a, b, relation, np.linalg.inv(_WIDER * match.covariance + _LEAST))
+
+    def _join(self, older: int, newer: int) -> None:
+        self._joined.setdefault(older, []).append(newer)
+        self._joined.setdefault(newer, []).append(older)
 
     def _agree(self, older: int, newer: int, relation: Floats) -> bool:
         """Whether scans of two submaps see the same."""
@@ -200,14 +231,14 @@ class Graph:
         )
 
 
-def _in_rows(way: Floats) -> list[range]:
-    """Key scans in submaps."""
+def _in_rows(way: Floats, is_whole: bool) -> list[range]:
+    """Key scans in submaps; of a way that goes on those that are complete."""
     rows: list[range] = []
     first = 0
-    for key in range(1, len(way) + 1):
-        if key == len(way) or way[key] - way[first] >= _WAY or key - first >= _SCANS:
+    for key in range(1, len(way) + is_whole):
+        if key == len(way) or way[key] - way[first] >= SUBMAP_WAY or key - first >= SUBMAP_SCANS:
             rows.append(range(first, key))
             first = key
-    if len(rows) > 1 and len(rows[-1]) < 5:
+    if is_whole and len(rows) > 1 and len(rows[-1]) < 5:
         rows[-2:] = [range(rows[-2].start, rows[-1].stop)]
     return rows

@@ -36,8 +36,8 @@ class Alignment:
 
     Attributes
     ----------
-    source : Log
-        The log.
+    source : Log or None
+        The log; None of scans that were given one by one.
     poses : (n, 3) float64
         x, y [m] and yaw [rad] of each scan's sensor; the first is the log's.
     odometry : (n, 3) float64
@@ -68,7 +68,7 @@ class Alignment:
         What it took.
     """
 
-    source: Log
+    source: Log | None
     poses: Floats
     odometry: Floats
     stamps: Floats
@@ -87,7 +87,9 @@ class Alignment:
 
     @property
     def log(self) -> AlignedLog:
-        """AlignedLog: the log with these poses, as any other."""
+        """AlignedLog: the log with these poses, as any other; ValueError if there is none."""
+        if self.source is None:
+            raise ValueError("the alignment of scans that were given one by one: there is no log")
         return AlignedLog(self.source, self.poses)
 
     @cached_property
@@ -115,7 +117,7 @@ class Alignment:
             inside[self.key_scans[loop.older] + 1 : self.key_scans[loop.newer] + 1] = True
         return inside
 
-    @property
+    @cached_property
     def doubts(self) -> list[str]:
         """Why not to trust the poses; empty if no reason to doubt them."""
         doubts = []
@@ -224,18 +226,15 @@ class Alignment:
 
 
 def _cells_of(points: Floats) -> int:
-    return len(np.unique(np.floor(points / _CELL).astype(np.int64), axis=0))
+    x, y = np.floor(points / _CELL).astype(np.int64).T
+    return len(np.unique((x << 32) + y))
 
 
 def between_keys(poses: Floats, keys: Any, corrected: Floats) -> Floats:
     """Poses of all scans from those of key scans: in between they move as before, and errors are spread."""
-    result = np.empty_like(poses)
-    ends = [*keys[1:], len(poses)]
-    for i, (first, end) in enumerate(zip(keys, ends)):
-        part = composed(corrected[i][None], between(poses[first][None], poses[first:end]))
-        if end < len(poses):
-            expected = composed(corrected[i], between(poses[first], poses[end]))
-            off = between(expected, corrected[i + 1])
-            part = composed(part, np.arange(end - first)[:, None] / (end - first) * off)
-        result[first:end] = part
-    return result
+    first = np.asarray(keys)
+    key = np.searchsorted(first, np.arange(len(poses)), side="right") - 1
+    result = composed(corrected[key], between(poses[first][key], poses))
+    expected = composed(corrected[:-1], between(poses[first[:-1]], poses[first[1:]]))
+    off = np.concatenate((between(expected, corrected[1:]) / np.diff(first)[:, None], np.zeros((1, 3))))
+    return composed(result, (np.arange(len(poses)) - first[key])[:, None] * off[key])

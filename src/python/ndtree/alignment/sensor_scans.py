@@ -57,10 +57,15 @@ def spread_evenly(points: Floats, most: int) -> Floats:
 def sensor_scans(log: Log, max_range: float) -> Iterator[SensorScan]:
     """All scans of a log in 2-D; farther end points are left out."""
     for scan in log:
-        scan.require_sensor("poses")
-        pose = pose_in_log(scan)
-        local = seen_from(pose, scan.endpoints.astype(np.float64))
-        ranges = np.hypot(local[:, 0], local[:, 1])
-        free = np.isfinite(ranges) & (ranges > _LEAST_RANGE)
-        points = spread_evenly(local[ends_to_match(scan, ranges, max_range)], MOST_BEAMS)
-        yield SensorScan(points, local[free], pose, scan.stamp, scan.heading is not None)
+        yield sensor_scan(scan, max_range)
+
+
+def sensor_scan(scan: Scan, max_range: float) -> SensorScan:
+    """One scan in 2-D; farther end points are left out."""
+    scan.require_sensor("poses")
+    pose = pose_in_log(scan)
+    local = seen_from(pose, scan.endpoints.astype(np.float64))
+    ranges = np.hypot(local[:, 0], local[:, 1])
+    free = np.isfinite(ranges) & (ranges > _LEAST_RANGE)
+    points = spread_evenly(local[ends_to_match(scan, ranges, max_range)], MOST_BEAMS)
+    return SensorScan(points, local[free], pose, scan.stamp, scan.heading is not None)

@@ -13,6 +13,7 @@ scan becomes one, with a relation to it.
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -108,6 +109,10 @@ class Track:
     )  # Of each key scan: points where those before saw through.
     ratios: list[float] = field(default_factory=list)  # Of ways that scans say, to those of odometry.
 
+    def copy(self) -> Track:
+        """One that can be gone on with by itself."""
+        return Track(**{name: one if name == "lost" else list(one) for name, one in vars(self).items()})
+
 
 class Tracker:
     """Places scans one by one.
@@ -122,19 +127,27 @@ class Tracker:
         Whether poses of scans say how the sensor moved.
     scale : float
         What odometry's ways are to be multiplied by: -1 where it counts backwards.
+    track : Track, optional
+        That is gone on with, by `begin`.
     """
 
     def __init__(
-        self, cell_size: float, motion: Motion, has_odometry: bool = True, scale: float = 1.0
+        self,
+        cell_size: float,
+        motion: Motion,
+        has_odometry: bool = True,
+        scale: float = 1.0,
+        track: Track | None = None,
     ) -> None:
-        self.track = Track()
+        self.track = track or Track()
+        self.covariance = np.diag(motion.sigmas(np.zeros(3), True) ** 2)  # Of the last match.
         self._cell_size = cell_size
         self._motion = motion
         self._has_odometry = has_odometry
         self._scale = scale
         self._matcher: Matcher | None = None
-        self._map: list[Floats] = []  # End points of key scans where they were.
-        self._outlines: list[Outline] = []  # Of the key scans.
+        self._map = [np.zeros((0, 2)) for _ in self.track.keys]  # End points of key scans where they were.
+        self._outlines: deque[Outline] = deque(maxlen=_COMPARED)  # Of the last key scans.
         self._scores: list[float] = []
         self._last: SensorScan | None = None
         self._lasted = 0.0  # Time from the scan before it [s].
@@ -151,10 +164,7 @@ class Tracker:
         """Place the next scan."""
         track = self.track
         if self._last is None:
-            self._last = scan
-            track.poses.append(scan.pose)
-            track.unfixed.append(0.0)
-            self._keep(scan, scan.pose, 0.0)
+            self.begin(scan)
             return
         told = between(self._last.pose, scan.pose)
         step = self._scaled(told) if self._has_odometry else self._step
@@ -162,6 +172,7 @@ class Tracker:
         self._is_regular = self._lasted <= _LONGER * lasted or lasted <= 0.0
         self._last_but_one, self._last = self._last.pose, scan
         pose, covariance, score = self._matched(scan, track.poses[-1], step)
+        self.covariance = covariance
         self._step = between(track.poses[-1], pose)
         moved = pose[:2] - track.poses[-1][:2]
         place = self._motion.sigmas(step, scan.has_heading)[0]
@@ -178,6 +189,24 @@ class Tracker:
             track.relations.append(relation)
             track.covariances.append(turned(covariance, key[2]))
             self._keep(scan, pose, track.way[-1] + way)
+
+    def begin(self, scan: SensorScan, covariance: Floats | None = None) -> None:
+        """Place a scan by its pose alone: the first, or one whose pose in the map has a covariance.
+
+        It is matched with none before it, but the loops of the next scans may tell more.
+        """
+        track = self.track
+        self._last, self._agreed, self._is_matched, self._step = scan, None, True, np.zeros(3)
+        self._last_but_one = None
+        way = 0.0
+        if covariance is not None and track.keys:
+            key = track.poses[track.keys[-1]]
+            track.relations.append(between(key, scan.pose))
+            track.covariances.append(turned(covariance, key[2]))
+            way = track.way[-1] + _MAP_WAY  # Beyond the sliding map.
+        track.poses.append(scan.pose)
+        track.unfixed.append(0.0)
+        self._keep(scan, scan.pose, way)
 
     def _scaled(self, told: Floats) -> Floats:
         """A motion by odometry, as far as scans say that it goes."""
@@ -235,10 +264,10 @@ class Tracker:
 
     def _through(self, scan: SensorScan, pose: Floats) -> float:
         """Fraction of a scan's points at a pose that lie where the last key scans saw through."""
-        keys = self.track.keys[-_COMPARED:]
+        keys = self.track.keys[-len(self._outlines) :]
         judged = [
             outline.judge(placed(between(self.track.poses[key], pose), scan.points))
-            for key, outline in zip(keys, self._outlines[-_COMPARED:])
+            for key, outline in zip(keys, self._outlines)
         ]
         same, through = (sum(counts) for counts in zip(*judged))
         return through / max(same + through, 1)
@@ -280,7 +309,7 @@ class Tracker:
 
     def _keep(self, scan: SensorScan, pose: Floats, way: float) -> None:
         track = self.track
-        track.through.append(self._through(scan, pose) if track.keys else 0.0)
+        track.through.append(self._through(scan, pose) if self._outlines else 0.0)
         track.keys.append(len(track.poses) - 1)
         track.scans.append(scan)
         track.way.append(way)

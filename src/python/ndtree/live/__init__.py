@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from ndtree.live.playing import play
     from ndtree.live.saver import Saver
     from ndtree.live.serving import MapServer
+    from ndtree.live.session import Session
+    from ndtree.live.slam import Slam
     from ndtree.live.to_foxglove import FoxgloveSink
     from ndtree.live.to_rerun import RerunSink
     from ndtree.live.way import Way
@@ -51,7 +53,9 @@ _MODULES = {
     "RerunSink": "to_rerun",
     "Saver": "saver",
     "ScansIntake": "intake",
+    "Session": "session",
     "Sink": "mapper",
+    "Slam": "slam",
     "Transform": "frames",
     "Verdict": "intake",
     "Way": "way",
@@ -81,7 +85,9 @@ __all__ = [
     "RerunSink",
     "Saver",
     "ScansIntake",
+    "Session",
     "Sink",
+    "Slam",
     "Transform",
     "Verdict",
     "Way",

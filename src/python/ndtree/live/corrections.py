@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,8 +71,8 @@ class Correction:
         In the map [m].
     quaternions : array_like, (n, 4)
         x, y, z, w.
-    of : {"body", "odometry"}
-        Whose poses they are: the body's, or those of the frame of its odometry.
+    of : {"body", "odometry", "sensor"}
+        Whose poses they are: the body's, the frame's of its odometry, or the sensor's, each of one scan.
 
     Raises
     ------
@@ -86,8 +86,8 @@ class Correction:
         times = np.asarray(stamps, dtype=np.float64)
         places = np.asarray(positions, dtype=np.float64).reshape(-1, 3)
         turns = np.asarray(quaternions, dtype=np.float64).reshape(-1, 4)
-        if of not in ("body", "odometry"):
-            raise ValueError(f"of = {of!r}: must be 'body' or 'odometry'")
+        if of not in ("body", "odometry", "sensor"):
+            raise ValueError(f"of = {of!r}: must be 'body', 'odometry' or 'sensor'")
         if not len(times) == len(places) == len(turns):
             raise ValueError(
                 f"{len(times)} stamps, {len(places)} positions and {len(turns)} quaternions: "
@@ -186,6 +186,15 @@ class Corrections:
         """The map as it is now, a copy that shares its cells."""
         return self._made().map
 
+    def scans(self) -> Iterator[tuple[Motion, Scan]]:
+        """All scans where they are now, with where their sensors are; ValueError if some are frozen."""
+        if self.frozen:
+            raise ValueError(f"{self.frozen} scans are frozen: expected all of them")
+        history = self._made()
+        rows = zip(self._stamps, *(self._rows[name] for name in ("sensor", "odometry", "mount")))
+        for key, row in zip(history.keys(), rows):
+            yield Motion(*row), history.scan(key)
+
     def _made(self) -> ScanHistory:
         if self._history is None:
             raise RuntimeError("there is no map yet: call begin() first")
@@ -282,6 +291,9 @@ class Corrections:
         if not len(keys):
             return np.zeros(0, np.intp), np.zeros((0, 3, 3)), np.zeros((0, 3))
         before = np.searchsorted(keys, stamps, side="right") - 1
+        if correction.of == "sensor":
+            at = np.flatnonzero((before >= 0) & (keys[before] == stamps))
+            return at, correction.rotations[before[at]], correction.positions[before[at]]
         is_inside = (stamps >= keys[0]) & (stamps <= keys[-1])
         at = np.flatnonzero(is_inside)
         before = before[at]

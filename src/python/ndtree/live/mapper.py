@@ -34,6 +34,8 @@ from ndtree.live.intake import Intake, Verdict
 from ndtree.live.localizing import Localization, Localizer
 from ndtree.live.queue import Entry, ScanQueue
 from ndtree.live.robot import Robot
+from ndtree.live.session import Session
+from ndtree.live.slam import NOT_FOUND, Slam
 from ndtree.live.way import Way
 from ndtree.live.window import Window
 
@@ -101,6 +103,8 @@ class LiveMapper:
         Finds each scan in `target`, which is not changed then; the intake's map frame is that of odometry.
     localized : callable, optional
         Is told each `Localization`.
+    slam : Slam, optional
+        Makes the poses of scans, with `corrections`; the intake's map frame is that of odometry.
 
     Raises
     ------
@@ -136,6 +140,7 @@ class LiveMapper:
         corrections: Corrections | None = None,
         localizer: Localizer | None = None,
         localized: Callable[[Localization], None] | None = None,
+        slam: Slam | None = None,
     ) -> None:
         if queue < 1:
             raise ValueError(f"queue = {queue}: must be >= 1")
@@ -149,7 +154,11 @@ class LiveMapper:
                 )
         if localizer is not None and (target is None or corrections or window or fading):
             raise ValueError("localizer: expected a target, and nothing that changes it")
-        self._corrections = corrections
+        if slam is not None and (corrections is None or localizer is not None):
+            raise ValueError("slam: expected corrections, and no localizer")
+        self._corrections, self._slam = corrections, slam
+        #: Who knows where the last scan's sensor was, and what was learned of earlier ones.
+        self._poser: Intake | Slam = slam or intake
         self._localizer, self._localized = localizer, localized
         self.figures = LiveFigures()
         #: Why nothing is mapped yet, and by sink the last thing that went wrong.
@@ -316,6 +325,8 @@ class LiveMapper:
             if self._corrections is not None and m is not None:
                 raise ValueError("the map follows corrections: expected no other to go on with")
             if self._corrections is not None and self._target is not None:
+                if self._slam is not None:
+                    self._slam.forget()
                 self._begin_corrected()
             elif m is None and self._target is not None:
                 assert self._intake.config is not None
@@ -328,11 +339,20 @@ class LiveMapper:
             self._revision += 1
         self._publisher.wake()
 
+    def session(self) -> Session:
+        """What slam can go on with; RuntimeError or ValueError if there is nothing yet."""
+        with self._lock:
+            if self._slam is None or self._corrections is None or self._intake.config is None:
+                raise RuntimeError("nothing is mapped by slam yet")
+            return self._slam.session(self._corrections, self._intake.config.options)
+
     def _begin_corrected(self) -> None:
         """Begin with an empty map, which scans will make."""
         assert self._intake.config is not None and self._corrections is not None
         with self._lock:
             self._corrections.begin(self._intake.dim, self._intake.config.options)
+            if self._slam is not None:
+                self._slam.begin(self._corrections)
             self._target = self._corrections.map
 
     def _check(self) -> None:
@@ -384,7 +404,7 @@ class LiveMapper:
 
     def _correct(self) -> None:
         """Move scans by what was learned of their poses."""
-        learned = [] if self._corrections is None or self._target is None else self._intake.corrections()
+        learned = [] if self._corrections is None or self._target is None else self._poser.corrections()
         if not learned:
             return
         assert self._corrections is not None
@@ -397,6 +417,9 @@ class LiveMapper:
         if self._corrections is None or self._target is None:
             return
         with self._lock:
+            if self._slam is not None:
+                self._slam.finish()
+                self._correct()
             self._corrections.settle()
             self._corrected()
 
@@ -500,6 +523,8 @@ class LiveMapper:
             self._backlog = max(self._backlog - 1, 0)
             if isinstance(found, Scan):
                 self._insert(found, entry)
+            if self._slam is not None:
+                self._correct()
             if self._intake.may_revise and (closing or self._intake.is_decidable(self._now())):
                 return True
 
@@ -516,6 +541,11 @@ class LiveMapper:
     def _insert(self, scan: Scan, entry: Entry) -> None:
         config, figures = self._intake.config, self.figures
         assert config is not None and self._target is not None
+        if self._slam is not None:
+            placed = self._place(scan, self._slam)
+            if placed is None:
+                return
+            scan = placed
         origins = np.atleast_2d(scan.origin)
         self.position = origins[-1] if len(origins) else self.position
         usable = config.usable(scan)
@@ -555,6 +585,20 @@ class LiveMapper:
             figures.mapped_delays.append(time.perf_counter() - entry.arrived)
         self._publisher.mapped(max(entry.arrived, self._again_until))
 
+    def _place(self, scan: Scan, slam: Slam) -> Scan | None:
+        """A scan where slam has it; None where it says nothing of that."""
+        try:
+            with self._lock:
+                placed = slam.placed(scan, self._intake.motion())
+        except ValueError:
+            self.figures.leave_out("scans that slam cannot place")
+            return None
+        if placed is None:
+            self.figures.leave_out(NOT_FOUND)
+        elif self._localized is not None:
+            self._localized(slam.located())
+        return placed
+
     def _localize(self, scan: Scan, entry: Entry, localizer: Localizer) -> None:
         """Find a scan in the map."""
         motion, figures = self._intake.motion(), self.figures
@@ -576,7 +620,7 @@ class LiveMapper:
         if self._corrections is None:
             assert self._target is not None
             return scan.insert_into(self._target, max_range=max_range, threads=self._threads)
-        motion = self._intake.motion()
+        motion = self._poser.motion()
         if motion is None:
             raise ValueError("nothing moves between the map and the sensor: there are no poses to follow")
         return self._corrections.insert(scan, motion, max_range)

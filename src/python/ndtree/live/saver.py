@@ -5,10 +5,13 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
+from ndtree.live.session import Session
+from ndtree.live.slam import scans_beside
 from ndtree.maps.writers import write
 
 
@@ -21,13 +24,19 @@ class Saver:
         Its ending says what is written, as for `ndtree.convert`.
     period : float
         From one time to the next [s].
+    session : callable, optional
+        What slam can go on with, which is written beside the map, to `scans_beside`.
     """
 
-    def __init__(self, path: str | os.PathLike[str], period: float) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], period: float, session: Callable[[], Session] | None = None
+    ) -> None:
         if not 0 < period < math.inf:
             raise WrongValue.of("save_every", f"{period:g} s", "> 0 and finite")
-        self.path, self.period = path, period
+        self.path, self.period, self.session = path, period, session
 
     def update(self, m: OccupancyMap, stamp: float) -> None:
         """Write a map."""
         write(m, Path(self.path))
+        if self.session is not None:
+            self.session().save(scans_beside(self.path))

@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Optional
+from typing import Any, Optional, Union
 
 from ndtree._native._core import OccupancyMap
+from ndtree.alignment.aligning import moves
 from ndtree.alignment.writing import is_trajectory
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.files import replaced
@@ -33,6 +34,8 @@ from ndtree.live import (
     MessagesIntake,
     Saver,
     ScansIntake,
+    Session,
+    Slam,
     Way,
     Window,
     play,
@@ -43,6 +46,7 @@ from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK, NOT_SELECTED
 from ndtree.live.playing import messages_of, scans_of
 from ndtree.live.serving import MapServer, address_of
+from ndtree.live.slam import scans_beside
 from ndtree.logs import recognised
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files.bag import Bag, open_bag
@@ -77,12 +81,15 @@ class _Call:
     )
     follow_frame: Optional[str] = flag(None, "The frame that the poses of the Path are of.")
     follow_memory: float = flag(MEMORY / 2**20, "Scans that can move [MiB]; of more, the oldest stay.")
+    slam: bool = flag(
+        False, "Find the poses of a planar laser from its scans and odometry, and correct them.", "--slam"
+    )
     localize: Optional[Path] = flag(
         None,
         "Find scans in this 2-D map by their odometry instead of mapping; -o gets poses (TUM).",
         metavar="MAP",
     )
-    guess: Optional[str] = flag(None, "Where the sensor is in the MAP at first [m, rad].", metavar="X,Y,YAW")
+    guess: Optional[str] = flag(None, "Where the sensor is in MAP at first [m, rad].", metavar="X,Y,YAW")
     save_every: Optional[float] = flag(None, "Write MAP so often, too [s].")
     resume: Optional[Path] = flag(None, "Go on with a saved map.", metavar="MAP")
     fixed: bool = flag(False, "All cells of one size.", "--fixed")
@@ -106,6 +113,8 @@ class _Call:
         "ndtree live drive.bag -o drive.ndt --rate 4 --queue 20 --window 30 --save-every 60",
         "ndtree live tuesday.bag --resume monday.ndt -o both.ndt --rate 0",
         "ndtree live --world office --rate 0",
+        "ndtree live laser.bag --slam -o office.ndt",
+        "ndtree live more.bag --slam --resume office.ndt -o office.ndt",
         "ndtree live drive.bag --serve 8090",
         "ndtree live drive.bag --foxglove 8765",
         "ndtree live drive.bag --rerun drive.rrd --rate 0",
@@ -139,18 +148,27 @@ def _refuse_mixtures(call: _Call, given: Config) -> None:
     for one, value, needs, other in (
         ("save-every", call.save_every, "-o MAP", call.output),
         ("follow-frame", call.follow_frame, "--follow", call.follow),
-        ("guess", call.guess, "--localize", call.localize),
+        (
+            "guess",
+            call.guess,
+            "--localize, or --slam with --resume",
+            call.localize or ((call.slam or None) and call.resume),
+        ),
     ):
         if value is not None and other is None:
             raise WrongCall(f"--{one}: expected {needs}, too")
     if call.port is not None and not call.watch:
         raise WrongCall("--port: is for the page of --watch")
     fixed = call.fixed or None
-    others = {"window": call.window, "fade": call.fade, "resume": call.resume, "fixed": fixed}
+    others: dict[str, Any] = {"window": call.window, "fade": call.fade, "resume": call.resume, "fixed": fixed}
     for name, other in others.items():
         if call.follow is not None and other is not None:
             raise WrongCall(f"--{name}: not with --follow, whose map is of scans alone, with adaptive cells")
-    others |= {"follow": call.follow, "save-every": call.save_every}
+        if call.slam and other is not None and name != "resume":
+            raise WrongCall(f"--{name}: not with --slam, whose map is of scans alone, with adaptive cells")
+    if call.slam and call.follow is not None:
+        raise WrongCall("--follow: not with --slam, which corrects poses itself")
+    others |= {"follow": call.follow, "save-every": call.save_every, "slam": call.slam or None}
     for name, other in (*others.items(), *((name, name) for name in given.typed)):
         if call.localize is not None and other is not None:
             raise WrongCall(f"{flag_of(name)}: not with --localize, which makes no map")
@@ -162,8 +180,12 @@ def _refuse_mixtures(call: _Call, given: Config) -> None:
         )
 
 
-def _given_by_map(call: _Call, given: Config) -> tuple[Config, Optional[OccupancyMap]]:
-    """What was given, and a saved map says; and the map that is gone on with, or searched."""
+def _given_by_map(call: _Call, given: Config) -> tuple[Config, Union[OccupancyMap, Session, None]]:
+    """What was given, and a saved map says; and the map or the drive that is gone on with, or searched."""
+    if call.slam:
+        session = None if call.resume is None else Session.load(scans_beside(call.resume))
+        options = Config() if session is None else Config.of(**session.options)
+        return given.overridden(options.values), session
     if call.localize is not None:
         poses = Config.of(fixed_frame=ODOMETRY)
         return poses.overridden({**given.values, **Config.of(dim=2).values}), load_map(call.localize)
@@ -181,27 +203,42 @@ class _Run:
 
     mapper: LiveMapper
 
-    def __init__(self, call: _Call, given: tuple[Config, Optional[OccupancyMap]]) -> None:
+    def __init__(self, call: _Call, given: tuple[Config, Union[OccupancyMap, Session, None]]) -> None:
         self._call = call
-        self._given, self._target = given
+        self._given, earlier = given
+        self._session = earlier if isinstance(earlier, Session) else None
+        self._target = None if isinstance(earlier, Session) else earlier
         self._found: list[Localization] = []
         place = None if call.guess is None else made(lambda: place_of(call.guess))
         find = call.localize is not None
         self._localizer = made(lambda: Localizer(self._target, place)) if find else None
+        self._slam: Optional[Slam] = None
         self._page: Optional[_Page] = None
         self._server: Any = None
 
     def prepared(self, stack: ExitStack) -> Iterator[tuple[Any, float]]:
         """What is in the recording, for a mapper that is there then."""
         call = self._call
-        saver = [] if call.save_every is None else [made(lambda: Saver(call.output, call.save_every))]
+        session = self._saved_session if call.slam else None
+        every = call.save_every
+        saver = [] if every is None else [made(lambda: Saver(call.output, every, session))]
         window = None if call.window is None else made(lambda: Window(call.window))
         memory = int(call.follow_memory * 2**20)
-        corrections = None if call.follow is None else made(lambda: Corrections(memory=memory))
+        corrects = call.slam or call.follow is not None
+        corrections = made(lambda: Corrections(memory=memory)) if corrects else None
         fading = None if call.fade is None else made(lambda: Fading(call.fade))
         how = {"look": call.look_for, "follow": call.follow or "", "body": call.follow_frame or ""}
         localizes = self._localizer is not None
-        intake, items = _source(call.log, call.world, self._given, stack, how, localizes=localizes)
+        given = self._given
+        if call.slam and _is_bag(call.log, given):
+            given = Config.of(fixed_frame=ODOMETRY).overridden({**given.values, **Config.of(dim=2).values})
+        intake, items = _source(call.log, call.world, given, stack, how, localizes=localizes)
+        if call.slam:
+            place = None if call.guess is None else place_of(call.guess)
+            says = (
+                None if isinstance(intake, MessagesIntake) else moves(open_log(call.log, call.world, given))
+            )
+            self._slam = Slam(odometry=says, earlier=self._session, guess=place)
         way = Way()
         self.mapper = LiveMapper(
             intake,
@@ -215,9 +252,13 @@ class _Run:
             way=way,
             corrections=corrections,
             localizer=self._localizer,
-            localized=self._found.append,
+            localized=self._found.append if localizes else None,
+            slam=self._slam,
         )
         return items
+
+    def _saved_session(self) -> Session:
+        return self.mapper.session()
 
     def _sinks(self, intake: Intake, way: Way, stack: ExitStack) -> list[Any]:
         """What shows the map while it grows."""
@@ -239,7 +280,10 @@ class _Run:
         if self._localizer is not None:
             _report_places(mapper, self._localizer, self._found, call.output, call.json_file, name)
         else:
-            _report(mapper, seconds, call.output, call.json_file, name)
+            said = None if self._slam is None else self._slam.figures()
+            _report(mapper, seconds, call.output, call.json_file, name, said)
+            if self._slam is not None and call.output is not None:
+                mapper.session().save(scans_beside(call.output))
         if self._page is not None:
             self._page.stay()
         elif self._server is not None:
@@ -257,7 +301,7 @@ def _source(
 ) -> tuple[Intake, Iterator[tuple[Any, float]]]:
     """How a recording is judged, and what is in it."""
     follow = how["follow"]
-    if path is not None and recognised(path, format=given.get("format")) == "rosbag":
+    if _is_bag(path, given):
         require_taken(given, path)
         bag = stack.enter_context(open_bag(str(path.parent if path.name == "metadata.yaml" else path)))
         _check_followed(bag, follow)
@@ -268,6 +312,10 @@ def _source(
         raise WrongCall("--follow: expected a ROS bag, which has the poses that a SLAM corrects")
     log, config = inspected(open_log(path, world, given), given)
     return ScansIntake(config, log.dim), scans_of(log)
+
+
+def _is_bag(path: Optional[Path], given: Config) -> bool:
+    return path is not None and recognised(path, format=given.get("format")) == "rosbag"
 
 
 def _check_followed(bag: Bag, follow: str) -> None:
@@ -381,7 +429,12 @@ def _report_places(
 
 
 def _report(
-    mapper: LiveMapper, seconds: float, output: Optional[Path], json_file: Optional[Path], name: str
+    mapper: LiveMapper,
+    seconds: float,
+    output: Optional[Path],
+    json_file: Optional[Path],
+    name: str,
+    slam: Optional[dict[str, Any]],
 ) -> None:
     figures = mapper.figures
     if not figures.mapped:
@@ -394,6 +447,8 @@ def _report(
         print(f"{name}: {figures.summary()}")
         for line in mapper.intake.said():
             print(f"  {in_words(line)}")
+        if slam is not None:
+            print(f"  poses are {slam['verdict']}" + "".join(f"; {one}" for one in slam["doubts"]))
         print_map(of_map)
         median, late = (1e3 * figures.delay(q) for q in (0.5, 0.99))
         print(
@@ -402,4 +457,5 @@ def _report(
         )
     for sink, error in mapper.failures.items():
         print(f"ndtree: {sink}: {error}", file=sys.stderr)
-    write_json({"log": name, "seconds": seconds, "live": figures.as_dict(), **of_map}, json_file)
+    said = {} if slam is None else {"slam": slam}
+    write_json({"log": name, "seconds": seconds, "live": figures.as_dict(), **said, **of_map}, json_file)

@@ -27,6 +27,8 @@ from ndtree.live.ros.parameters import config_of, in_parameters, layers_of
 from ndtree.live.ros.sinks import CellsSink, ChangesSink, FrontiersSink, GridSink, OctomapSink
 from ndtree.live.saver import Saver
 from ndtree.live.serving import MapServer, address_of
+from ndtree.live.session import Session
+from ndtree.live.slam import Slam, scans_beside
 from ndtree.live.window import Window
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.storage import Raw
@@ -74,12 +76,15 @@ class MapService:
         given = config_of(value, node.map_options())
         target = None
         file = value("map_file")
-        if value("resume") and file and Path(file).exists():
+        self._slam = _slam(value)
+        if self._slam is not None:
+            given = given.overridden({**Config.of(**self._slam.options).values, **Config.of(dim=2).values})
+        elif value("resume") and file and Path(file).exists():
             target = _loaded(file)
             given = given.overridden(Config.of(**target.options).values)
         localizer = None
         if value("localize"):
-            for name in ("resume", "window", "fade", "follow"):
+            for name in ("resume", "window", "fade", "follow", "slam"):
                 if value(name):
                     raise ValueError(f"{name}: not with localize, which makes no map")
             target = _loaded(value("localize"))
@@ -111,17 +116,19 @@ class MapService:
         self._octomap = None if octomap is None else OctomapSink(node, self._frame, octomap)
         sinks += [] if self._octomap is None else [self._octomap]
         if file and value("save_period") > 0:
-            sinks.append(Saver(file, value("save_period")))
+            session = None if self._slam is None else self._session
+            sinks.append(Saver(file, value("save_period"), session))
         self._server: MapServer | None = None
         if value("serve"):
             host, port = address_of(value("serve"))
             self._server = MapServer(port, host=host)
             sinks.append(self._server)
             node.say(Level.info, f"ndtree view {self._server.url} shows the map as it grows")
-        if localizer is not None:
+        if localizer is not None or self._slam is not None:
             self._transforms = optional_class("tf2_msgs/msg/TFMessage")
             if self._transforms is None:
-                raise ValueError("localize: needs the package tf2_msgs, to publish where the robot is")
+                what = "localize" if self._slam is None else "slam"
+                raise ValueError(f"{what}: needs the package tf2_msgs, to publish where the robot is")
             self._tf = node.publisher(self._transforms, "/tf", depth=100)
             self._poses = node.publisher(PoseWithCovarianceStamped, "~/pose", depth=10)
         self._status = node.publisher(DiagnosticArray, "/diagnostics", depth=10)
@@ -137,9 +144,13 @@ class MapService:
             corrections=_corrections(value),
             localizer=localizer,
             localized=self._localized,
+            slam=self._slam,
             sinks=sinks,
             way=robot,
         )
+
+    def _session(self) -> Session:
+        return self.mapper.session()
 
     def _localized(self, found: Localization) -> None:
         """Publish where the robot is, while it is known."""
@@ -152,7 +163,7 @@ class MapService:
         self._poses.publish(pose_with_covariance(MAP, found.stamp, found.body, found.covariance))
 
     def _frame(self) -> str:
-        if self._localizer is not None:
+        if self._localizer is not None or self._slam is not None:
             return MAP
         log = self._intake.log
         return (self._node.value("fixed_frame") or "map") if log is None else log.fixed_frame
@@ -212,7 +223,7 @@ class MapService:
         try:
             self.mapper.close()
             if file and self.mapper.has_map and self._localizer is None:
-                write(self.mapper.snapshot(), Path(file))
+                self._write(file)
         except (ValueError, OSError) as error:
             self._node.say(Level.error, in_parameters(error))
         if self._server is not None:
@@ -220,6 +231,11 @@ class MapService:
         self._say_failures()
         self.diagnose(lost)
         self._node.say(Level.info, f"{self.mapper.figures.summary()}, {lost} lost by the middleware")
+
+    def _write(self, file: str) -> None:
+        write(self.mapper.snapshot(), Path(file))
+        if self._slam is not None:
+            self.mapper.session().save(scans_beside(file))
 
     def diagnose(self, lost: int) -> None:
         """Publish how the map does.
@@ -250,6 +266,10 @@ class MapService:
         }
         if self._localizer is not None:
             values |= {"lost now": self._localizer.is_lost, "times lost": self._localizer.times_lost}
+        doubts = [] if self._slam is None else self._slam.doubts
+        if self._slam is not None:
+            said = self._slam.figures()
+            values |= {"poses": said["verdict"], "loops": said.get("loops", 0), "doubts": "; ".join(doubts)}
         name = self._node.name.rpartition("/")[2]
         status = DiagnosticStatus(name=f"{name}: map", hardware_id="", level=DiagnosticStatus.OK)
         if mapper.has_map:
@@ -265,6 +285,8 @@ class MapService:
             status.message = next(iter(mapper.failures.values()), "no scans are mapped")
         if self._localizer is not None and self._localizer.is_lost:
             status.level, status.message = DiagnosticStatus.WARN, "lost in the map"
+        if doubts and status.level == DiagnosticStatus.OK:
+            status.level, status.message = DiagnosticStatus.WARN, doubts[0]
         status.values = [KeyValue(key=key, value=str(one)) for key, one in values.items()]
         self._status.publish(DiagnosticArray(header=header("", now), status=[status]))
 
@@ -274,7 +296,7 @@ class MapService:
         try:
             if not file:
                 raise ValueError("map_file is not set, expected the name of a file")
-            write(self.mapper.snapshot(), Path(file))
+            self._write(file)
         except (ValueError, OSError, RuntimeError, ImportError) as error:
             return False, str(error)
         return True, file
@@ -341,11 +363,25 @@ class MapService:
 
 
 def _corrections(value: Callable[[str], Any]) -> Corrections | None:
-    if not value("follow"):
+    how = "slam" if value("slam") else "follow"
+    if not value(how):
         return None
     if value("fixed_cells"):
-        raise ValueError("fixed_cells: not with follow, whose map has adaptive cells")
+        raise ValueError(f"fixed_cells: not with {how}, whose map has adaptive cells")
     return Corrections(memory=int(value("follow_memory") * 2**20), threads=value("threads"))
+
+
+def _slam(value: Callable[[str], Any]) -> Slam | None:
+    """What makes poses, if a user wants it; it goes on with the saved drive, if that is there."""
+    if not value("slam"):
+        return None
+    for name in ("window", "fade", "follow"):
+        if value(name):
+            raise ValueError(f"{name}: not with slam")
+    file = scans_beside(value("map_file")) if value("map_file") else None
+    goes_on = value("resume") and file is not None and file.exists()
+    place = place_of(value("initial_pose")) if value("initial_pose") else None
+    return Slam(earlier=Session.load(file) if goes_on and file is not None else None, guess=place)
 
 
 def _loaded(path: str) -> OccupancyMap:

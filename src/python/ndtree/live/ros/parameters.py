@@ -73,8 +73,9 @@ ROWS = (
     Row("reliable", False, "Ask sensors for lost messages again: reliable, not best effort."),
     Row("window", 0.0, "What is farther from the sensor is forgotten [m]; 0: nothing.", (0.0, 1e6)),
     Row("fade", 0.0, "What was not seen for this long is forgotten [s]; 0: nothing.", (0.0, 1e6)),
+    Row("slam", False, "Find poses of a planar laser by its scans and odometry: publishes map to odom."),
     Row("localize", "", "A saved 2-D map to find the robot in, instead of mapping: publishes map to odom."),
-    Row("initial_pose", "", "Of the sensor in that map: X,Y,YAW; else it is looked for everywhere."),
+    Row("initial_pose", "", "Of the sensor in a saved map: X,Y,YAW; else it is looked for everywhere."),
     Row("follow", "", "Topic with a SLAM's nav_msgs/Path, or tf: scans move when their poses are corrected."),
     Row("follow_frame", "", "The frame that the poses of follow are of; else the robot's base."),
     Row("follow_memory", MEMORY / 2**20, "Of scans that can move [MiB]; then the oldest stay.", (1.0, 1e6)),
@@ -157,7 +158,8 @@ def config_of(value: Callable[[str], Any], options: dict[str, Any] | None = None
         row.check(value(row.name))
     whole = Config.load(value("config")) if value("config") else Config()
     whole = whole.overridden(Config.of(**given, **(options or {})).values)
-    return Config.of(fixed_frame=ODOMETRY).overridden(whole.values) if value("localize") else whole
+    finds = value("localize") or value("slam")
+    return Config.of(fixed_frame=ODOMETRY).overridden(whole.values) if finds else whole
 
 
 def in_parameters(text: str | Exception) -> str:
