@@ -286,31 +286,71 @@ def test_a_robot_is_found_in_a_saved_map(tmp_path: Path) -> None:
     wrong = [drifted(i, *pose) for i, pose in enumerate(true)]
     bag = bag_of(tmp_path / "drive", wrong, rows, {}, "mcap", fixed_frame="odom", **here)
     x, y = true[0][0]
-    given = {
-        "localize": tmp_path / "office.ndt", "initial_pose": f"'{x + 0.1},{y},0.1'", "look": 0.5,
-        "reliable": "true", "queue": 1000, "patience": 60.0,
-    }  # fmt: skip
-    words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
-    stop, output = tmp_path / "stop", tmp_path / "places.json"
-
-    def log() -> str:
-        return (tmp_path / "node.log").read_text(errors="replace")
-
-    with ExitStack() as stack:
-        places = stack.enter_context(running(tmp_path, "places", PROCESSES / "places.py", output, stop))
-        node = stack.enter_context(running(tmp_path, "node", "-m", "ndtree.live.ros2", "--ros-args", *words))
-        with running(tmp_path, "publisher", PROCESSES / "publisher.py", bag, 2.0, 1) as publisher:
-            ended(publisher, node, log)
-        assert publisher.returncode == 0, (tmp_path / "publisher.log").read_text()
-        node.send_signal(signal.SIGINT)
-        assert node.wait(PATIENCE) == 0, log()
-        stop.touch()
-        assert places.wait(PATIENCE) == 0, (tmp_path / "places.log").read_text()
-    said = json.loads(output.read_text())
-    assert len(said["poses"]) > 30 and set(said["odometry"]) == {"odom"}, log()
+    given = {"localize": tmp_path / "office.ndt", "initial_pose": f"'{x + 0.1},{y},0.1'"}
+    said, _, log = places_of(bag, tmp_path, **given)
+    assert len(said["poses"]) > 30 and set(said["odometry"]) == {"odom"}, log
     for stamp, px, py, frame in said["poses"]:
         place = true[round((stamp - rows[0][0]) / 0.1)][0]
         assert frame == "map" and np.hypot(px - place[0], py - place[1]) < 0.1
+
+
+def places_of(
+    bag: Path, folder: Path, rate: float = 2.0, *, end: signal.Signals = signal.SIGINT, **given: object
+) -> tuple[Any, int, str]:
+    """Where a node says that the robot was while a bag is published, its status, and what it says."""
+    given |= {"look": 0.5, "reliable": "true", "queue": 1000, "patience": 60.0}
+    words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
+    stop, output = folder / "stop", folder / "places.json"
+    stop.unlink(missing_ok=True)
+
+    def log() -> str:
+        return (folder / "node.log").read_text(errors="replace")
+
+    with ExitStack() as stack:
+        places = stack.enter_context(running(folder, "places", PROCESSES / "places.py", output, stop))
+        node = stack.enter_context(running(folder, "node", "-m", "ndtree.live.ros2", "--ros-args", *words))
+        with running(folder, "publisher", PROCESSES / "publisher.py", bag, rate, 1) as publisher:
+            ended(publisher, node, log)
+        assert publisher.returncode == 0, (folder / "publisher.log").read_text()
+        if end is signal.SIGKILL:  # As soon as it has saved what was published.
+            time.sleep(4.0)
+        node.send_signal(end)
+        status = node.wait(PATIENCE)
+        stop.touch()
+        assert places.wait(PATIENCE) == 0, (folder / "places.log").read_text()
+    assert end is signal.SIGKILL or status == 0, log()
+    return json.loads(output.read_text()), status, log()
+
+
+def test_a_slam_that_is_killed_goes_on_where_it_is(tmp_path: Path) -> None:
+    rows = driven(160)[:90]
+    true = [(place, turn) for _, place, turn, _, _ in rows]
+    wrong = [drifted(i, *pose) for i, pose in enumerate(true)]
+    here = {"mount": (0.0, 0.0, 0.0), "fixed_frame": "odom"}
+    first = bag_of(tmp_path / "first", wrong[:70], rows[:70], {}, "mcap", **here)
+    given = {"slam": "true", "map_file": tmp_path / "office.ndt", "range_sigma": 0.02, "resume": "true"}
+    said, status, log = places_of(first, tmp_path, save_period=1.0, end=signal.SIGKILL, **given)
+    assert status == -signal.SIGKILL and (tmp_path / "office.scans.npz").exists(), log
+
+    def wrong_by(said: Any) -> list[float]:
+        assert set(said["odometry"]) == {"odom"} and {one[3] for one in said["poses"]} == {"map"}
+        places = [true[round((one[0] - rows[0][0]) / 0.1)][0] for one in said["poses"]]
+        return [float(np.hypot(*(one[1:3] - place))) for one, place in zip(said["poses"], places)]
+
+    assert len(said["poses"]) >= 65 and max(wrong_by(said)) < 0.3, log
+    # Its odometry begins anew, elsewhere.
+    again = [([*place, 5.0, -3.0], turn) for place, turn in wrong[40:]]
+    second = bag_of(tmp_path / "second", again, rows[40:], {}, "mcap", **here)
+    said, _, log = places_of(second, tmp_path, **given)
+    assert len(said["poses"]) > 10 and max(wrong_by(said)) < 0.3, log
+    assert "not found in the saved map yet" in log
+    m = ndtree.load(tmp_path / "office.ndt")
+    right = mapped(
+        bag_of(tmp_path / "right", true, rows, {}, "mcap", mount=(0.0, 0.0, 0.0)), PYTHON, range_sigma=0.02
+    )
+    both = right.leaves(states=["occupied"]).center
+    _off, _turn = true[0]
+    assert np.mean(m.state(both) == 1) > 0.5, "in the frame of the first odometry, which is the map's"
 
 
 def test_services_and_parameters(tmp_path: Path) -> None:

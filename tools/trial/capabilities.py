@@ -54,6 +54,7 @@ CAPABILITIES = {
         ("none", "person"),
     ),
     "align": Capability(poses.align_trial, _PLANAR, _ODOMETRY),
+    "slam": Capability(poses.slam_trial, _PLANAR, _ODOMETRY),
     "match": Capability(poses.match_trial, _PLANAR, ("near", "far")),
     "localize": Capability(
         poses.localize_trial,

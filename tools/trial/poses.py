@@ -4,11 +4,16 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import ndtree
+from ndtree.alignment import Alignment
+from ndtree.alignment.aligning import moves
+from ndtree.alignment.online import OnlineAlignment
 from ndtree.live.localizing import Localizer
 from trial import faults
 from trial.maps import mapped
@@ -22,6 +27,22 @@ _BEST = 1e-3  # No smaller standard deviation is taken in earnest [m].
 
 def align_trial(case: Case) -> tuple[Recording, Outcome]:
     """Poses of a log whose odometry has a fault."""
+    return _aligned(case, ndtree.align)
+
+
+def slam_trial(case: Case) -> tuple[Recording, Outcome]:
+    """The same, of scans that come one by one."""
+    return _aligned(case, _one_by_one)
+
+
+def _one_by_one(log: Any) -> Alignment:
+    online = OnlineAlignment(odometry=moves(log))
+    for scan in log:
+        online.add(scan)
+    return online.finish()
+
+
+def _aligned(case: Case, find: Callable[[Any], Alignment]) -> tuple[Recording, Outcome]:
     world, fault, rng = case.world, case.fault, case.rng
     sensor = laser(rng, beams=int(rng.choice([90, 180, 360])))
     scans, motion = int(rng.integers(70, 110)), str(rng.choice(["drives", "drives", "pushed"]))
@@ -31,7 +52,7 @@ def align_trial(case: Case) -> tuple[Recording, Outcome]:
     with tempfile.TemporaryDirectory() as folder:
         log = ndtree.read(r.save(Path(folder) / "log.npz"))
         try:
-            found = ndtree.align(log)
+            found = find(log)
         except ValueError as error:
             outcome.refused = str(error)
             return r, outcome
