@@ -136,6 +136,8 @@ class OnlineAlignment:
     def finish(self) -> Alignment:
         """Look for the last loops; what all that came says."""
         self._take()
+        if not self._is_told:
+            self._match_again()
         if self._close_loops:
             self._found(self._searched(len(self.track.keys), True))
         self._thread.shutdown()
@@ -152,14 +154,17 @@ class OnlineAlignment:
         return between_keys(poses, self.track.keys[: len(keys)], keys) if len(keys) else poses
 
     def _learn_scale(self, scan: SensorScan) -> None:
-        """Match the first scans once more, where they say that odometry's ways have another length."""
+        """Keep the first scans, until they tell how long odometry's ways are."""
         if self._is_told:
             return
         self._first.append(scan)
-        motion = self._how[1]
-        if len(self.track.ratios) < _TELL and len(self._first) < _MOST_KEPT:
-            return
-        scale, first = told_scale(self.track, motion), self._first
+        if len(self.track.ratios) >= _TELL or len(self._first) >= _MOST_KEPT:
+            self._match_again()
+
+    def _match_again(self) -> None:
+        """Match the first scans once more, if odometry's ways have another length."""
+        motion, first = self._how[1], self._first
+        scale = told_scale(self.track, motion)
         self._first, self._is_told = [], True
         if scale == 1.0:
             return
@@ -168,7 +173,7 @@ class OnlineAlignment:
             again.add(one)
         if is_confirmed(again.track, scale, motion):
             self._take()
-            self._tracker = again
+            self._tracker, self.state = again, None
             self._begin_graph([])
             self._is_new = True
 

@@ -32,6 +32,7 @@ from ndtree.live.fading import Fading
 from ndtree.live.figures import LiveFigures
 from ndtree.live.intake import Intake, Verdict
 from ndtree.live.localizing import Localization, Localizer
+from ndtree.live.passing import Passing
 from ndtree.live.queue import Entry, ScanQueue
 from ndtree.live.robot import Robot
 from ndtree.live.session import Session
@@ -105,6 +106,8 @@ class LiveMapper:
         Is told each `Localization`.
     slam : Slam, optional
         Makes the poses of scans, with `corrections`; the intake's map frame is that of odometry.
+    passing : Passing, optional
+        Is told each scan before it is mapped.
 
     Raises
     ------
@@ -141,6 +144,7 @@ class LiveMapper:
         localizer: Localizer | None = None,
         localized: Callable[[Localization], None] | None = None,
         slam: Slam | None = None,
+        passing: Passing | None = None,
     ) -> None:
         if queue < 1:
             raise ValueError(f"queue = {queue}: must be >= 1")
@@ -172,7 +176,7 @@ class LiveMapper:
         self._may_begin_again = localizer is None
         self._again_until = -math.inf
         self._first = target.snapshot() if target is not None and intake.may_revise else None
-        self._clock, self._way = clock, way
+        self._clock, self._way, self._passing = clock, way, passing
         #: Where the sensor was last [m].
         self.position: NDArray[np.float64] | None = None
         self._changed = threading.Condition()
@@ -476,7 +480,7 @@ class LiveMapper:
             self.figures.begin_again()
             self._again_until = time.perf_counter()
         with self._lock:
-            for one in (self._window, self._fading, self._way):
+            for one in (self._window, self._fading, self._way, self._passing):
                 if one is not None:
                     one.begin()
             config = self._intake.config
@@ -554,6 +558,9 @@ class LiveMapper:
             return
         try:
             with self._lock:
+                if self._passing is not None:
+                    m = self._target if self._corrections is None else self._corrections.map
+                    self._passing.note(m, usable)
                 one = self._mapped(usable, config.max_range)
                 if self._window is not None:
                     self._window.moved(self._target, scan)

@@ -20,6 +20,7 @@ from ndtree.live.fading import Fading
 from ndtree.live.localizing import ODOMETRY, Localization, Localizer, place_of
 from ndtree.live.mapper import LiveMapper
 from ndtree.live.messages import MessagesIntake
+from ndtree.live.passing import Passing
 from ndtree.live.robot import Robot
 from ndtree.live.ros.messages import header, optional_class, pose_with_covariance, transform
 from ndtree.live.ros.middleware import Level, Middleware
@@ -109,7 +110,8 @@ class MapService:
         self._failed: dict[str, str] = {}
         robot = Robot(self._intake)
         layers = [None, *layers_of(value("grid_layers"))]
-        self._grids = [GridSink(node, self._frame, robot, layer) for layer in layers]
+        passing = Passing(lambda: value("grid_stays"), lambda: _heights(value))
+        self._grids = [GridSink(node, self._frame, robot, passing, layer) for layer in layers]
         sinks: list[Any] = [*self._grids, *(kind(node, self._frame) for kind in (CellsSink, ChangesSink))]
         sinks.append(FrontiersSink(node, self._frame))
         octomap = optional_class("octomap_msgs/msg/Octomap")
@@ -147,6 +149,7 @@ class MapService:
             slam=self._slam,
             sinks=sinks,
             way=robot,
+            passing=passing,
         )
 
     def _session(self) -> Session:
@@ -360,6 +363,18 @@ class MapService:
         except (ValueError, RuntimeError) as error:
             self._node.say(Level.warning, f"get_map: {error}")
             return None
+
+
+def _heights(value: Callable[[str], Any]) -> tuple[float, float]:
+    """Between which points may be obstacles of some grid [m]."""
+    if value("grid_above") != "map":
+        return -math.inf, math.inf
+    layers = layers_of(value("grid_layers"))
+    lows, highs = (
+        [value("grid_low"), *(one.low for one in layers)],
+        [value("grid_high"), *(one.high for one in layers)],
+    )
+    return min(lows), max(highs)
 
 
 def _corrections(value: Callable[[str], Any]) -> Corrections | None:

@@ -14,6 +14,7 @@ from ndtree.live.corrections import MEMORY
 from ndtree.live.localizing import ODOMETRY
 from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK
+from ndtree.live.passing import STAYS
 from ndtree.maps.ground import SLOPE
 from ndtree.maps.kinds import MAP_OPTIONS
 from ndtree.tuning.config import WORDS, Config
@@ -91,6 +92,8 @@ ROWS = (
     Row("ground_slope", SLOPE, "The steepest ground [m/m].", (0.0, 1e3), True),
     Row("grid_layers", [""], "More grids of other heights, each NAME:LOW,HIGH, on map_NAME."),
     Row("grid_clear", 0.0, "The grid is free within this of the robot's base [m].", (0.0, 1e3), True),
+    Row("grid_stays", STAYS, "What comes into free space is in the grid after this long [s]; 0: at once.",
+        (0.0, 1e3), True),
     Row("grid_period", 0.0, "From one grid or update to the next [s]; 0: after each scan.", (0.0, 1e3), True),
     Row("cells_period", 1.0, "Of occupied cells, as points and markers [s].", (0.0, 1e3), True),
     Row("filter_speckles", False, "Leave out occupied cells that have no occupied neighbour.", changes=True),

@@ -18,6 +18,7 @@ from ndtree._native._core import OccupancyMap
 from ndtree.live.above_ground import GroundFollower
 from ndtree.live.grid import GridFollower, GridPart, difference
 from ndtree.live.outputs import Frontiers, State, cell_points, changed_points
+from ndtree.live.passing import Passing, hide
 from ndtree.live.robot import Robot
 from ndtree.live.ros.messages import (
     cloud_message,
@@ -71,6 +72,8 @@ class GridSink(NodeSink):
         As for `NodeSink`.
     robot : Robot
         Where heights may count from, and where the grid may be free.
+    passing : Passing
+        Where something is no obstacle yet, unless it is one already.
     layer : Layer, optional
         A grid of other heights than those of the parameters, on topics of its own.
     """
@@ -78,10 +81,15 @@ class GridSink(NodeSink):
     parameter = "grid_period"
 
     def __init__(
-        self, node: Middleware, frame: Callable[[], str], robot: Robot, layer: Layer | None = None
+        self,
+        node: Middleware,
+        frame: Callable[[], str],
+        robot: Robot,
+        passing: Passing,
+        layer: Layer | None = None,
     ) -> None:
         super().__init__(node, frame)
-        self._robot, self._layer = robot, layer
+        self._robot, self._passing, self._layer = robot, passing, layer
         topic = "map" if layer is None else f"map_{layer.name}"
         self._maps = node.publisher(OccupancyGrid, topic)
         self._update = optional_class("map_msgs/msg/OccupancyGridUpdate")
@@ -91,6 +99,8 @@ class GridSink(NodeSink):
         self._grid: GridFollower | None = None
         self._made_of: tuple[Any, ...] = ()
         self._values: NDArray[np.int8] | None = None
+        self._origin = 0.0, 0.0
+        self._differs = False  # From the grid of the map.
         self._z = 0.0
         self._listeners = [0, 0]
         self._lock = threading.Lock()
@@ -138,14 +148,21 @@ class GridSink(NodeSink):
                 self._grid, self._z = GridFollower(cell_size, height), height[0] if height else 0.0
         assert self._grid is not None
         part = self._grid.follow(m)
-        radius = value("grid_clear")
-        if self._grid.values is None or (not radius and self._values is self._grid.values):
+        if self._grid.values is None:
             return part
-        before = self._values
-        self._values = self._cleared(radius) if radius else self._grid.values
-        if before is None or is_new or (part is not None and part.is_whole):
-            return GridPart(0, 0, self._values, True)
-        return difference(before, self._values)
+        before, radius, places = self._values, value("grid_clear"), self._passing.places()
+        is_whole = before is None or is_new or (part is not None and part.is_whole)
+        if not (is_whole or radius or len(places) or self._differs):
+            if part is not None:
+                rows, columns = part.values.shape
+                before[part.row : part.row + rows, part.column : part.column + columns] = part.values
+            return part
+        shown = self._cleared(radius) if radius else self._grid.values.copy()
+        published = None if before is None else (before, self._origin)
+        hide(shown, self._grid.origin, self._grid.cell_size, places, published)
+        self._values, self._origin = shown, self._grid.origin
+        self._differs = bool(radius) or len(places) > 0
+        return GridPart(0, 0, shown, True) if is_whole else difference(before, shown)
 
     def _cleared(self, radius: float) -> NDArray[np.int8]:
         """The grid, free within a distance of the robot."""
