@@ -146,7 +146,7 @@ class Received:
 
     def __init__(self, robot: Robot, bag: Path, rate: float, **parameters: object) -> None:
         output, target = robot.folder / "out.npz", robot.folder / "node.ndt"
-        given = {**parameters, "queue": 5000, "patience": 120.0, "map_file": target}
+        given = {"grid_stays": 0.0, **parameters, "queue": 5000, "patience": 120.0, "map_file": target}
         given |= {"diagnostics_period": 0.1}
         with ExitStack() as stack:
             words = PROCESSES / "receiver.py", output

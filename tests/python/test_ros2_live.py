@@ -93,7 +93,7 @@ class Received:
 def published(bag: Path, folder: Path, rate: float, scans: int, **parameters: object) -> Received:
     """What a node makes of a bag that another process publishes, and a third one receives."""
     stop, output, target = folder / "stop", folder / "out.npz", folder / "node.ndt"
-    given = {**parameters, "reliable": "true", "queue": 5000, "patience": 120.0}
+    given = {"grid_stays": 0.0, **parameters, "reliable": "true", "queue": 5000, "patience": 120.0}
     words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
     ros = ["--ros-args", "-p", f"map_file:={target}", *words]
 

@@ -3,9 +3,9 @@
 
 Strategy: `OccupancyMap.moved` says of each point, before it is mapped, whether it is where the map is free.
 Its column is marked, and those beside it; later also columns beside marked ones that are hit, for the map
-cannot tell these apart from them. A column that is hit later than it has to stand for loses its mark. One that
-is not hit any more keeps it until it is forgotten, since nobody has seen it stay. What is an obstacle of the
-grid already stays one.
+cannot tell these apart from them. A column that is hit later than it has to stand for loses its mark. One
+that is not hit any more keeps it until it is forgotten, since nobody has seen it stay. What is an obstacle of
+the grid already stays one.
 """
 
 from __future__ import annotations
@@ -66,8 +66,10 @@ class Passing:
         columns, since = self._marks
         young = scan.stamp - since <= _FORGOTTEN * stays
         columns, since = columns[young & (since <= scan.stamp)], since[young & (since <= scan.stamp)]
-        came = np.unique(self._columns_of(ends[m.moved(ends) > 0.5]))
-        hit = np.setdiff1d(self._columns_of(ends), came, assume_unique=False)
+        came = self._columns_of(ends[m.moved(ends) > 0.5])
+        # One alone is an edge of what stands: beside others it is part of something.
+        came = came[np.isin(came[:, None] + _BESIDE, came).sum(axis=1) > 1]
+        hit = np.setdiff1d(self._columns_of(ends), came)
         stood = np.isin(columns, hit) & (scan.stamp - since > stays)
         columns, since = columns[~stood], since[~stood]
         again = np.isin(columns, came) & (scan.stamp - since > stays)

@@ -177,6 +177,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("window", "M", "the whole map", "a robot that needs its surroundings alone"),
         Row("fade", "S", "nothing fades", "things that move all day; walls that are not seen go, too"),
         Row("resume", "MAP", "an empty map", "go on with a saved map"),
+        Row("slam", "", "poses are those of the log", "odometry drifts, and no SLAM runs: a planar laser"),
         Row("localize", "MAP", "it is mapped", "find the robot in a saved map instead"),
         Row("guess", "X,Y,YAW", "anywhere", "where the sensor is in that map at first"),
         Row("follow", "TOPIC|tf", "poses stay", "a SLAM that corrects poses: by its Path, or jumps of tf"),
