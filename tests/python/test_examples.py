@@ -7,6 +7,7 @@ import json
 import runpy
 import sys
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -148,3 +149,28 @@ def test_a_map_by_time_of_day_knows_the_next_day(tmp_path, monkeypatch) -> None:
     for right, count in zip(left["accuracy"], left["cells"]):
         row = f"| {100 * right[0]:.1f} % | {100 * right[1]:.1f} % | {count:,} |"
         assert row in page, "the table of the page"
+
+
+def test_moveit_gets_a_difference_with_the_octomap(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By classes with the fields of MoveIt's messages, which no wheel has; the node itself is not run."""
+
+    def scene(**fields: Any) -> SimpleNamespace:
+        placed = SimpleNamespace(origin=SimpleNamespace(orientation=SimpleNamespace(w=0.0)))
+        return SimpleNamespace(world=SimpleNamespace(octomap=placed), **fields)
+
+    names = {
+        "rclpy": {},
+        "rclpy.qos": {"DurabilityPolicy": None, "QoSProfile": None},
+        "moveit_msgs.msg": {"PlanningScene": scene},
+        "octomap_msgs.msg": {"Octomap": object},
+    }
+    for name, fields in names.items():
+        module = ModuleType(name)
+        vars(module).update(fields)
+        monkeypatch.setitem(sys.modules, name, module)
+    example = runpy.run_path(str(ROOT / "examples" / "ros2" / "moveit_scene.py"))
+    octomap = SimpleNamespace(header="the frame of the map", binary=True, data=b"")
+    made = example["scene_of"](octomap)
+    placed = made.world.octomap
+    assert made.is_diff and placed.octomap is octomap and placed.header == octomap.header
+    assert placed.origin.orientation.w == 1.0

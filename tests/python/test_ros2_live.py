@@ -339,7 +339,7 @@ def test_a_slam_that_is_killed_goes_on_where_it_is(tmp_path: Path) -> None:
 
     assert len(said["poses"]) >= 65 and max(wrong_by(said)) < 0.3, log
     # Its odometry begins anew, elsewhere.
-    again = [([*place, 5.0, -3.0], turn) for place, turn in wrong[40:]]
+    again = [(place + np.array([5.0, -3.0]), turn) for place, turn in wrong[40:]]
     second = bag_of(tmp_path / "second", again, rows[40:], {}, "mcap", **here)
     said, _, log = places_of(second, tmp_path, **given)
     assert len(said["poses"]) > 10 and max(wrong_by(said)) < 0.3, log
@@ -348,9 +348,8 @@ def test_a_slam_that_is_killed_goes_on_where_it_is(tmp_path: Path) -> None:
     right = mapped(
         bag_of(tmp_path / "right", true, rows, {}, "mcap", mount=(0.0, 0.0, 0.0)), PYTHON, range_sigma=0.02
     )
-    both = right.leaves(states=["occupied"]).center
-    _off, _turn = true[0]
-    assert np.mean(m.state(both) == 1) > 0.5, "in the frame of the first odometry, which is the map's"
+    walls = right.leaves(states=["occupied"]).center
+    assert np.mean(m.state(walls) == 1) > 0.5, "in the frame of the first odometry, which is the map's"
 
 
 def test_services_and_parameters(tmp_path: Path) -> None:
@@ -424,7 +423,7 @@ def test_a_subscriber_that_hangs_holds_up_neither_the_map_nor_others(tmp_path: P
     bag = write_bag(tmp_path / "office", *office("mcap", 120))
     file, stop, output = tmp_path / "map.ndt", tmp_path / "stop", tmp_path / "out.npz"
     given = {"range_sigma": 0.02, "no_return": "free", "reliable": "true", "queue": 5000, "patience": 120.0}
-    given |= {"map_file": file, "save_period": 0.2}
+    given |= {"map_file": file, "save_period": 0.2, "grid_stays": 0.0}
     words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
     empty = len(ndtree.AdaptiveMap(dim=2).to_bytes()) + 100
 
@@ -465,7 +464,7 @@ def test_a_node_that_is_killed_goes_on_from_its_last_saving(tmp_path: Path) -> N
     ]
     file, stop, output = tmp_path / "map.ndt", tmp_path / "stop", tmp_path / "out.npz"
     given = {"range_sigma": 0.02, "no_return": "free", "reliable": "true", "queue": 5000, "patience": 120.0}
-    given |= {"map_file": file, "resume": "true", "save_period": 0.2}
+    given |= {"map_file": file, "resume": "true", "save_period": 0.2, "grid_stays": 0.0}
     words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
     command = ["-m", "ndtree.live.ros2", "--ros-args", *words]
     empty = len(ndtree.AdaptiveMap(dim=2).to_bytes()) + 100

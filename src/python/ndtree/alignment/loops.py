@@ -37,6 +37,7 @@ _APART = 1.0  # Farther poses of the window are others [m].
 _WIDER = 4.0  # Covariance of a relation, times: points next to each other are wrong alike.
 _LEAST = np.diag([0.02, 0.02, 0.003]) ** 2  # Added to it: submaps are bent a little.
 _KERNEL = 3.0  # Standard deviations.
+_KEPT = 64  # Submaps whose points are ready to be matched with: about 1 MB each.
 _CONTRADICTED = 0.2  # Weight of a relation that the others contradict.
 
 
@@ -212,11 +213,15 @@ class Graph:
         )
 
     def _matcher(self, submap: int) -> Matcher:
-        """Of a submap and those beside it, in the frame of its middle; made once."""
-        if submap not in self._matchers:
+        """Of a submap and those beside it, in the frame of its middle; the last that were used are kept."""
+        found = self._matchers.pop(submap, None)
+        if found is None:
             points = self._points(self._around(submap), int(self._middles[submap]))
-            self._matchers[submap] = Matcher(points, sigma=0.075)
-        return self._matchers[submap]
+            found = Matcher(points, sigma=0.075)
+        self._matchers[submap] = found
+        if len(self._matchers) > _KEPT:
+            del self._matchers[next(iter(self._matchers))]
+        return found
 
     def _outline(self, key: int) -> Outline:
         if key not in self._outlines:

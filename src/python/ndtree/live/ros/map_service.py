@@ -93,6 +93,8 @@ class MapService:
             place = place_of(value("initial_pose")) if value("initial_pose") else None
             localizer = Localizer(target, place)
         self._localizer = localizer
+        if (localizer is not None or self._slam is not None) and plain(given.get("fixed_frame", "")) == MAP:
+            raise ValueError(f"fixed_frame: must be the odometry's with slam and localize, which tell {MAP}")
         if target is None:
             given.new_map(given.get("dim", 3))  # Refuses what no map can be made of.
         self._intake = MessagesIntake(
