@@ -192,7 +192,7 @@ class OnlineAlignment:
         if self._graph.grow(keys, is_whole=is_whole):
             self._graph.close()
         state = self._state_of(self.track.keys[keys - 1] + 1, keys)
-        _ = state.doubts  # They are kept there: nobody waits for them later.
+        _ = state.doubts  # They are kept there, ready when asked for.
         return state
 
     def _take(self) -> None:

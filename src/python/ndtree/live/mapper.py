@@ -546,7 +546,7 @@ class LiveMapper:
         config, figures = self._intake.config, self.figures
         assert config is not None and self._target is not None
         if self._slam is not None:
-            placed = self._place(scan, self._slam)
+            placed = self._place(scan, self._slam, entry)
             if placed is None:
                 return
             scan = placed
@@ -592,7 +592,7 @@ class LiveMapper:
             figures.mapped_delays.append(time.perf_counter() - entry.arrived)
         self._publisher.mapped(max(entry.arrived, self._again_until))
 
-    def _place(self, scan: Scan, slam: Slam) -> Scan | None:
+    def _place(self, scan: Scan, slam: Slam, entry: Entry) -> Scan | None:
         """A scan where slam has it; None where it says nothing of that."""
         try:
             with self._lock:
@@ -602,7 +602,7 @@ class LiveMapper:
             return None
         if placed is None:
             self.figures.leave_out(NOT_FOUND)
-        elif self._localized is not None:
+        elif self._localized is not None and entry.arrived > self._again_until:  # Not told before.
             self._localized(slam.located())
         return placed
 
