@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from typer.testing import CliRunner
 
 import ndtree
 from ndtree.alignment.aligned_log import moved
+from ndtree.alignment.loops import Graph
 from ndtree.alignment.online import OnlineAlignment
 from ndtree.alignment.planar import between, composed
 from ndtree.alignment.sensor_scans import pose_in_log
@@ -178,13 +180,47 @@ def test_another_building_is_not_gone_on_with(drive: Drive) -> None:
     assert slam.doubts == [f"{NOT_FOUND}: nothing is mapped"] and slam.figures()["verdict"] == "doubtful"
 
 
-def test_what_contradicts_is_said(drive: Drive) -> None:
-    """A laser carried through a smooth corridor, and one whose scans see nothing: the verdict says so."""
+def test_what_only_odometry_tells_is_said(drive: Drive) -> None:
+    """Scans that see next to nothing: only odometry tells, which the verdict says."""
     slam = Slam(odometry=True)
     blind = [replace(scan, endpoints=scan.endpoints[:3], returned=None) for scan in drive.scans]
     mapped(blind, slam)
     assert slam.figures()["verdict"] == "doubtful"
     assert any("only odometry says" in one for one in slam.doubts)
+
+
+def test_loops_that_contradict_are_said(drive: Drive, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of loops that are found, each second is 1.5 m off: the verdict says so."""
+    find, found = Graph._find, [0]
+
+    def wrong(self: Graph, older: int, newer: int, way: float) -> Any:
+        loop = find(self, older, newer, way)
+        found[0] += loop is not None
+        if loop is None or found[0] % 2:
+            return loop
+        return replace(loop, relation=loop.relation + np.array([1.5, 0.0, 0.0]))
+
+    monkeypatch.setattr(Graph, "_find", wrong)
+    slam = Slam(odometry=True)
+    mapped(drive.scans, slam)
+    said = slam.figures()
+    assert said["verdict"] == "doubtful" and said["contradicted"] > 0
+    assert any("contradict the others" in one for one in slam.doubts)
+
+
+def test_a_reset_begins_anew(drive: Drive) -> None:
+    slam = Slam(odometry=True)
+    with LiveMapper(ScansIntake(CONFIG, 2), corrections=Corrections(threads=1), slam=slam) as mapper:
+        for scan in drive.scans[:60]:
+            mapper.put(scan, scan.stamp, wait=True)
+        while mapper.figures.mapped < 60:
+            time.sleep(0.01)
+        mapper.replace(None)
+        for scan in drive.scans[60:100]:
+            mapper.put(scan, scan.stamp, wait=True)
+    assert len(slam.poses) == 40
+    np.testing.assert_array_equal(slam.poses[0], pose_in_log(drive.scans[60]))
+    assert_same(mapper.snapshot(), mapped(drive.scans[60:100], Slam(odometry=True)).snapshot())
 
 
 def test_the_command_with_a_bag(tmp_path: Path) -> None:
