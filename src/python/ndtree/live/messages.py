@@ -69,6 +69,8 @@ class MessagesIntake(PosedIntake):
         The frame that the poses of the Path are of; else the one that moves and is next to the sensor.
     look : float
         Nothing is mapped until measurements of so long have come [s].
+    poses_are_found : bool
+        By slam: a sensor that has no poses may move.
 
     Attributes
     ----------
@@ -86,12 +88,14 @@ class MessagesIntake(PosedIntake):
         follow: str = "",
         body: str = "",
         look: float = LOOK,
+        poses_are_found: bool = False,
     ) -> None:
         super().__init__()
         if not look >= 0:
             raise ValueError(f"look = {look:g} s: must be >= 0")
         self.log: RosbagLog | None = None
         self._name, self._given, self.look = name, given or Config(), look
+        self._poses_are_found = poses_are_found
         self._reading = self._given.reading
         topics = self._reading.get("topic") or []
         names = [topics] if isinstance(topics, str) else topics
@@ -246,7 +250,7 @@ class MessagesIntake(PosedIntake):
         bag = bag_of(self._name, raws)
         dim = self._given.get("dim")
         log = RosbagLog(self._name, BagOptions(**self._reading), dim=dim, bag=bag, so_far=not everything)
-        log = self._given.ruled(log).ruled(keep_going=True)
+        log = self._given.ruled(log).ruled(keep_going=True, poses_are_found=self._poses_are_found)
         parts = self._given.parts(log.dim)
         config = inspect(log.select(**parts) if parts else log, self._given)
         return config.ruled(log), bag, config

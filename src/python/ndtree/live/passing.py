@@ -4,8 +4,8 @@
 Strategy: `OccupancyMap.moved` says of each point, before it is mapped, whether it is where the map is free.
 Its column is marked, and those beside it; later also columns beside marked ones that are hit, for the map
 cannot tell these apart from them. A column that is hit later than it has to stand for loses its mark. One
-that is not hit any more keeps it until it is forgotten, for no scan has seen it stay. What is an obstacle of the
-grid already stays one.
+that is not hit any more keeps it until it is forgotten, for no scan has seen it stay. What is an obstacle
+of the grid already stays one.
 """
 
 from __future__ import annotations

@@ -227,7 +227,12 @@ class _Run:
         corrects = call.slam or call.follow is not None
         corrections = made(lambda: Corrections(memory=memory)) if corrects else None
         fading = None if call.fade is None else made(lambda: Fading(call.fade))
-        how = {"look": call.look_for, "follow": call.follow or "", "body": call.follow_frame or ""}
+        how: dict[str, Any] = {
+            "look": call.look_for,
+            "follow": call.follow or "",
+            "body": call.follow_frame or "",
+        }
+        how["poses_are_found"] = call.slam
         localizes = self._localizer is not None
         given = self._given
         if call.slam and _is_bag(call.log, given):

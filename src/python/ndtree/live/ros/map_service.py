@@ -103,6 +103,7 @@ class MapService:
             look=value("look"),
             follow=value("follow"),
             body=value("follow_frame"),
+            poses_are_found=self._slam is not None,
         )
         self._announced: list[str] = []
         self._began = time.monotonic()
