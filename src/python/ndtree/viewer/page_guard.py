@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Who may open the page of a map, which is no page from elsewhere; and what it is called."""
+"""Who may open the page of a map, which is no page from elsewhere."""
 
 from __future__ import annotations
 
@@ -7,17 +7,14 @@ import contextlib
 import errno
 import http
 import io
-import re
 import socket
 import threading
-import urllib.parse
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import viser
-from viser.infra import _infra
-from websockets.asyncio.server import ServerConnection
+from websockets.asyncio import server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
@@ -25,15 +22,6 @@ from ndtree.base.callers import MOST_CONNECTIONS, why_not
 
 #: What a page says is where its camera is, and what was clicked.
 MOST_SAID = 1 << 20
-TITLE = "ndtree"
-
-_ICON = (
-    "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 16 16'>"
-    "<path fill='#fff' stroke='#1f5582' d='M.5.5h15v15H.5zM8 .5v15M.5 8h15M12 8v7.5M8 12h7.5'/>"
-    "<path fill='#c81e78' d='M12 8h3.5v4H12z'/></svg>"
-)
-_ICON_LINK = re.compile(rb'<link\s+rel="icon"\s[^>]*?/?>', re.DOTALL)
-_TITLE_TAG = re.compile(rb"<title>.*?</title>", re.DOTALL)
 _SAFER = {
     "Content-Security-Policy": "frame-ancestors 'self' http://localhost:* http://127.0.0.1:*",
     "Cross-Origin-Resource-Policy": "same-origin",
@@ -42,15 +30,14 @@ _SAFER = {
 }
 _PATCHING = threading.Lock()
 
-Answer = Callable[[ServerConnection, Request], "Response | None"]
-Handler = Callable[[ServerConnection], Awaitable[None]]
+Answer = Callable[[server.ServerConnection, Request], "Response | None"]
+Handler = Callable[[server.ServerConnection], Awaitable[None]]
 
 
 @contextmanager
 def guarded() -> Iterator[None]:
-    """Servers of viser's that are started within check who asks: viser itself has no place for that."""
+    """Servers that begin within check who asks: viser, which begins one, has no place for that."""
     with _PATCHING:
-        server = _infra.websockets.asyncio.server
         serve = server.serve
 
         def guarded_serve(handler: Handler, *place: Any, process_request: Answer, **more: Any) -> Any:
@@ -64,31 +51,14 @@ def guarded() -> Iterator[None]:
             server.serve = serve
 
 
-def own_page(page: bytes) -> bytes:
-    """Viser's page with a title and an icon of our own."""
-    icon = f'<link rel="icon" href="data:image/svg+xml,{urllib.parse.quote(_ICON)}" />'.encode()
-    page = _ICON_LINK.sub(lambda _: icon, page, count=1)
-    return _TITLE_TAG.sub(f"<title>{TITLE}</title>".encode(), page, count=1)
-
-
 def _checked(answer: Answer) -> Answer:
-    def checked(connection: ServerConnection, request: Request) -> Response | None:
+    def checked(connection: server.ServerConnection, request: Request) -> Response | None:
         reason = why_not(request.headers.get_all("Host"), request.headers.get_all("Origin"))
         if reason is not None:
             return _said(http.HTTPStatus.FORBIDDEN, reason)
-        is_page = request.path.partition("?")[0] in ("/", "/index.html")
-        if is_page and "Accept-Encoding" in request.headers:
-            del request.headers["Accept-Encoding"]  # It is changed, and small beside what follows.
         response = answer(connection, request)
-        if response is None or response.status_code != http.HTTPStatus.OK:
-            return response
-        for name, value in _SAFER.items():
-            response.headers[name] = value
-        if is_page:
-            body = own_page(bytes(response.body))
-            del response.headers["Content-Length"]
-            response.headers["Content-Length"] = str(len(body))
-            response = Response(response.status_code, response.reason_phrase, response.headers, body)
+        if response is not None and response.status_code == http.HTTPStatus.OK:
+            response.headers.update(_SAFER)
         return response
 
     return checked
@@ -106,7 +76,7 @@ def _limited(handler: Handler) -> Handler:
     """At most this many pages at once; further ones get an answer to try again later."""
     pages: set[int] = set()
 
-    async def limited(connection: ServerConnection) -> None:
+    async def limited(connection: server.ServerConnection) -> None:
         if len(pages) >= MOST_CONNECTIONS:
             await connection.close(1013, f"{MOST_CONNECTIONS} pages are open")
             return
