@@ -157,9 +157,9 @@ def test_the_cell_that_is_picked_is_the_first_on_the_ray(dim: int, flat: Any, so
 def test_more_boxes_than_the_budget_are_never_sent(solid: Any) -> None:
     layer = Snapshot(solid).layer("occupied", Look())
     for budget in (30, 300, 3000):
-        chosen = layer.chosen(np.array([9.0, 0.0, 2.0]), budget).values()
-        assert sum(len(numbers) for _, numbers in chosen) <= budget
-        assert sum(pyramid.weight[numbers].sum() for pyramid, numbers in chosen) == layer.leaves
+        chosen = layer.pyramid.chosen(np.array([9.0, 0.0, 2.0]), budget)
+        assert len(chosen) <= budget
+        assert layer.pyramid.weight[chosen].sum() == len(layer.cells)
 
 
 def test_layers_are_kept_but_not_all(solid: Any) -> None:
@@ -169,6 +169,25 @@ def test_layers_are_kept_but_not_all(solid: Any) -> None:
     for i in range(snapshot.MAX_LAYERS):
         seen.layer("occupied", Look(slice_at=0.1 * i))
     assert seen.layer("occupied", Look()) is not first
+
+
+def test_a_map_that_grows_stays_in_the_frame_of_its_page() -> None:
+    """Whatever the map: also where no wall was seen at first, and where the next map is of another kind."""
+    m = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1)
+    points, origin = room_scan(3, 0)
+    m.insert(points, origin, returned=np.zeros(len(points), dtype=bool))
+    look = Look(color="size")
+    with view.Viewer(m, port=0, look=look) as page:
+        first = page.snapshot
+        assert first is not None and first.layer("occupied", look).coloring is None
+        for later in (inserted(m, 3, 40.0), inserted(ndtree.FixedMap(dim=3, min_cell_size=0.2), 2)):
+            page.show(later)
+            now, new = page.snapshot, Snapshot(later)
+            assert now is not None
+            np.testing.assert_array_equal(now.origin, first.origin)
+            for kind in KINDS[:3]:
+                np.testing.assert_allclose(boxes(now, kind, look), boxes(new, kind, look), atol=1e-4)
+            assert now.layer("occupied", look).coloring is not None
 
 
 def test_a_track_stays_bounded() -> None:
@@ -475,6 +494,5 @@ def test_a_million_cells_are_ready_in_seconds() -> None:
     begin = time.process_time()
     seen = Snapshot(m)
     layer = seen.layer("occupied", Look())
-    chosen = layer.chosen(np.zeros(3), 20_000).values()
-    assert 5_000 < sum(len(numbers) for _, numbers in chosen) <= 20_000
+    assert 5_000 < len(layer.pyramid.chosen(np.zeros(3), 20_000)) <= 20_000
     assert time.process_time() - begin < 20

@@ -72,7 +72,6 @@ class Viewer:
         self.look = look
         self.snapshot: Snapshot | None = None
         self.track = Track()
-        self.bytes_sent = 0
         self.aim: dict[str, Any] | None = None  # The camera of a page that was not turned.
         self._cost, self._shown_at = 0.0, -math.inf
         if m is not None:
@@ -147,7 +146,7 @@ class Viewer:
         self.close()
 
     def _take(self, m: OccupancyMap) -> None:
-        snapshot = Snapshot(m) if self.snapshot is None else self.snapshot.followed(m)
+        snapshot = Snapshot(m, None if self.snapshot is None else self.snapshot.origin)
         if self.look is None:
             self.look = Look.below_ceiling(m)
         self.look.validate(m.dim)

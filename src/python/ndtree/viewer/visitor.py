@@ -14,13 +14,12 @@ import viser
 
 from ndtree.cells.lattice import Floats
 from ndtree.plot.figures import kind_of
+from ndtree.viewer.boxes import drawn_boxes, edges_of
 from ndtree.viewer.controls import Controls
 from ndtree.viewer.frame import Track, draw_frame
-from ndtree.viewer.layers import Layer, edges_of
 from ndtree.viewer.look import IN_PLANE, KINDS, Look, shown_kinds
 from ndtree.viewer.picking import numbers_of
-from ndtree.viewer.snapshot import Snapshot
-from ndtree.viewer.tiles import Tiles
+from ndtree.viewer.snapshot import Layer, Snapshot
 
 MAX_CLEAR_BOXES = 30_000  # And of those that are seen through, which the page has to sort.
 _TRACK_COLOR = (200, 30, 120)
@@ -37,7 +36,6 @@ class Shown(Protocol):
     track: Track
     aim: dict[str, Any] | None
     max_boxes: int
-    bytes_sent: int
 
 
 @dataclass(frozen=True)
@@ -154,20 +152,21 @@ class Visitor:
         budget = MAX_CLEAR_BOXES if kind in _CLEAR and snapshot.dim == 3 else self._viewer.max_boxes
         before = self._drawn.get(kind)
         is_same = before is not None and before[0] is layer
-        if is_same and (layer.leaves <= budget or not self._has_moved(before[2])):
+        if is_same and (len(layer.cells) <= budget or not self._has_moved(before[2])):
             return int(before[1])
         eye = self._eye()
-        chosen = layer.chosen(eye.position, budget, eye.pixel)
-        if not chosen:
+        chosen = layer.pyramid.chosen(eye.position, budget, eye.pixel)
+        if not len(chosen):
             self._remove(kind)
             return 0
         flat_axis = look.axis if kind in IN_PLANE else 2 if snapshot.dim == 2 else None
         is_clear = kind in _CLEAR and snapshot.dim == 3
-        tiles = before[-1] if before is not None else None
-        if tiles is None:
-            tiles = Tiles(
-                self._client,
+        boxes = drawn_boxes(layer.pyramid, chosen, flat_axis, lift=0.01 if kind == "occupied" else 0.0)
+        with self._client.atomic():
+            self._remove(kind)
+            handle = self._client.scene.add_batched_meshes_simple(
                 f"/{kind}",
+                **boxes,
                 lod="off",
                 opacity=_CLEAR[kind] if is_clear else None,
                 flat_shading=True,
@@ -175,10 +174,8 @@ class Visitor:
                 cast_shadow=False,
                 receive_shadow=False,
             )
-        count = sum(len(numbers) for _, numbers in chosen.values())
-        self._drawn[kind] = (layer, count, eye, tiles)
-        self._viewer.bytes_sent += tiles.show(chosen, flat_axis, lift=0.01 if kind == "occupied" else 0.0)
-        return count
+        self._drawn[kind] = (layer, len(chosen), eye, handle)
+        return len(chosen)
 
     def _remove(self, kind: str) -> None:
         before = self._drawn.pop(kind, None)

@@ -21,10 +21,9 @@ class CellIndex:
     lattice that are too large for such numbers are looked up first.
     """
 
-    def __init__(self, lower: Integers, size: Integers, branching: int, least_block: int = 1) -> None:
-        """`least_block`: cells in different blocks of this edge are in different ones here, too."""
+    def __init__(self, lower: Integers, size: Integers, branching: int) -> None:
         self._n, self._dim = branching, lower.shape[1]
-        self._block = max(_block_size(lower, size, branching), least_block)
+        self._block = _block_size(lower, size, branching)
         self._ways = _spread(np.arange(self._block, dtype=np.int64), branching, self._dim)
         blocks = lower // self._block
         self._axes = [np.unique(blocks[:, a]) for a in range(self._dim)]

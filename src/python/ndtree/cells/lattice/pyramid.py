@@ -4,14 +4,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.cells.lattice.cells import Block, Booleans, Cells, Floats, Integers, block_runs
+from ndtree.cells.lattice.cells import Booleans, Cells, Floats, Integers
 from ndtree.cells.lattice.neighbours import CellIndex
 
 
@@ -65,85 +64,17 @@ class Pyramid:
     @classmethod
     def of(cls, cells: Cells, lower: Floats, upper: Floats, colors: NDArray[np.uint8]) -> Pyramid:
         """Of boxes `lower`, `upper` (n, 3) [m] of cells, in `colors` (n, 3): they are first."""
-        index = CellIndex(cells.lower, cells.size, cells.branching) if len(cells) else None
-        return cls._of_leaves(lower, upper, colors)._grown(index, cells.branching**cells.dim)
-
-    @classmethod
-    def of_blocks(
-        cls, cells: Cells, lower: Floats, upper: Floats, colors: NDArray[np.uint8], edge: int
-    ) -> dict[Block, Pyramid]:
-        """A pyramid of each cube of `edge` units, see `parted`."""
-        if not len(cells):
-            return {}
-        index = CellIndex(cells.lower, cells.size, cells.branching, least_block=edge)
-        levels = round(math.log(edge, cells.branching))
-        whole = cls._of_leaves(lower, upper, colors)._grown(index, cells.branching**cells.dim, levels)
-        blocks = np.zeros((len(whole.parent), cells.dim), dtype=np.int64)
-        blocks[: len(cells)] = cells.lower // edge
-        nodes = np.arange(len(cells))
-        while len(nodes):
-            nodes = nodes[whole.parent[nodes] >= 0]
-            blocks[whole.parent[nodes]] = blocks[nodes]
-            nodes = np.unique(whole.parent[nodes])
-        place = np.empty(len(blocks), dtype=np.int64)
-        parts = {}
-        for block, run in block_runs(blocks):
-            place[run] = np.arange(len(run))
-            part = whole._where(run)
-            part.parent[:] = np.where(part.parent >= 0, place[part.parent], -1)
-            parts[block] = part
-        return parts
-
-    @classmethod
-    def over(cls, parts: Mapping[Block, Pyramid], branching: int) -> Pyramid:
-        """One of those of all cubes: their boxes in the order of the parts, and coarser ones after them."""
-        every = list(parts.values())
-        offsets = np.cumsum([0, *(len(part.parent) for part in every)])
-        parents = [
-            np.where(part.parent >= 0, part.parent + offset, -1) for part, offset in zip(every, offsets)
-        ]
-        whole = cls(
-            *(np.concatenate([getattr(part, name) for part in every]) for name in _DRAWN),
-            np.concatenate(parents),
-            np.concatenate([part.is_leaf for part in every]),
-        )
-        corners = np.array(list(parts), dtype=np.int64)
-        index = CellIndex(corners, np.ones(len(corners), dtype=np.int64), branching)
-        roots = np.flatnonzero(whole.parent < 0)  # One of each, as it is for a cube.
-        return whole._grown(index, branching ** corners.shape[1], roots=roots)
-
-    @classmethod
-    def _of_leaves(cls, lower: Floats, upper: Floats, colors: NDArray[np.uint8]) -> Pyramid:
-        n = len(lower)
-        return cls(
-            lower.astype(np.float32),
-            upper.astype(np.float32),
-            colors.astype(np.uint8),
-            np.ones(n),
-            np.full(n, -1, dtype=np.int64),
-            np.ones(n, dtype=np.bool_),
-        )
-
-    def _where(self, chosen: Integers) -> Pyramid:
-        return Pyramid(*(getattr(self, field.name)[chosen] for field in fields(self)))
-
-    def _grown(
-        self, index: CellIndex | None, fan: int, levels: int | None = None, roots: Integers | None = None
-    ) -> Pyramid:
-        """With the boxes of cells that are coarser by up to this many levels, each of `fan` parts.
-
-        The i-th cell of the index is the i-th of the roots, which are all boxes if none are given.
-        """
-        if index is None:
-            return self
-        nodes, group = index.order if roots is None else roots[index.order], index.first
-        low, high = self.lower[nodes], self.upper[nodes]
-        color, weight = self.colors[nodes].astype(np.float64), self.weight[nodes]
-        parts = [(self.lower, self.upper, self.colors, self.weight)]
-        total = len(self.parent)
+        n, fan = len(lower), cells.branching**cells.dim
+        low, high, weight = lower.astype(np.float32), upper.astype(np.float32), np.ones(n)
+        parts = [(low, high, colors.astype(np.uint8), weight)]
+        if not n:
+            return cls(*parts[0], np.full(0, -1, dtype=np.int64), np.ones(0, dtype=np.bool_))
+        index = CellIndex(cells.lower, cells.size, cells.branching)
+        nodes, group = index.order, index.first
+        low, high, color, weight = low[nodes], high[nodes], colors[nodes].astype(np.float64), weight[nodes]
+        total = n
         above = []  # Children and their parents.
-        while len(nodes) > 1 and levels != 0:
-            levels = None if levels is None else levels - 1
+        while len(nodes) > 1:
             group = group // fan
             first = np.flatnonzero(np.diff(group, prepend=group[0] - 1))
             count = np.diff(np.append(first, len(nodes)))
@@ -157,12 +88,10 @@ class Pyramid:
             nodes, group, weight = number, group[first], heavy
             parts.append((low[joins], high[joins], np.rint(color[joins]).astype(np.uint8), heavy[joins]))
             total += int(np.count_nonzero(joins))
-        more = total - len(self.parent)
-        parent = np.append(self.parent, np.full(more, -1, dtype=np.int64))
+        parent = np.full(total, -1, dtype=np.int64)
         for child, its_parent in above:
             parent[child] = its_parent
-        is_leaf = np.append(self.is_leaf, np.zeros(more, dtype=np.bool_))
-        return Pyramid(*(np.concatenate(each) for each in zip(*parts)), parent, is_leaf)
+        return cls(*(np.concatenate(each) for each in zip(*parts)), parent, np.arange(total) < n)
 
     @cached_property
     def extent(self) -> Floats:
@@ -202,6 +131,3 @@ class Pyramid:
                     high = middle
             low = high
         return np.flatnonzero((above > low) & (own <= low))
-
-
-_DRAWN = ("lower", "upper", "colors", "weight")
