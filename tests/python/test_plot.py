@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import itertools
 import struct
 import subprocess
 import sys
@@ -27,7 +26,6 @@ from ndtree.cells.lattice import Cells
 from ndtree.plot import cubes
 from ndtree.plot.close_ups import close_up_region
 from ndtree.plot.colors import CUBE_SIZE_COLORS, HEIGHT_COLORS, round_length
-from ndtree.plot.faces import painted
 from ndtree.plot.figures import SIZE_COLORS
 from ndtree.plot.images import MAX_IMAGE_CELLS
 
@@ -286,35 +284,14 @@ def test_ceiling_is_cut_away_in_a_room_and_only_there() -> None:
     assert top(room(False)) > 2.4
 
 
-def test_faces_are_painted_in_their_order() -> None:
-    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
-    quads = np.stack([8 * square, 4 * square + 2, 0.01 * square + [6.5, 0.7], 0.5 * square - 3])
-    colors = np.array([[200, 0, 0], [0, 200, 0], [0, 0, 200], [9, 9, 9]], dtype=np.uint8)
-    for order in itertools.permutations(range(4)):
-        image = painted(quads[list(order)], colors[list(order)], (0.0, 8.0, 0.0, 8.0), (8, 8))
-        assert image.shape == (8, 8, 4) and (image[..., 3] == 255).all()
-        first = order.index(0)
-        for number, (row, column) in ((1, (3, 3)), (2, (0, 6))):  # The second is smaller than a pixel.
-            shown = number if order.index(number) > first else 0
-            assert image[row, column, shown] > 100 and image[row, column].argsort()[-2] == shown
-    assert not painted(quads[1:2], colors[:1], (0.0, 8.0, 0.0, 8.0), (8, 8))[0, 0].any(), "nothing is there"
-
-
-@pytest.mark.parametrize("azimuth, elevation", [(-60.0, 50.0), (130.0, -20.0)])
-def test_painted_cubes_look_as_drawn_ones(
-    solid: Any, azimuth: float, elevation: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def picture() -> np.ndarray:
-        ax = plot.occupied(solid, azimuth=azimuth, elevation=elevation)
-        ax.figure.canvas.draw()
-        return np.asarray(ax.figure.canvas.buffer_rgba())[..., :3].astype(int)
-
-    drawn = picture()
-    monkeypatch.setattr(cubes, "MAX_VECTOR_FACES", 0)
-    apart = np.abs(picture() - drawn).max(axis=-1)
-    is_drawn = (drawn < 255).any(axis=-1)
-    assert is_drawn.sum() > 20_000
-    assert np.mean(apart[is_drawn] < 60) > 0.97 and np.mean(apart) < 10
+def test_many_faces_are_an_image_in_vector_graphics(solid: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    sizes = []
+    for most in (10**9, 0):
+        monkeypatch.setattr(cubes, "MAX_VECTOR_FACES", most)
+        path = tmp_path / f"{most}.svg"
+        plot.occupied(solid).figure.savefig(path)
+        sizes.append((path.stat().st_size, path.read_text().count("<image")))
+    assert sizes[1][0] < 0.5 * sizes[0][0] and [count for _, count in sizes] == [0, 1]
 
 
 # --- Files, errors, speed ---------------------------------------------------------------------------

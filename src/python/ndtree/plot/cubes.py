@@ -23,10 +23,10 @@ from ndtree.cells.lattice import (
 )
 from ndtree.cells.regions import ceiling, found_region
 from ndtree.plot.colors import Coloring, coloring
-from ndtree.plot.faces import OUTLINE, FacesImage
 from ndtree.plot.figures import CutAbove, Region, axes_or_new, framed, require_dim
 
-MAX_VECTOR_FACES = 20_000  # More are an image.
+MAX_VECTOR_FACES = 20_000  # More are an image, also in SVG and PDF.
+_OUTLINE = 0.8  # Brightness of a face's border, of that of the face.
 
 
 def occupied(
@@ -153,13 +153,9 @@ def draw_cubes(
         cubes = joined
     order = _far_to_near(cubes, to_viewer)
     quads, fill = _open_faces(cubes.where(order), bounds, fills[order], to_viewer, screen)
-    if len(quads) > MAX_VECTOR_FACES:
-        ax.add_image(FacesImage(ax, quads, fill))
-    else:
-        lines = OUTLINE * fill
-        ax.add_collection(
-            PolyCollection(quads, facecolors=fill, edgecolors=lines, linewidths=0.25), autolim=False
-        )
+    faces = PolyCollection(quads, facecolors=fill, edgecolors=_OUTLINE * fill, linewidths=0.25)
+    faces.set_rasterized(len(quads) > MAX_VECTOR_FACES)
+    ax.add_collection(faces, autolim=False)
     ax.set_axis_off()
     return ax
 
