@@ -6,12 +6,25 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import require_no_input
 from ndtree.maps.open import PlacedMap, open_map
 from ndtree.maps.writers import format_of
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+
+class WritingOptions(TypedDict, total=False):
+    """Keywords of `convert`, of which each format takes some; None is as if left out."""
+
+    cell_size: float | None
+    height: tuple[float, float] | None
+    wall_depth: float | None
+    states: Sequence[str] | None
+    faces: bool
 
 
 def convert(
@@ -19,11 +32,7 @@ def convert(
     path: str | os.PathLike[str],
     *,
     format: str | None = None,
-    cell_size: float | None = None,
-    height: tuple[float, float] | None = None,
-    wall_depth: float | None = None,
-    states: Sequence[str] | None = None,
-    faces: bool = False,
+    **options: Unpack[WritingOptions],
 ) -> None:
     """Write a map as a file of another kind; it appears whole or not at all.
 
@@ -68,22 +77,14 @@ def convert(
         If the format needs a library that is not installed; it names the extra.
     """
     target = Path(path)
-    options: dict[str, Any] = {}
-    if cell_size is not None:
-        options["cell_size"] = cell_size
-    if height is not None:
-        options["height"] = height
-    if wall_depth is not None:
-        options["wall_depth"] = wall_depth
-    if states is not None:
-        options["states"] = states
-    if faces:
-        options["faces"] = faces
-    chosen = format_of(target, format, options)
+    given: dict[str, Any] = {
+        name: value for name, value in options.items() if value is not None and value is not False
+    }
+    chosen = format_of(target, format, given)
     if isinstance(source, OccupancyMap):
         m = source
     else:
         placed = source if isinstance(source, PlacedMap) else open_map(source)
         require_no_input(target, [placed.name])
-        m = placed.resampled(cell_size)
-    chosen.write(m, target, **options)
+        m = placed.resampled(given.get("cell_size"))
+    chosen.write(m, target, **given)

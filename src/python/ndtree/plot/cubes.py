@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,22 +26,46 @@ from ndtree.cells.regions import ceiling, found_region
 from ndtree.plot.colors import Coloring, coloring
 from ndtree.plot.figures import CutAbove, Region, axes_or_new, framed, require_dim
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
 MAX_VECTOR_FACES = 20_000  # More are an image, also in SVG and PDF.
 _OUTLINE = 0.8  # Brightness of a face's border, of that of the face.
+
+
+class ViewOptions(TypedDict, total=False):
+    """Keywords of `occupied`, which pictures with it take, too."""
+
+    azimuth: float
+    elevation: float
+    cut_above: CutAbove
+    region: Region | None
+    color: str
+
+
+@dataclass(frozen=True)
+class View:
+    """What is drawn of the occupied cells, and from where."""
+
+    azimuth: float = -60.0
+    elevation: float = 50.0
+    cut_above: CutAbove = "auto"
+    region: Region | None = None
+    color: str = "height"
+
+    @property
+    def angles(self) -> tuple[float, float]:
+        return self.azimuth, self.elevation
 
 
 def occupied(
     m: OccupancyMap,
     ax: Axes | None = None,
     *,
-    azimuth: float = -60.0,
-    elevation: float = 50.0,
-    cut_above: CutAbove = "auto",
-    region: Region | None = None,
-    color: str = "height",
     colormap: str | None = None,
     heights: tuple[float, float] | None = None,
     finest: float = 0.0,
+    **view: Unpack[ViewOptions],
 ) -> Axes:
     """Draw the occupied leaves of a 3-D map as shaded cubes, as in the paper's Figs. 5 and 6.
 
@@ -76,14 +101,12 @@ def occupied(
         Without frame; its coordinates are metres in the plane of the picture.
     """
     require_dim(m, 3)
-    cubes = occupied_cells(m)
-    if region is None:
-        region = found_region(cubes, observed_bounds(m))
-    chosen, bounds = chosen_cubes(cubes, region, cut_above)
-    colors = coloring(chosen, color, colormap, heights)
-    view = (azimuth, elevation)
-    drawn = draw_cubes(chosen, bounds, axes_or_new(ax), view, colors, finest)
-    return framed(drawn, bounds_on_screen(chosen, bounds, *view))
+    shown, cubes = View(**view), occupied_cells(m)
+    region = found_region(cubes, observed_bounds(m)) if shown.region is None else shown.region
+    chosen, bounds = chosen_cubes(cubes, region, shown.cut_above)
+    colors = coloring(chosen, shown.color, colormap, heights)
+    drawn = draw_cubes(chosen, bounds, axes_or_new(ax), shown.angles, colors, finest)
+    return framed(drawn, bounds_on_screen(chosen, bounds, *shown.angles))
 
 
 def projected(points: ArrayLike, *, azimuth: float = -60.0, elevation: float = 50.0) -> Floats:

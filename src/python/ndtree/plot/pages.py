@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,10 +14,9 @@ from ndtree._native._core import OccupancyMap
 from ndtree.cells.lattice import Cells, cells_through, observed_bounds, occupied_cells
 from ndtree.cells.regions import ceiling, found_region, picture_region
 from ndtree.plot.colors import coloring, explain_states, name_axes, scale_bar
-from ndtree.plot.cubes import bounds_on_screen, chosen_cubes, draw_cubes
+from ndtree.plot.cubes import View, ViewOptions, bounds_on_screen, chosen_cubes, draw_cubes
 from ndtree.plot.figures import (
     WITHOUT_BAR,
-    CutAbove,
     Path,
     Picture,
     Region,
@@ -34,6 +34,9 @@ from ndtree.plot.figures import (
 )
 from ndtree.plot.flat import cell_sizes, occupancy, slice
 from ndtree.plot.images import draw_borders, draw_occupancy
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 
 def side_by_side(
@@ -139,20 +142,31 @@ def overview(
     return written(figure, path, dpi)
 
 
+class PageOptions(ViewOptions, total=False):
+    """Keywords of pictures of 3-D maps with a slice."""
+
+    slice_axis: str | int
+    slice_at: float | None
+    style: str
+
+
+@dataclass(frozen=True)
+class _Page(View):
+    """What of a 3-D map is drawn, and from where."""
+
+    slice_axis: str | int = "z"
+    slice_at: float | None = None
+    style: str = "paper"
+
+
 def side_by_side_3d(
     adaptive: OccupancyMap,
     fixed: OccupancyMap,
     path: Path | None = None,
     *,
-    azimuth: float = -60.0,
-    elevation: float = 50.0,
-    cut_above: CutAbove = "auto",
-    region: Region | None = None,
-    color: str = "height",
-    slice_axis: str | int = "z",
-    slice_at: float | None = None,
     width: float = 16.0,
     dpi: float = 200.0,
+    **shown: Unpack[PageOptions],
 ) -> Figure:
     """Draw an adaptive and a fixed 3-D map side by side: occupied cells, seen alike, and a slice of each.
 
@@ -168,6 +182,8 @@ def side_by_side_3d(
         The coordinate that is held in the slices.
     slice_at : float, optional
         Its value [m]; left out, half-way through what the cubes show.
+    style : {"paper", "ros"}
+        Of the slices, as for `occupancy`.
     width : float
         Of the picture [inches].
     dpi : float
@@ -179,25 +195,16 @@ def side_by_side_3d(
         With four axes, and a bar that says what the colors mean.
     """
     maps = {"adaptive": adaptive, "fixed": fixed}
-    view = (azimuth, elevation)
-    shown = _Shown(view, cut_above, region, color, (slice_axis, slice_at))
-    return written(_draw_3d(maps, shown, width, dpi), path, dpi)
+    return written(_draw_3d(maps, _Page(**shown), width, dpi), path, dpi)
 
 
 def overview_3d(
     m: OccupancyMap,
     path: Path | None = None,
     *,
-    azimuth: float = -60.0,
-    elevation: float = 50.0,
-    cut_above: CutAbove = "auto",
-    region: Region | None = None,
-    color: str = "height",
-    style: str = "paper",
-    slice_axis: str | int = "z",
-    slice_at: float | None = None,
     width: float = 12.0,
     dpi: float = 150.0,
+    **shown: Unpack[PageOptions],
 ) -> Figure:
     """Draw a 3-D map: its occupied cells above, a slice with the leaves below.
 
@@ -205,39 +212,22 @@ def overview_3d(
     ----------
     m : AdaptiveMap, FixedMap or OctoMap
         With ``dim`` 3.
-    path, azimuth, elevation, cut_above, region, color, slice_axis, slice_at, width, dpi
+    path, azimuth, elevation, cut_above, region, color, slice_axis, slice_at, style, width, dpi
         As for `side_by_side_3d`.
-    style : {"paper", "ros"}
-        Of the slice, as for `occupancy`.
 
     Returns
     -------
     matplotlib.figure.Figure
         With two axes, and a bar that says what the colors mean.
     """
-    view = (azimuth, elevation)
-    shown = _Shown(view, cut_above, region, color, (slice_axis, slice_at), style)
-    maps = {kind_of(m.refinement): m}
-    return written(_draw_3d(maps, shown, width, dpi), path, dpi)
+    return written(_draw_3d({kind_of(m.refinement): m}, _Page(**shown), width, dpi), path, dpi)
 
 
-@dataclass(frozen=True)
-class _Shown:
-    """What of a 3-D map is drawn, and from where."""
-
-    view: tuple[float, float]
-    cut_above: CutAbove
-    region: Region | None
-    color: str
-    plane: tuple[str | int, float | None]
-    style: str = "paper"
-
-
-def _draw_3d(maps: dict[str, OccupancyMap], shown: _Shown, width: float, dpi: float) -> Figure:
+def _draw_3d(maps: dict[str, OccupancyMap], shown: _Page, width: float, dpi: float) -> Figure:
     """A column for each map: its cubes, and below them its slice; the first map chooses what is shown."""
     for m in maps.values():
         require_dim(m, 3)
-    held, cut_above, region = axis_number(shown.plane[0]), shown.cut_above, shown.region
+    held, cut_above, region = axis_number(shown.slice_axis), shown.cut_above, shown.region
     titles = [title_of_map(m, kind) for kind, m in maps.items()]
     every = [occupied_cells(m) for m in maps.values()]
     others = [a for a in range(3) if a != held]
@@ -247,7 +237,7 @@ def _draw_3d(maps: dict[str, OccupancyMap], shown: _Shown, width: float, dpi: fl
         cut_above = ceiling(every[0].inside(region)) if len(every[0]) else None
     chosen = [chosen_cubes(one, region, cut_above) for one in every]
     colors = coloring(chosen[0][0], shown.color)
-    at = shown.plane[1]
+    at = shown.slice_at
     if at is None:
         middle = (chosen[0][0].lower[:, held] + 0.5 * chosen[0][0].size) * every[0].unit
         at = float(np.mean(np.percentile(middle, (1, 99))))
@@ -255,7 +245,7 @@ def _draw_3d(maps: dict[str, OccupancyMap], shown: _Shown, width: float, dpi: fl
         flat_region = picture_region(cells_through(next(iter(maps.values())), held, at).along(others))
     else:
         flat_region = tuple(edge for a in others for edge in region[2 * a : 2 * a + 2])
-    corners = bounds_on_screen(*chosen[0], *shown.view)
+    corners = bounds_on_screen(*chosen[0], *shown.angles)
     shapes = (shape_of(corners), shape_of(flat_region))
     column_width = WITHOUT_BAR * width / len(maps)
     pixel = (corners[1] - corners[0]) / (column_width * dpi)
@@ -263,7 +253,7 @@ def _draw_3d(maps: dict[str, OccupancyMap], shown: _Shown, width: float, dpi: fl
     axes = figure.subplots(2, len(maps), squeeze=False, height_ratios=shapes)
     for column, (kind, m, one, title) in enumerate(zip(maps, maps.values(), chosen, titles)):
         above, below = axes[:, column]
-        framed(draw_cubes(*one, above, shown.view, colors, pixel), corners)
+        framed(draw_cubes(*one, above, shown.angles, colors, pixel), corners)
         above.set_title(title)
         scale_bar(above)
         slice(m, held, at, below, region=flat_region, borders=kind != "fixed", style=shown.style)

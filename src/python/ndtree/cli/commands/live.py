@@ -51,7 +51,7 @@ from ndtree.logs import recognised
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files.bag import Bag, open_bag
 from ndtree.logs.ros.messages.beams import short
-from ndtree.logs.ros.sensors import listed
+from ndtree.logs.ros.options import listed
 from ndtree.logs.ros.survey import PATH
 from ndtree.tuning.config import Config
 

@@ -13,10 +13,37 @@ from ndtree.logs.core.source import WrongOption, check_zero_is
 from ndtree.logs.folders.depth_image import check_stride
 from ndtree.logs.poses.covariances import USES
 from ndtree.logs.ros.files.bag import Bag, Topic
-from ndtree.logs.ros.messages.beams import IMAGES
+from ndtree.logs.ros.messages.beams import IMAGES, short
 from ndtree.logs.ros.messages.sweep import BY_WORD
-from ndtree.logs.ros.sensors import Wanted, listed
 from ndtree.logs.ros.survey import ODOMETRY, POSE_NAMES, POSES
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A topic that a user asked for, and the standard deviation of its ranges [m] if they said."""
+
+    name: str
+    sigma: float | None = None
+
+    @staticmethod
+    def of(text: str) -> Wanted:
+        """From ``"/scan"`` or ``"/scan@0.02"``."""
+        name, at, number = text.partition("@")
+        if not at:
+            return Wanted(name)
+        try:
+            sigma = float(number)
+        except ValueError:
+            sigma = -1.0
+        if not 0 < sigma < np.inf:
+            raise WrongOption(f"topic {text}: expected a standard deviation in metres > 0 behind the @")
+        return Wanted(name, sigma)
+
+
+def listed(topics: list[Topic]) -> str:
+    """Topics for errors."""
+    shown = [f"{topic.name} ({short(topic.type)})" for topic in topics[:12]]
+    return ", ".join(shown + ["..."] * (len(topics) > 12)) or "none"
 
 
 @dataclass(frozen=True)

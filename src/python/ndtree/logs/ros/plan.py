@@ -16,12 +16,12 @@ from ndtree.logs.ros.choice import poor, sights, understood
 from ndtree.logs.ros.clock import Clock
 from ndtree.logs.ros.files.bag import Bag
 from ndtree.logs.ros.messages.sweep import BY_WORD, Sweep
-from ndtree.logs.ros.options import BagOptions
+from ndtree.logs.ros.options import BagOptions, Wanted, listed
 from ndtree.logs.ros.placement.advice import without_sensors
 from ndtree.logs.ros.placement.body import Body
 from ndtree.logs.ros.placement.placement import TRANSFORMS, Placement
 from ndtree.logs.ros.placement.placing import Placed, dimension_of, find_places
-from ndtree.logs.ros.sensors import Sensor, Wanted, chosen, encodings_in, listed, readable
+from ndtree.logs.ros.sensors import Sensor, chosen, encodings_in, readable
 from ndtree.logs.ros.survey import Survey
 
 #: Stamps and poses that are further apart are of two clocks [s].
@@ -73,18 +73,7 @@ def planned(bag: Bag, options: BagOptions, dim: int | None, *, so_far: bool, in_
         raise WrongOption(f"{bag.path}: {marked(error)}") from None
     found, wanted, notes = _placed(bag, options)
     survey = found.survey
-    sensors = [
-        Sensor(
-            bag,
-            one,
-            survey,
-            sigma=want.sigma,
-            camera=options.camera,
-            pixel_stride=options.pixel_stride,
-            colored=options.colors,
-        )
-        for one, want in zip(found.topics, wanted)
-    ]
+    sensors = [Sensor(bag, one, survey, options, want.sigma) for one, want in zip(found.topics, wanted)]
     sweeps, said, shown = understood(bag, sensors, found.places, survey.clock, options, so_far=so_far)
     place = found.places[sensors[0].topic.name]
     dim = dimension_of(bag.path, sensors, found.places, dim)

@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -34,6 +33,7 @@ from ndtree.logs.ros.messages.cloud import cloud_beams
 from ndtree.logs.ros.messages.head import head_of
 from ndtree.logs.ros.messages.laser import NoiseAtLimit, laser_beams, multi_echo_beams, range_beams
 from ndtree.logs.ros.messages.own import point_beams
+from ndtree.logs.ros.options import BagOptions, Wanted, listed
 from ndtree.logs.ros.storage import Raw
 from ndtree.logs.ros.survey import Survey
 
@@ -71,35 +71,11 @@ def _length(bag: Bag, topic: str) -> float:
     return unit
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """A topic that a user asked for, and the standard deviation of its ranges [m] if they said."""
-
-    name: str
-    sigma: float | None = None
-
-    @staticmethod
-    def of(text: str) -> Wanted:
-        """From ``"/scan"`` or ``"/scan@0.02"``."""
-        name, at, number = text.partition("@")
-        if not at:
-            return Wanted(name)
-        try:
-            sigma = float(number)
-        except ValueError:
-            sigma = -1.0
-        if not 0 < sigma < np.inf:
-            raise WrongOption(f"topic {text}: expected a standard deviation in metres > 0 behind the @")
-        return Wanted(name, sigma)
-
-
 class Sensor:
     """One topic with measurements.
 
+    `options`: Of them the camera, the pixel stride and the colours.
     `sigma`: Of its ranges [m].
-    `camera`: Of depth images.
-    `pixel_stride`: Of depth images.
-    `colored`: Colours of clouds are read.
     Attributes:
     `camera_topic`: Where its cameras are from.
     `note`: What was found out of the unit of its depths.
@@ -110,17 +86,14 @@ class Sensor:
         bag: Bag,
         topic: Topic,
         survey: Survey,
-        *,
+        options: BagOptions,
         sigma: float | None = None,
-        camera: str | None = None,
-        pixel_stride: int = 1,
-        colored: bool = False,
     ) -> None:
         self.topic, self.sigma = topic, sigma
         self.seen = survey.seen[topic.name]
         self.camera_topic: str | None = None
         self.note = ""
-        self._pixel_stride, self._colored = pixel_stride, colored
+        self._options = options
         self._cameras: tuple[np.ndarray[Any, Any], list[Camera]] | None = None
         if topic.type in IMAGES:
             first = bag.first(topic.name)
@@ -128,8 +101,8 @@ class Sensor:
             if image.is_integer(first) and (recorded := recorded_unit(bag, topic.name)) is not None:
                 scale = 1 / recorded[0]
                 self.note = f"{topic.name}: depths are in units of {recorded[0]:g} m, as {recorded[1]} says"
-            if camera is not None:
-                self._cameras = np.zeros(1), [camera_of(camera, scale=scale)]
+            if options.camera is not None:
+                self._cameras = np.zeros(1), [camera_of(options.camera, scale=scale)]
             else:
                 self.camera_topic, self._cameras = _cameras(bag, survey, topic.name, first, scale)
 
@@ -164,11 +137,12 @@ class Sensor:
         `zero_is_silent`, whether a LaserScan's range of 0 is one; `noise` has seen its earlier messages.
         """
         if self.topic.type in (POINT_CLOUD, PACKED_CLOUD):
-            return cloud_beams(message, stamp, colored=self._colored)
+            return cloud_beams(message, stamp, colored=self._options.colors)
         if self._cameras is None:
             return beams_of(self.topic.type, message, stamp, no_return_range, zero_is_silent, noise)
         stamps, cameras = self._cameras
-        return image.depth_beams(message, cameras[int(np.abs(stamps - stamp).argmin())], self._pixel_stride)
+        camera = cameras[int(np.abs(stamps - stamp).argmin())]
+        return image.depth_beams(message, camera, self._options.pixel_stride)
 
 
 def beams_of(
@@ -233,12 +207,6 @@ def chosen(bag: Bag, wanted: list[Wanted]) -> list[Topic]:
             raise WrongOption(f"{bag.path}: topic {one.name}: is there twice")
         found.append(topic)
     return found
-
-
-def listed(topics: list[Topic]) -> str:
-    """Topics for errors."""
-    shown = [f"{topic.name} ({short(topic.type)})" for topic in topics[:12]]
-    return ", ".join(shown + ["..."] * (len(topics) > 12)) or "none"
 
 
 def _cameras(

@@ -11,9 +11,9 @@ import numpy as np
 from ndtree._errors import WrongValue, key, marked
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.ros.files.bag import Bag, Topic
-from ndtree.logs.ros.options import BagOptions
+from ndtree.logs.ros.options import BagOptions, listed
 from ndtree.logs.ros.placement.placement import Placement, placed
-from ndtree.logs.ros.sensors import Sensor, listed
+from ndtree.logs.ros.sensors import Sensor
 from ndtree.logs.ros.survey import ODOMETRY, POSES, Survey
 
 #: Makes the survey of a bag with the poses of a topic, or without any.
