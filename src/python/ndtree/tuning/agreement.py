@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Whether the poses of a planar laser fit what it saw from one scan to the next.
 
-Strategy: of each run of consecutive scans, the last is laid onto the first by a few steps of point-to-line
-matching, held back where the surroundings do not tell (along a corridor). What it has to be moved is the
+Strategy: of each run of consecutive scans, the last is matched with the first, as visits of a place are in
+`ndtree.tuning.revisits`, along directions that the surroundings tell. What it has to be moved is the
 error of the poses over the run. Good poses err by centimetres and now and then; where wheels slip or poses
 jump, the errors are large run after run, and from some run on much larger than before.
 """
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ndtree._errors import Text, key
 from ndtree.base.scan import Scan
+from ndtree.tuning.revisits import ends_of, is_of_one_place, moved
 
 Floats = NDArray[np.float64]
 
@@ -29,15 +30,7 @@ SLIP_ERROR, SLIP_SHARE, SLIP_RUNS, SLIP_AMONG = 0.1, 0.04, 5, 6
 #: From some run on to the end errors are above WORSE_ERROR [m], and TIMES_WORSE times those before, with
 #: WORSE_RUNS runs on either side; WORSE_SHARE of them are above half of that.
 WORSE_ERROR, TIMES_WORSE, WORSE_RUNS, WORSE_SHARE = 0.04, 4.0, 8, 0.75
-#: Points of the two scans that are compared; more cost time and tell little more.
-_POINTS, _SURFACES = 80, 240
-#: Largest distance of a point from its surface at the beginning and at the end of matching [m].
-_FAR, _NEAR = 0.6, 0.15
-_STEPS = 6
-#: Of the points, how many must lie on surfaces in the end, or the scans do not show the same.
-_SHARE_FOUND = 0.6
-#: Holds back motion in directions that fewer points than this share tell of.
-_DAMPING = 0.04
+_WINDOW = (0.6, 0.6, 0.2)  # [m, m, rad]; larger errors are not found.
 
 
 @dataclass(frozen=True)
@@ -117,48 +110,7 @@ def _worse_from(errors: Floats) -> int | None:
 
 def _error(first: Scan, last: Scan) -> tuple[float, float] | None:
     """How far the last scan has to be moved to fit the first, and how far the sensor went [m]."""
-    if first.dim != 2 or first.origin.ndim != 1 or last.origin.ndim != 1:
+    if not is_of_one_place((first, last)):
         return None
-    surfaces, normals = _surfaces(first)
-    points = last.returned_only().endpoints.astype(np.float64)
-    points = points[np.isfinite(points).all(axis=1)]
-    points = points[:: max(1, math.ceil(len(points) / _POINTS))]
-    if min(len(surfaces), len(points)) < _POINTS // 4:
-        return None
-    centre = last.origin.astype(np.float64)
-    points, surfaces = points - centre, surfaces - centre
-    size = float(np.median(np.linalg.norm(points, axis=1)))
-    surface_squares = (surfaces**2).sum(axis=1)
-    turn, shift = 0.0, np.zeros(2)
-    near = np.zeros(len(points), dtype=np.bool_)
-    for step in range(_STEPS):
-        far = _FAR * (_NEAR / _FAR) ** (step / (_STEPS - 1))
-        c, s = math.cos(turn), math.sin(turn)
-        moved = points @ np.array([[c, s], [-s, c]]) + shift
-        nearest = (surface_squares - 2 * moved @ surfaces.T).argmin(axis=1)
-        near = ((moved - surfaces[nearest]) ** 2).sum(axis=1) < far**2
-        if np.count_nonzero(near) < _SHARE_FOUND * len(points):
-            return None
-        normal = normals[nearest[near]]
-        apart = ((surfaces[nearest[near]] - moved[near]) * normal).sum(axis=1)
-        lever = (normal[:, 1] * moved[near, 0] - normal[:, 0] * moved[near, 1]) / size
-        rows = np.column_stack([normal, lever])
-        system = rows.T @ rows + _DAMPING * len(rows) * np.eye(3)
-        change = np.linalg.solve(system, rows.T @ apart)
-        shift, turn = shift + change[:2], turn + change[2] / size
-    way = float(np.linalg.norm(last.origin.astype(np.float64) - first.origin))
-    return float(np.linalg.norm(shift)), way
-
-
-def _surfaces(scan: Scan) -> tuple[Floats, Floats]:
-    """End points of beams whose neighbours lie on the same surface, and its normals there."""
-    ends = scan.returned_only().endpoints.astype(np.float64)
-    ends = ends[np.isfinite(ends).all(axis=1)]
-    if len(ends) < 3:
-        return np.empty((0, 2)), np.empty((0, 2))
-    middle, along = ends[1:-1], ends[2:] - ends[:-2]
-    length = np.linalg.norm(along, axis=1)
-    bend = np.abs(along[:, 0] * (middle - ends[:-2])[:, 1] - along[:, 1] * (middle - ends[:-2])[:, 0])
-    use = np.flatnonzero((length > 1e-6) & (length < 1.0) & (bend < 0.1 * length))
-    use = use[:: max(1, math.ceil(len(use) / _SURFACES))]
-    return middle[use], np.stack([-along[use, 1], along[use, 0]], axis=1) / length[use, None]
+    error = moved(ends_of(first), last, _WINDOW)
+    return None if error is None else (error, float(np.linalg.norm(last.origin - first.origin)))

@@ -58,7 +58,7 @@ def drift(runs: Sequence[Sequence[Scan]]) -> Drift | None:
     `runs`: Consecutive scans in each, as from `ndtree.evaluation.sampling.spread`.
     Returns: None where surfaces lie on each other, or nothing can be told.
     """
-    runs = [run for run in runs if run and _is_of_one_place(run)]
+    runs = [run for run in runs if run and is_of_one_place(run)]
     if len(runs) < 2:
         return None
     poses = np.array([pose_in_log(run[0]) for run in runs])
@@ -73,7 +73,7 @@ def drift(runs: Sequence[Sequence[Scan]]) -> Drift | None:
             visits = np.flatnonzero(is_visit)
             pairs.append((int(visits[distance[visits].argmin()]), later))
     chosen = np.unique(np.linspace(0, len(pairs) - 1, min(len(pairs), _MOST_PLACES)).astype(int))
-    moved = []
+    errors = []
     for i in chosen:
         earlier, later = pairs[i]
         beside = [
@@ -81,33 +81,34 @@ def drift(runs: Sequence[Sequence[Scan]]) -> Drift | None:
             for k in range(max(0, earlier - 1), min(later, earlier + 2))
             if np.linalg.norm(places[k] - places[earlier]) < _NEAR and abs(way[k] - way[earlier]) < 2 * _NEAR
         ]
-        seen = np.concatenate([_ends(scan) for k in beside for scan in runs[k]])
-        error = _moved(seen, runs[later][0])
+        seen = np.concatenate([ends_of(scan) for k in beside for scan in runs[k]])
+        error = moved(seen, runs[later][0], _WINDOW)
         if error is not None:
-            moved.append(error)
-    if len(moved) < LEAST_PLACES or np.median(moved) < DRIFT:
+            errors.append(error)
+    if len(errors) < LEAST_PLACES or np.median(errors) < DRIFT:
         return None
-    return Drift(float(np.median(moved)), len(moved))
+    return Drift(float(np.median(errors)), len(errors))
 
 
-def _is_of_one_place(run: Sequence[Scan]) -> bool:
+def is_of_one_place(run: Sequence[Scan]) -> bool:
+    """Whether scans are in 2-D, each from one place."""
     return all(scan.dim == 2 and scan.origin.ndim == 1 and np.isfinite(scan.origin).all() for scan in run)
 
 
-def _ends(scan: Scan) -> Floats:
+def ends_of(scan: Scan) -> Floats:
     """End points [m]."""
     ends = scan.endpoints.astype(np.float64)
     result: Floats = ends[ends_to_match(scan, np.linalg.norm(ends - scan.origin, axis=1), _MOST_RANGE)]
     return result
 
 
-def _moved(surfaces: Floats, scan: Scan) -> float | None:
+def moved(surfaces: Floats, scan: Scan, window: tuple[float, float, float]) -> float | None:
     """How far a scan has to be moved to fit surfaces [m]; None if that cannot be told."""
     pose = pose_in_log(scan)
-    points = spread_evenly(seen_from(pose, _ends(scan)), _POINTS)
+    points = spread_evenly(seen_from(pose, ends_of(scan)), _POINTS)
     if min(len(points), len(surfaces)) < _FEWEST:
         return None
-    match = Matcher(surfaces, cell_size=_CELL).match(points, pose, window=_WINDOW)
+    match = Matcher(surfaces, cell_size=_CELL).match(points, pose, window=window)
     if match.score < _SCORE or not match.is_unique:
         return None
     error = (pose_of(np.asarray(match.pose)) - pose)[:2]
