@@ -22,7 +22,8 @@ import pytest
 
 import ndtree
 from ndtree import distributed
-from ndtree.distributed import engines, plan
+from ndtree.base import engines as base_engines
+from ndtree.distributed import plan
 from ndtree.distributed.blocks import FAR, Block, divided
 from ndtree.distributed.engines import Engine, LocalEngine, ProcessEngine
 from ndtree.distributed.scans import BatchWriter, StoredScans
@@ -215,9 +216,8 @@ def test_workers_that_are_killed_begin_at_the_last_state(tmp_path):
     assert not (url / "run-000001" / "work").exists()
 
 
-def test_a_task_that_always_kills_its_process_is_given_up(monkeypatch):
-    monkeypatch.setattr(engines, "_MOST_DEATHS", 3)
-    engine = ProcessEngine(2)
+def test_a_task_that_always_kills_its_process_is_given_up():
+    engine = ProcessEngine(2, most_deaths=3)
     try:
         dead, good, wrong = (
             engine.submit(os._exit, 7),
@@ -238,7 +238,7 @@ def test_a_task_that_always_kills_its_process_is_given_up(monkeypatch):
 
 def test_processes_that_are_not_forked_need_functions_of_modules(tmp_path, monkeypatch):
     spawned = multiprocessing.get_context("spawn")
-    monkeypatch.setattr(engines.multiprocessing, "get_context", lambda kind: spawned)
+    monkeypatch.setattr(base_engines.multiprocessing, "get_context", lambda kind: spawned)
     with pytest.raises(ValueError, match=r"engine = 'processes': .*must be a path, or a function"):
         distributed.map({"a": lambda: robot(1, 2)}, tmp_path / "a", like=make_map(), **OPTIONS)
     engine = ProcessEngine(1)

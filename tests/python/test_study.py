@@ -24,6 +24,7 @@ if sys.version_info < (3, 11):
 from typer.testing import CliRunner
 
 import ndtree
+from ndtree.base.engines import ProcessEngine
 from ndtree.cli.commands import app
 from ndtree.study import StudyTable, load, run
 from ndtree.study.run import _outcome, jobs_of
@@ -158,8 +159,17 @@ def test_a_job_that_fails_stops_no_other(tmp_path: Path) -> None:
 
 
 def test_a_process_that_is_killed_is_a_job_that_failed(tmp_path: Path) -> None:
-    assert "SIGKILL" in _outcome(-signal.SIGKILL, None, tmp_path)["error"]  # type: ignore[arg-type]
-    assert "status 3" in _outcome(3, None, tmp_path)["error"]  # type: ignore[arg-type]
+    engine = ProcessEngine(2, method="spawn", most_deaths=1)
+    try:
+        killed = engine.submit(signal.raise_signal, signal.SIGKILL)
+        ended = engine.submit(os._exit, 3)
+        left = {killed, ended}
+        while left:
+            left -= engine.done_of(left)
+        assert _outcome(engine, killed, tmp_path)["error"] == "a task's process ended by SIGKILL"
+        assert _outcome(engine, ended, tmp_path)["error"] == "a task's process ended with exit status 3"
+    finally:
+        engine.close()
 
 
 @pytest.mark.parametrize(

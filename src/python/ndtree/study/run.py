@@ -6,16 +6,14 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-import multiprocessing
 import os
-import signal
 from collections.abc import Iterator
 from dataclasses import dataclass
-from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
 from ndtree._native import _core
+from ndtree.base.engines import ProcessEngine
 from ndtree.base.files import replaced, require_no_input
 from ndtree.base.progress import Progress, no_progress
 from ndtree.evaluation.comparison import compare
@@ -122,10 +120,6 @@ def _file_hash(path: Path, _written: int) -> str:
     return content.hexdigest()
 
 
-#: Neither threads nor open files of this process go into those of the jobs.
-_PROCESSES = multiprocessing.get_context("spawn")
-
-
 def run(study: Study, *, processes: int | None = None, progress: Progress | None = None) -> StudyTable:
     """Map each log with each set of parameters, but for those that are done already, and write the results.
 
@@ -207,51 +201,32 @@ def _failed(reason: str) -> dict[str, Any]:
 
 
 def _finished(jobs: list[tuple[int, Job, Path]], most: int) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Number and row of each job, as they end."""
-    waiting = iter(jobs)
-    running: dict[int, tuple[Any, Connection, int, Path]] = {}
+    """Number and row of each job, as they end. No threads or open files of this process go into theirs."""
+    engine = ProcessEngine(most, method="spawn", most_deaths=1)
     try:
-        while True:
-            while len(running) < most and (one := next(waiting, None)) is not None:
-                number, job, file = one
-                here, there = _PROCESSES.Pipe(duplex=False)
-                process = _PROCESSES.Process(target=_work, args=(job, file, there), daemon=True)
-                process.start()
-                there.close()
-                running[process.sentinel] = (process, here, number, file)
-            if not running:
-                return
-            for sentinel in wait(list(running)):
-                process, said, number, file = running.pop(sentinel)  # type: ignore[call-overload]
-                process.join()
-                yield number, _outcome(process.exitcode, said, file)
+        left = {engine.submit(_work, job, file): (number, file) for number, job, file in jobs}
+        while left:
+            for handle in engine.done_of(left):
+                number, file = left.pop(handle)
+                yield number, _outcome(engine, handle, file)
     finally:
-        for process, *_ in running.values():
-            process.terminate()
-            process.join()
+        engine.close()
 
 
-def _outcome(status: int, said: Connection, file: Path) -> dict[str, Any]:
-    if status == 0 and said.poll():
-        error = said.recv()
-        row = _read(file) if error is None else None
-        return row if row is not None else _failed(error or "its results are not to be read")
-    if status < 0:
-        return _failed(f"its process was ended by {signal.Signals(-status).name}")
-    return _failed(f"its process ended with status {status}")
-
-
-def _work(job: Job, file: Path, says: Connection) -> None:
-    """One job in its own process: the results go into a file, which appears whole or not at all."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # The parent ends this one.
+def _outcome(engine: ProcessEngine, handle: Any, file: Path) -> dict[str, Any]:
     try:
-        content = {"version": _core.__version__, "job": job.described(), "figures": job.figures()}
-        with replaced(file) as part:
-            part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        says.send(None)
+        engine.result(handle)
     except OSError as error:
-        says.send(f"{error.filename}: {error.strerror}" if error.filename else str(error))
-    except MemoryError as error:
-        says.send(str(error) or "not enough memory")
-    except (ValueError, TypeError, RuntimeError, ImportError) as error:
-        says.send(str(error) or type(error).__name__)
+        return _failed(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+    except Exception as error:
+        nothing_said = "not enough memory" if isinstance(error, MemoryError) else type(error).__name__
+        return _failed(str(error) or nothing_said)
+    row = _read(file)
+    return _failed("its results are not to be read") if row is None else row
+
+
+def _work(job: Job, file: Path) -> None:
+    """One job in its own process: the results go into a file, which appears whole or not at all."""
+    content = {"version": _core.__version__, "job": job.described(), "figures": job.figures()}
+    with replaced(file) as part:
+        part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
