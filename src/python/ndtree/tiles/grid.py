@@ -25,7 +25,6 @@ Floats = NDArray[np.float64]
 CUBES = 16
 _REACH_SIGMAS = 3.0  # Beams have evidence up to this many standard deviations behind their end points.
 _STEP = 0.25  # Of a tile: how far apart beams are looked at.
-_FEW_KEYS = 1 << 17  # Different rows are counted in an array, if there can be no more than these.
 _GRAIN = 0.125  # Of a tile: ends that are nearer than this are taken for one.
 
 
@@ -238,19 +237,8 @@ def _counted(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int
     Where they fit into one number each, which is the rule, these are counted or sorted instead.
     """
     lower, upper = _bounds(rows)
-    spans = [int(span) for span in upper - lower + 1]
-    if math.prod(spans) >= 1 << 62:
+    shape = tuple((upper - lower + 1).tolist())
+    if math.prod(shape) >= 1 << 62:
         return np.unique(rows, axis=0, return_counts=True)
-    keys = np.zeros(len(rows), dtype=np.int64)
-    for axis, span in enumerate(spans):
-        keys = keys * span + (rows[:, axis] - lower[axis])
-    if math.prod(spans) <= _FEW_KEYS:
-        every = np.bincount(keys)
-        keys = np.flatnonzero(every)
-        counts = every[keys]
-    else:
-        keys, counts = np.unique(keys, return_counts=True)
-    found = np.empty((len(keys), len(spans)), dtype=np.int64)
-    for axis in reversed(range(len(spans))):
-        keys, found[:, axis] = np.divmod(keys, spans[axis])
-    return found + lower, counts
+    keys, counts = np.unique(np.ravel_multi_index(tuple((rows - lower).T), shape), return_counts=True)
+    return np.stack(np.unravel_index(keys, shape), axis=1) + lower, counts

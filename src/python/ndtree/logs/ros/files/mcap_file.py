@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,8 +13,6 @@ from ndtree.logs.ros.messages import foxglove
 from ndtree.logs.ros.storage import Connection, FileStorage, OnDamage, Raw, line_of, ros2_type
 
 MAGIC = b"\x89MCAP0\r\n"
-#: The last record, of which the third number is where the summary begins, and the magic bytes after it.
-_END = struct.Struct("<BQQQI8s")
 
 
 @dataclass(frozen=True)
@@ -35,8 +32,8 @@ class McapFile(FileStorage):
 
     def __init__(self, path: str, name: str) -> None:
         with needs("MCAP files need mcap", "ros"):
-            from mcap import records, stream_reader
-        self._records, self._stream = records, stream_reader
+            from mcap import reader, records, stream_reader
+        self._reader, self._records, self._stream = reader, records, stream_reader
         super().__init__(path, name)
 
     def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:
@@ -120,30 +117,19 @@ class McapFile(FileStorage):
 
     def _read_summary(self) -> bool:
         """Connections, counts, span and chunks, as the end of the file has them; whether it does."""
-        schemas: dict[int, Any] = {}
-        channels: list[Any] = []
-        statistics: Any = None
         try:
-            self._file.seek(self._size - _END.size)
-            _, _, begin, _, _, magic = _END.unpack(self._file.read(_END.size))
-            if not begin or magic != MAGIC:
-                return False
-            for record in self._records_from(begin):
-                if isinstance(record, self._records.Schema):
-                    schemas[record.id] = record
-                elif isinstance(record, self._records.Channel):
-                    channels.append(record)
-                elif isinstance(record, self._records.Statistics):
-                    statistics = record
-                elif isinstance(record, self._records.ChunkIndex):
-                    of = frozenset(record.message_index_offsets)
-                    self._chunks.append(_Chunk(record.chunk_start_offset, record.message_start_time, of))
+            summary = self._reader.SeekingReader(self._file, record_size_limit=self._size).get_summary()
         except Exception:  # As above.
             return False
-        if statistics is None or not channels:
+        if summary is None or summary.statistics is None or not summary.channels:
             return False
-        for channel in channels:
-            self._add(channel, schemas.get(channel.schema_id))
+        for channel in summary.channels.values():
+            self._add(channel, summary.schemas.get(channel.schema_id))
+        self._chunks = [
+            _Chunk(one.chunk_start_offset, one.message_start_time, frozenset(one.message_index_offsets))
+            for one in summary.chunk_indexes
+        ]
+        statistics = summary.statistics
         self.counts = {int(id): int(count) for id, count in statistics.channel_message_counts.items()}
         if statistics.message_count:
             self.span = (int(statistics.message_start_time), int(statistics.message_end_time))
