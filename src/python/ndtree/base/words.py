@@ -1,9 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Numbers of things, for people."""
+"""Numbers of things and tables, for people."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 
 def number_of(count: int, thing: str, grouping: str = "") -> str:
     """As "1 scan" and "20 scans"; with ``","`` as `grouping`, thousands stand apart."""
     return f"{count:{grouping}} {thing}{'' if count == 1 else 's'}"
+
+
+def aligned(rows: Sequence[Sequence[str]], left: int = 1) -> list[str]:
+    """Rows of a table as lines: the first `left` columns begin below each other, the others end so."""
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    return [
+        "  ".join(
+            cell.ljust(width) if i < left else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths))
+        ).rstrip()
+        for row in rows
+    ]

@@ -20,7 +20,7 @@ from ndtree.evaluation.comparison import compare
 from ndtree.logs import Log, simulate
 from ndtree.maps.kinds import make_map
 from ndtree.study.config import ParameterSet, Study, StudyLog
-from ndtree.study.table import StudyTable
+from ndtree.study.results import StudyTable
 
 #: Counted up when what is written for a job means something else than before.
 LAYOUT = 1

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from ndtree._native._core import OccupancyMap
+from ndtree.base.words import aligned
 from ndtree.evaluation.comparison.building import OUTCOMES
 
 
@@ -35,49 +36,49 @@ def _flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-def _percent(value: float) -> str:
+def percent(value: float) -> str:
     return f"{100 * value:.2f} %"
 
 
-def _grouped(value: float) -> str:
+def grouped(value: float) -> str:
     return f"{round(value):,}"
 
 
 #: Of each line what it is called, the figure of a map that it has, or two of which it is the ratio, and how
 #: it is written.
 _LINES: tuple[tuple[str, str, Callable[[float], str]], ...] = (
-    ("cells", "cells", _grouped),
-    ("  after pruning", "cells_pruned", _grouped),
-    ("nodes", "nodes", _grouped),
-    ("updates", "updates", _grouped),
+    ("cells", "cells", grouped),
+    ("  after pruning", "cells_pruned", grouped),
+    ("nodes", "nodes", grouped),
+    ("updates", "updates", grouped),
     ("time", "seconds.median", "{:.3f} s".format),
-    ("beams a second", "beams_per_second", _grouped),
+    ("beams a second", "beams_per_second", grouped),
     ("memory", "memory_bytes", lambda value: f"{value / 2**20:.2f} MiB"),
     ("  resident", "resident_bytes", lambda value: f"{value / 2**20:.2f} MiB"),
-    ("free space called free", "truth.free/truth.samples", _percent),
-    ("  called occupied", "truth.occupied/truth.samples", _percent),
-    ("  called unknown", "truth.unknown/truth.samples", _percent),
-    ("end points at occupied", "truth.endpoints_near/truth.endpoints", _percent),
-    ("balanced accuracy", "truth.balanced_accuracy", _percent),
+    ("free space called free", "truth.free/truth.samples", percent),
+    ("  called occupied", "truth.occupied/truth.samples", percent),
+    ("  called unknown", "truth.unknown/truth.samples", percent),
+    ("end points at occupied", "truth.endpoints_near/truth.endpoints", percent),
+    ("balanced accuracy", "truth.balanced_accuracy", percent),
     ("log score", "truth.log_score", "{:.3f}".format),
     ("  of hits", "truth.hit_log_score", "{:.3f}".format),
-    ("ray casts within 0.1 m", "truth.casts_within/truth.casts", _percent),
+    ("ray casts within 0.1 m", "truth.casts_within/truth.casts", percent),
     ("  median error", "truth.median_error", lambda value: f"{100 * value:.2f} cm"),
-    ("  at the surface", "truth.surfaces_within/truth.casts", _percent),
+    ("  at the surface", "truth.surfaces_within/truth.casts", percent),
     ("  median error", "truth.surface_error", lambda value: f"{100 * value:.2f} cm"),
-    ("free but unseen", "claims.free_unseen", _percent),
-    ("seen but unknown", "claims.seen_unknown", _percent),
-    ("wrong volume", "claims.wrong_volume", _percent),
+    ("free but unseen", "claims.free_unseen", percent),
+    ("seen but unknown", "claims.seen_unknown", percent),
+    ("wrong volume", "claims.wrong_volume", percent),
     ("calibration error", "calibration.all.ece", "{:.4f}".format),
     ("  in cells called free", "calibration.free.ece", "{:.4f}".format),
     ("  called occupied", "calibration.occupied.ece", "{:.4f}".format),
-    ("free is occupied, at most", "certificate.at_most", _percent),
-    ("exactly free, called free", "exact.free.free", _percent),
-    ("  last 0.1 m before walls", "exact.near.free", _percent),
-    ("exactly inside, called occupied", "exact.inside.occupied", _percent),
+    ("free is occupied, at most", "certificate.at_most", percent),
+    ("exactly free, called free", "exact.free.free", percent),
+    ("  last 0.1 m before walls", "exact.near.free", percent),
+    ("exactly inside, called occupied", "exact.inside.occupied", percent),
     ("area under the ROC curve", "exact.auc", "{:.4f}".format),
-    ("thin things found", "exact.thin.found", _percent),
-    ("floor found, under grazing beams", "exact.floor.found", _percent),
+    ("thin things found", "exact.thin.found", percent),
+    ("floor found, under grazing beams", "exact.floor.found", percent),
 )
 
 
@@ -88,7 +89,7 @@ def _at(row: Any, figure: str) -> Any:
     return row
 
 
-def _cell(row: Mapping[str, Any], figure: str, form: Callable[[float], str]) -> str | None:
+def cell_of(row: Mapping[str, Any], figure: str, form: Callable[[float], str]) -> str | None:
     part, _, whole = figure.partition("/")
     return _ratio(_at(row, part), _at(row, whole) if whole else 1, form)
 
@@ -99,25 +100,19 @@ def _ratio(part: Any, whole: Any, form: Callable[[float], str]) -> str | None:
 
 def table_of(comparison: Mapping[str, Any]) -> str:
     rows = comparison["maps"]
-    found = [(label, [_cell(row, figure, form) for row in rows]) for label, figure, form in _LINES]
+    found = [(label, [cell_of(row, figure, form) for row in rows]) for label, figure, form in _LINES]
     lines = [
         (label, ["-" if cell is None else cell for cell in cells]) for label, cells in found if any(cells)
     ]
-    labels = max(len(label) for label, _ in lines)
-    widths = [max(len(row["map"]), *(len(cells[i]) for _, cells in lines)) for i, row in enumerate(rows)]
     beams = comparison["beams"]
     held_out = comparison["scans"] - comparison["scans_mapped"]
     head = [
-        f"{comparison['log']}, {comparison['dim']}-D: {_grouped(comparison['scans_mapped'])} scans mapped, "
-        f"{_grouped(held_out)} held out",
-        ", ".join(f"{_grouped(beams[key])} beams {key.replace('_', ' ')}" for key in OUTCOMES if beams[key]),
+        f"{comparison['log']}, {comparison['dim']}-D: {grouped(comparison['scans_mapped'])} scans mapped, "
+        f"{grouped(held_out)} held out",
+        ", ".join(f"{grouped(beams[key])} beams {key.replace('_', ' ')}" for key in OUTCOMES if beams[key]),
         "",
-        "  ".join([" " * labels, *(row["map"].rjust(width) for row, width in zip(rows, widths))]),
     ]
-    body = [
-        "  ".join([label.ljust(labels), *(cell.rjust(width) for cell, width in zip(cells, widths))])
-        for label, cells in lines
-    ]
+    body = aligned([["", *(row["map"] for row in rows)], *([label, *cells] for label, cells in lines)])
     ratios = comparison["ratios"]
     needs = [
         f"{100 * ratios[key]:.1f} % of the {'time' if key == 'seconds' else key}"
@@ -149,8 +144,8 @@ def _sizes_table(comparison: Mapping[str, Any]) -> list[str]:
         lines += ["", f"{title} ({by_size['of']})", line(" " * 20, names)]
         for row in by_size["sizes"]:
             size = "  not mapped" if row["size"] is None else f"  {row['size']:.4g} m"
-            label = f"{size:<12}{_grouped(row[total]):>8}"
-            shares = [_ratio(row[right][name], row[total], _percent) for name in names]
+            label = f"{size:<12}{grouped(row[total]):>8}"
+            shares = [_ratio(row[right][name], row[total], percent) for name in names]
             lines.append(line(label, shares))
     return lines
 

@@ -16,6 +16,7 @@ import numpy as np
 from ndtree._errors import WrongValue
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
+from ndtree.base.words import aligned
 from ndtree.evaluation.map_comparison.blocks import STATES, Floats, Integers, common_grid
 from ndtree.maps.open import PlacedMap, open_map
 
@@ -31,7 +32,7 @@ def table_of(result: Mapping[str, Any]) -> str:
         rows.append(
             [one, *(f"{result['cells'][one][o]:,}" if o in result["cells"][one] else "" for o in STATES)]
         )
-    lines += _aligned(rows)
+    lines += aligned(rows)
     lines.append("")
     for key, text in (
         ("agreement", "of the cells that both know, their states agree on"),
@@ -47,18 +48,8 @@ def table_of(result: Mapping[str, Any]) -> str:
             figures = (f"{distances[key][name]:.3f}" for name in ("mean", "median", "p95", "max"))
             rows.append([text, f"{distances[key]['points']:,}", *figures])
     if len(rows) > 1:
-        lines += ["", *_aligned(rows)]
+        lines += ["", *aligned(rows)]
     return "\n".join(lines)
-
-
-def _aligned(rows: list[list[str]]) -> list[str]:
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return [
-        "  ".join(
-            [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:]))]
-        ).rstrip()
-        for row in rows
-    ]
 
 
 def distances_between(

@@ -9,18 +9,19 @@ from pathlib import Path
 from typing import Any
 
 from ndtree.base.files import replaced
-from ndtree.evaluation.comparison.table import csv_of
+from ndtree.base.words import aligned
+from ndtree.evaluation.comparison.table import cell_of, csv_of, grouped, percent
 
 #: Columns of the table for people: their head, where they are in a row, and how they are written.
 _COLUMNS = (
-    ("cells", ("cells",), "{:,}"),
-    ("updates", ("updates",), "{:,}"),
-    ("beams/s", ("beams_per_second",), "{:,.0f}"),
-    ("bytes", ("memory_bytes",), "{:,}"),
-    ("accuracy", ("truth", "balanced_accuracy"), "percent"),
-    ("log score", ("truth", "log_score"), "{:.3f}"),
-    ("free but unseen", ("claims", "free_unseen"), "percent"),
-    ("wrong volume", ("claims", "wrong_volume"), "percent"),
+    ("cells", "cells", grouped),
+    ("updates", "updates", grouped),
+    ("beams/s", "beams_per_second", grouped),
+    ("bytes", "memory_bytes", grouped),
+    ("accuracy", "truth.balanced_accuracy", percent),
+    ("log score", "truth.log_score", "{:.3f}".format),
+    ("free but unseen", "claims.free_unseen", percent),
+    ("wrong volume", "claims.wrong_volume", percent),
 )
 
 
@@ -70,29 +71,13 @@ class StudyTable:
 
     def __str__(self) -> str:
         """The same, aligned."""
-        rows = [["log", "map", *(name for name, _, _ in _COLUMNS)]]
-        rows += [[row["log"], row["map"], *_cells(row)] for row in self.rows]
-        widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+        head = ["log", "map", *(name for name, _, _ in _COLUMNS)]
         return "\n".join(
-            "  ".join(
-                cell.ljust(width) if i < 2 else cell.rjust(width)
-                for i, (cell, width) in enumerate(zip(row, widths))
-            ).rstrip()
-            for row in rows
+            aligned([head, *([row["log"], row["map"], *_cells(row)] for row in self.rows)], left=2)
         )
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
     if "error" in row:
         return ["failed", *["-"] * (len(_COLUMNS) - 1)]
-    cells = []
-    for _, way, form in _COLUMNS:
-        value: Any = row
-        for key in way:
-            value = value.get(key) if value else None
-        cells.append("-" if value is None else _written(value, form))
-    return cells
-
-
-def _written(value: float, form: str) -> str:
-    return f"{100 * value:.2f} %" if form == "percent" else form.format(value)
+    return [cell_of(row, figure, form) or "-" for _, figure, form in _COLUMNS]
