@@ -8,8 +8,9 @@ import pytest
 from test_live_grid import Listener
 
 import ndtree
+from ndtree.cells.raster import pixels_in
 from ndtree.live.above_ground import GroundFollower
-from ndtree.maps.ground import ground_below, pixels_in
+from ndtree.maps.ground import ground_below
 
 SIZE, CELL = 8.0, 0.1
 

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
 from ndtree._native.results import Changes, Leaves
-from ndtree.maps.ground import FREE, OCCUPIED, UNKNOWN, pixels_in
+from ndtree.cells.raster import pixels_in
+from ndtree.maps.ground import FREE, OCCUPIED, UNKNOWN
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -11,10 +11,11 @@ obstacle. O(cells + pixels log reach).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ndtree.cells.raster import pixels_in
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -83,25 +84,3 @@ def seen_above_ground(
     for one, value in ((0, FREE), (1, OCCUPIED)):
         values[at[inside & (state[which] == one)]] = value
     return values.reshape(shape)
-
-
-def pixels_in(first: Ints, last: Ints, width: int) -> tuple[Ints, Ints]:
-    """All pixels of boxes, as positions in a flat array of that width, and the box of each."""
-    found = [np.zeros((2, 0), dtype=np.int64)]
-    for (rows, columns), use in _by_shape(first, last):
-        at = first[use, 1] * width + first[use, 0]
-        inside = (np.arange(rows)[:, None] * width + np.arange(columns)).ravel()
-        found.append(np.stack([(at[:, None] + inside).ravel(), np.repeat(use, len(inside))]))
-    at, which = np.concatenate(found, axis=1)
-    return at, which
-
-
-def _by_shape(first: Ints, last: Ints) -> Iterator[tuple[tuple[int, int], Ints]]:
-    """Rows and columns that boxes have, with the numbers of the boxes that have them."""
-    if not len(first):
-        return
-    extent = last - first
-    most = int(extent.max()) + 1
-    shape = extent[:, 1] * most + extent[:, 0]
-    for one in np.flatnonzero(np.bincount(shape)).tolist():
-        yield divmod(one, most), np.flatnonzero(shape == one)

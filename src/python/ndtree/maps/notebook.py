@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.cells.lattice import Cells, Integers
+from ndtree.cells.raster import pixels_in
 from ndtree.cells.regions import ceiling, found_region, observed_region
 from ndtree.maps.writers.mesh import height_colors
 
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from ndtree._native._core import OccupancyMap
 
 LONGER_SIDE = 320  # [pixels]
-_FEW = 3  # Pixels of a small cell on an axis.
 _GREY = np.array([205, 254, 0], dtype=np.uint8)  # Unknown, free, occupied.
 
 
@@ -93,22 +93,10 @@ def _highest(cells: Cells, values: Integers | NDArray[np.int8], region: Sequence
     low, high = np.array(region[:4]).reshape(2, 2).T / cells.unit  # [smallest cells]
     pixel = max(1.0, float((high - low).max()) / LONGER_SIDE)
     columns, rows = (max(1, int(n)) for n in np.ceil((high - low) / pixel - 1e-6))
-    order = np.argsort(values, kind="stable")  # Of several that are written to a pixel the last one stays.
-    values, lower = values[order].astype(np.int64), cells.lower[order, :2]
+    lower = cells.lower[:, :2]
     begin = np.clip(np.floor((lower - low) / pixel), 0, (columns - 1, rows - 1)).astype(np.int64)
-    end = np.clip(np.ceil((lower + cells.size[order, None] - low) / pixel), 1, (columns, rows)).astype(
-        np.int64
-    )
-    x, y = begin.T
-    wide, high = (end - begin).T
+    end = np.clip(np.ceil((lower + cells.size[:, None] - low) / pixel), 1, (columns, rows))
     highest = np.full((rows, columns), -1, dtype=np.int64)
-    small = np.maximum(wide, high) <= _FEW
-    for dx, dy in np.ndindex(_FEW, _FEW):
-        some = small & (wide > dx) & (high > dy)
-        layer = np.full_like(highest, -1)
-        layer[y[some] + dy, x[some] + dx] = values[some]
-        np.maximum(highest, layer, out=highest)
-    for i in np.flatnonzero(~small):
-        block = highest[y[i] : y[i] + high[i], x[i] : x[i] + wide[i]]
-        np.maximum(block, values[i], out=block)
+    at, which = pixels_in(begin, end.astype(np.int64), columns)
+    np.maximum.at(highest.reshape(-1), at, values[which])
     return highest[::-1]

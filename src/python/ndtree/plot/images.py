@@ -16,11 +16,11 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from ndtree.cells.lattice import Cells, Floats, Integers
+from ndtree.cells.raster import pixel_parts
 from ndtree.cells.regions import picture_region
 from ndtree.plot.figures import BORDER_COLOR, STATE_COLORS, UNKNOWN, Region, framed, require_style
 
 MAX_IMAGE_CELLS = 16_000_000
-_LARGE_CELL = 10_000  # Pixels of a cell that is filled alone, not with those of its size.
 
 
 def _brightness(probability: Floats) -> Floats:
@@ -147,24 +147,8 @@ def image_of(
     flat = image.reshape(-1)
     begin = np.clip((shown.lower - low) // step, 0, (width, height))
     end = np.clip(-(-(shown.upper - low) // step), 0, (width, height))
-    extents = end - begin
-    kind = extents[:, 0] * (height + 1) + extents[:, 1]
-    order = np.argsort(kind, kind="stable")
-    for alike in np.split(order, np.flatnonzero(np.diff(kind[order])) + 1):
-        shape = extents[alike[0]] if len(alike) else np.zeros(2, dtype=np.int64)
-        if not shape.all():
-            continue
-        if shape.prod() > _LARGE_CELL:
-            for i in alike:
-                (x0, y0), (x1, y1) = begin[i], end[i]
-                part = image[y0:y1, x0:x1]
-                np.maximum(part, np.float32(shown.probability[i]), out=part)
-            continue
-        offsets = (np.arange(shape[1])[:, None] * width + np.arange(shape[0])).ravel()
-        for part in np.array_split(alike, max(1, len(alike) * len(offsets) // 4_000_000)):
-            corner = begin[part, 1] * width + begin[part, 0]
-            pixels = corner[:, None] + offsets
-            np.maximum.at(flat, pixels, shown.probability[part, None].astype(np.float32))
+    for at, which in pixel_parts(begin, end, width):
+        np.maximum.at(flat, at, shown.probability[which, None].astype(np.float32))
     image[image < 0] = empty
     left, bottom = low * shown.unit
     extent = (left, left + width * step * shown.unit, bottom, bottom + height * step * shown.unit)

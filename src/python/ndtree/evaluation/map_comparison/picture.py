@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from ndtree.cells.raster import pixels_in
 from ndtree.evaluation.map_comparison.blocks import common_grid
 from ndtree.maps.open import PlacedMap
 from ndtree.plot.figures import written
@@ -88,10 +89,8 @@ def _differences(
         first = (lower[:, :2] - low) // step
         last = (lower[:, :2] + edge - 1 - low) // step + 1
         weight = edge ** (a.map.dim - 2) * min(edge, step) ** 2  # Of a block in each of its pixels.
-        single = (last - first == 1).all(axis=1)
-        np.add.at(counts, (kind[single], first[single, 0], first[single, 1]), weight)
-        for shown, (x0, y0), (x1, y1) in zip(kind[~single], first[~single], last[~single]):
-            counts[shown, x0:x1, y0:y1] += weight
+        at, which = pixels_in(first[:, ::-1], last[:, ::-1], shape[1])
+        np.add.at(counts.reshape(len(_SHOWN), -1), (kind[which], at), weight)
     counts[_FIRST_OCCUPIED:] *= np.float32(2) ** 40  # However few they are.
     image = np.where(counts.any(axis=0), counts.argmax(axis=0), 0).astype(np.int8)
     corner = grid.origin[:2] + low * grid.cell_size
