@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ndtree._errors import WrongValue, key
+from ndtree._lazy import needs
 from ndtree.alignment.aligned_log import AlignedLog
 from ndtree.alignment.planar import Floats
 from ndtree.alignment.result import MOST_CONTRADICTED
@@ -270,11 +271,9 @@ def _by_odometry(log: Log, max_range: float, progress: Progress) -> SpatialAlign
 
 
 def _kiss_icp(max_range: float) -> Any:
-    try:
+    with needs(f"{key('odometry')} kiss-icp needs kiss-icp", "kiss-icp"):
         from kiss_icp.config import KISSConfig
         from kiss_icp.kiss_icp import KissICP
-    except ImportError as error:
-        raise ImportError(f"{key('odometry')} kiss-icp needs kiss-icp ({error}); {INSTALL}") from None
     config = KISSConfig()
     config.data.max_range, config.data.min_range, config.data.deskew = max_range, _LEAST_RANGE, False
     config.mapping.voxel_size = max_range / 100

@@ -12,20 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
 from ndtree.live.grid import GridFollower
 from ndtree.live.outputs import Frontiers, by_size, cell_points
 from ndtree.live.palette import GRID_COLORS
 from ndtree.live.way import Way
 
-try:
+with needs("ndtree.live.FoxgloveSink needs foxglove-sdk", "foxglove"):
     import foxglove
     from foxglove import channels, messages
-except ImportError as error:
-    raise ImportError(
-        f"ndtree.live.FoxgloveSink needs foxglove-sdk ({error}); install it with: "
-        "pip install 'ndtree-mapping[foxglove]'"
-    ) from None
 
 #: Where Foxglove looks for a server, and how often the map is shown [s].
 PORT, PERIOD = 8765, 0.5

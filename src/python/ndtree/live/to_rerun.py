@@ -9,19 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
+from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
 from ndtree.live.grid import FREE, OCCUPIED, UNKNOWN, GridFollower
 from ndtree.live.outputs import Frontiers, by_size, cell_points, direction_of
 from ndtree.live.palette import GRID_COLORS
 from ndtree.live.way import Way
 
-try:
+with needs("ndtree.live.RerunSink needs rerun-sdk", "rerun"):
     import rerun
-except ImportError as error:
-    raise ImportError(
-        f"ndtree.live.RerunSink needs rerun-sdk ({error}); install it with: "
-        "pip install 'ndtree-mapping[rerun]'"
-    ) from None
 
 #: How often the map is shown [s]: each time all occupied cells are written.
 PERIOD = 1.0

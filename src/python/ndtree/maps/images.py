@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._lazy import needs
 from ndtree.base.words import number_of
 from ndtree.logs.core.failures import one_line, shown
 from ndtree.logs.core.plain_file import open_regular
 
-_NEEDS = "map_server's files need {} ({}); install them with: pip install 'ndtree-mapping[convert]'"
+_NEEDS = "map_server's files need PyYAML and Pillow"
 #: Far more than anybody's file about an image has.
 _MOST_YAML = 1 << 16
 _MOST_NESTED = 8
@@ -107,10 +108,8 @@ def map_image(name: str) -> MapImage:
 
 def _entries(name: str) -> dict[Any, Any]:
     """What the YAML file says, without what YAML can say but such files never do."""
-    try:
+    with needs(_NEEDS, "convert"):
         import yaml
-    except ImportError as error:
-        raise ImportError(_NEEDS.format("PyYAML and Pillow", error)) from None
 
     class Loader(yaml.SafeLoader):
         """Without aliases, which let a small file stand for a huge one, and not deeply nested."""
@@ -169,10 +168,8 @@ def _pixels(
     As nav2 has it, the opaqueness of an image that has one counts as a fourth color where `mode` is trinary;
     where it is scale, pixels that are not opaque are unknown; where it is raw, it says nothing.
     """
-    try:
+    with needs(_NEEDS, "convert"):
         from PIL import Image, UnidentifiedImageError
-    except ImportError as error:
-        raise ImportError(_NEEDS.format("PyYAML and Pillow", error)) from None
     with open_regular(path) as file:
         try:
             with warnings.catch_warnings():

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._lazy import needs
 from ndtree.logs.ros.messages.head import Header, header_of, order_of
 
 #: The most bytes that a packed one may stand for, and how many more are taken.
@@ -107,10 +108,8 @@ def _with_zlib(data: bytes, most: int) -> bytes:
 
 
 def _with_zstd(data: bytes, most: int) -> bytes:
-    try:
+    with needs("clouds packed by zstd need zstandard", "ros"):
         import zstandard
-    except ImportError as error:
-        raise _needs("zstd", "zstandard", "ndtree-mapping[ros]", error) from None
     try:
         with zstandard.ZstdDecompressor().stream_reader(data) as stream:
             return bytes(stream.read(most))
@@ -126,7 +125,8 @@ def _of_draco(header: Header, packed: bytes) -> Cloud:
     try:
         import DracoPy
     except ImportError as error:
-        raise _needs("Draco", "DracoPy", "DracoPy", error) from None
+        how = "install it with:\n  pip install 'DracoPy'"
+        raise ImportError(f"clouds packed by Draco need DracoPy ({error}); {how}") from None
     try:
         attributes: Any = DracoPy.decode(packed).attributes
     except Exception as error:  # A library at the mercy of foreign bytes: it raises whatever it runs into.
@@ -137,9 +137,3 @@ def _of_draco(header: Header, packed: bytes) -> Cloud:
     points = np.ascontiguousarray(places[0], dtype="<f4")
     fields = [Field(name, 4 * axis, 7) for axis, name in enumerate("xyz")]
     return Cloud(header, 1, len(points), fields, False, 12, 12 * len(points), points.view(np.uint8).ravel())
-
-
-def _needs(what: str, library: str, wanted: str, error: ImportError) -> ImportError:
-    return ImportError(
-        f"clouds packed by {what} need {library} ({error}); install it with:\n  pip install '{wanted}'"
-    )
