@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 import ndtree
 from ndtree.cli.commands import COMMANDS, app, every
 from ndtree.cli.commands.pages import MOST_LINES, pages, table_of_options
-from ndtree.cli.commands.table import QUESTIONS, TOUCHED, row_of
+from ndtree.cli.commands.questions import QUESTIONS, TOUCHED, row_of
 from ndtree.cli.help import FOLDER, WIDTH, fitted, page_asked_for, path_of
 
 RUN = CliRunner()
@@ -57,7 +57,7 @@ def test_every_option_has_its_default_and_is_in_the_table(command: str) -> None:
     names = options_of(command)
     assert names
     for name in names:
-        assert row_of(name) is not None, f"{name}: expected a row in cli/commands/table.py"
+        assert row_of(name) is not None, f"{name}: expected a row in cli/commands/questions.py"
         flag = max(next(one for one in every()[command].params if one.name == name).opts, key=len)
         assert re.search(rf"{flag}[ ,/](?:(?! --).)*\(default: [^)]+\)", text), flag
     assert len(TOUCHED[command]) <= 5 and set(TOUCHED[command]) <= set(names)

@@ -83,9 +83,7 @@ class MovedPoints:
                 range_sigma=scan.range_sigma,
             )
         except ValueError as error:
-            self.log._skip(
-                "scans that cannot be used", ValueError(f"{self.log.name}: scan {number}: {error}")
-            )
+            self.log.skip("scans that cannot be used", ValueError(f"{self.log.name}: scan {number}: {error}"))
 
     def _with_sigma(self, scan: Scan) -> Scan:
         scan = scan.with_sigma(dict(zip(("range_sigma", "range_sigma_quadratic"), self._sigma)))

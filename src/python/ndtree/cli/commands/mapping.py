@@ -29,7 +29,7 @@ from ndtree.tuning.inspection import BEYOND_MEMORY
 
 
 @dataclass
-class Standing:
+class StaticScans:
     """Scans of a log without end points on what moved."""
 
     points: MovedPoints
@@ -38,7 +38,7 @@ class Standing:
     kept: int = 0  # Cells of thin things.
 
     @classmethod
-    def of(cls, log: Log, config: Config, progress: Progress) -> "Standing":
+    def of(cls, log: Log, config: Config, progress: Progress) -> "StaticScans":
         """Reads the log twice."""
         begin = time.perf_counter()
         points = MovedPoints(log, config.options, config.max_range, config.no_return).look(progress)
@@ -81,7 +81,7 @@ class Mapped:
     read_seconds: float
     track: NDArray[np.float64]  # (2, dim): least and largest coordinates of the sensor [m].
     scale: Scale
-    standing: Optional[Standing] = None
+    static_scans: Optional[StaticScans] = None
 
     def figures(self) -> dict[str, Any]:
         return {
@@ -95,7 +95,7 @@ class Mapped:
             "seconds": self.seconds,
             "read_seconds": self.read_seconds,
             "skipped": skipped(self.log),
-            **({} if self.standing is None else {"moved": self.standing.figures()}),
+            **({} if self.static_scans is None else {"moved": self.static_scans.figures()}),
             **self._of_map,
         }
 
@@ -111,8 +111,8 @@ class Mapped:
         lines = [f"uses {self.log.uses}"] if self.log.uses else []
         for line in [*lines, *self.config.notes] + ([absurd] if absurd else []):
             print(indented(line))
-        if self.standing is not None:
-            print(indented(str(self.standing)))
+        if self.static_scans is not None:
+            print(indented(str(self.static_scans)))
         print_map(self._of_map)
         files = " and ".join(str(path) for path in written if path)
         print(f"read in {self.read_seconds:.3f} s, inserted in {self.seconds:.3f} s; wrote {files}")
@@ -142,7 +142,7 @@ class Passage:
             except ValueError as error:
                 if is_final(error):
                     raise
-                self.log._skip("scans that cannot be mapped", located(name, error))
+                self.log.skip("scans that cannot be mapped", located(name, error))
                 continue
             except MemoryError:
                 raise ValueError(f"{name}: {BEYOND_MEMORY}") from None
@@ -180,13 +180,13 @@ def mapped(
     track = np.full((2, log.dim), np.nan)
     scale = Scale(target.options["min_cell_size"], config.max_range)
     passage = Passage(log, config, read_seconds)
-    standing: Optional[Standing] = None
+    static_scans: Optional[StaticScans] = None
     if static:
         with progress() as show:
-            standing = Standing.of(log, config, show)
+            static_scans = StaticScans.of(log, config, show)
 
     def insert(scan: Scan) -> Any:
-        scan = scan if standing is None else standing.take(scan)
+        scan = scan if static_scans is None else static_scans.take(scan)
         return scan.insert_into(target, max_range=config.max_range)
 
     with mapping_progress(log, target) as advance:
@@ -201,10 +201,10 @@ def mapped(
                 observer.update(target, scan)
             advance(passage.scans, counts["beams"])
     report = passage.report(counts)
-    if standing is not None:
-        standing.finish(target)
+    if static_scans is not None:
+        static_scans.finish(target)
     return Mapped(
-        log, target, config, report, passage.scans, seconds, passage.read_seconds, track, scale, standing
+        log, target, config, report, passage.scans, seconds, passage.read_seconds, track, scale, static_scans
     )
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from ndtree.cli.commands import COMMANDS, every
-from ndtree.cli.commands.table import DEFAULTS, QUESTIONS, TOUCHED, Row, row_of
+from ndtree.cli.commands.questions import DEFAULTS, QUESTIONS, TOUCHED, Row, row_of
 from ndtree.cli.help import LEFT, WIDTH
 
 #: Lines of a page of ``--help``.

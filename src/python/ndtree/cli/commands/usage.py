@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from ndtree._native._calls import ELSEWHERE
-from ndtree.cli.commands.table import row_of
+from ndtree.cli.commands.questions import row_of
 
 #: What others call an option, by a part of the flag.
 _ELSEWHERE = (

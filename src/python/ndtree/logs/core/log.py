@@ -182,7 +182,7 @@ class Log(ABC):
         except (ValueError, OSError) as error:
             if not self._done:  # There is nothing to keep.
                 raise
-            self._skip("ends that cannot be read", error)
+            self.skip("ends that cannot be read", error)
         finally:
             self._sum_up_unposed()
 
@@ -312,22 +312,22 @@ class Log(ABC):
     def _scans(self) -> Iterator[Scan]:
         """Read the scans from the first on."""
 
-    def _skip(self, kind: str, error: Exception) -> None:
+    def skip(self, kind: str, error: Exception) -> None:
         """Raise an error, or with ``keep_going`` note it: the reader then goes on behind the damage.
 
         `kind` is in the plural, as in "scans without a pose"; a reader returns where nothing can follow.
         """
         if not self.rules.keep_going:
             raise error
-        if kind in self.skipped:
-            self.skipped[kind].count += 1
-        else:
-            self.skipped[kind] = Skipped(1, str(error))
+        self._note(kind, error)
 
     def _leave_out(self, kind: str, error: Exception, summary: str | None = None) -> None:
         """Note what cannot be used but is no damage either; with ``strict`` raise it."""
         if self.rules.strict:
             raise error
+        self._note(kind, error, summary)
+
+    def _note(self, kind: str, error: Exception, summary: str | None = None) -> None:
         if kind in self.skipped:
             self.skipped[kind].count += 1
         else:
@@ -387,13 +387,13 @@ class LineLog(Log):
                     try:
                         scan = parse(line.decode("utf-8", "replace").rstrip("\r\n"))
                     except ValueError as error:
-                        self._skip("damaged lines", ValueError(f"{self.path}: {error}"))
+                        self.skip("damaged lines", ValueError(f"{self.path}: {error}"))
                         continue
                     if scan is not None:
                         self._place = file.place
                         yield scan
             except DamagedStream as error:
-                self._skip(f"damaged {error.kind} streams", error)
+                self.skip(f"damaged {error.kind} streams", error)
 
 
 class SizedLog(Log):

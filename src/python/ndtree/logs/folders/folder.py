@@ -62,7 +62,7 @@ class FolderLog(SizedLog):
                 self._leave_out_unposed(error)
                 continue
             except (ValueError, OSError) as error:
-                self._skip("scans without a pose", error)
+                self.skip("scans without a pose", error)
                 continue
             nothing = self._passed_over()
             if nothing is not None:
@@ -71,7 +71,7 @@ class FolderLog(SizedLog):
             try:
                 points = self._points(i)
             except (ValueError, OSError) as error:
-                self._skip("damaged scans", error)
+                self.skip("damaged scans", error)
                 continue
             self.file = self._files[i]
             yield self._scan(i, points, T_map_sensor)

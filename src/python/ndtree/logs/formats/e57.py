@@ -74,7 +74,7 @@ class E57Log(SizedLog):
                     with readable(self.path, f"scan {i} cannot be read", foreign=True):
                         scan = self._scan(file, i)
                 except ValueError as error:
-                    self._skip("damaged scans", error)
+                    self.skip("damaged scans", error)
                     continue
                 yield scan
 

@@ -50,12 +50,12 @@ class OctomapGraphLog(SizedLog):
                 for done in range(self._nodes):
                     yield self._node(file, f"{self.path}: node {done + 1} of {self._nodes}")
         except DamagedStream as error:
-            self._skip(
+            self.skip(
                 f"damaged {error.kind} streams",
                 ValueError(f"{self.path}: node {done + 1} of {self._nodes}: {error}, expected a whole one"),
             )
         except ValueError as error:  # It is unknown where the next node begins.
-            self._skip("damaged files", error)
+            self.skip("damaged files", error)
 
     def _node(self, file: PlainFile, where: str) -> Scan:
         (count,) = struct.unpack("<I", _taken(file, 4, where))

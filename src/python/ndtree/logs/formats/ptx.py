@@ -52,7 +52,7 @@ class PtxLog(Log):
                 try:
                     points = self._points(file, count)
                 except ValueError as error:
-                    self._skip("damaged scans", ValueError(f"{error} (scan {number})"))
+                    self.skip("damaged scans", ValueError(f"{error} (scan {number})"))
                     return
                 self._place = file.place
                 number += 1

@@ -76,7 +76,7 @@ class VelodyneLog(Log):
                     if turn is not None:
                         yield turn
         except ValueError as error:
-            self._skip("ends that cannot be read", error)
+            self.skip("ends that cannot be read", error)
         turn = self._decoded(partial(decoder.finish, True))
         if turn is not None:
             yield turn
@@ -86,7 +86,7 @@ class VelodyneLog(Log):
             result = decode()
         except Exception as error:  # A library at the mercy of foreign bytes.
             wrong = ValueError(f"{self.path}: packets that cannot be decoded ({one_line(error)})")
-            self._skip("damaged packets", wrong)
+            self.skip("damaged packets", wrong)
             return None
         if result is None or not len(result[1]):
             return None

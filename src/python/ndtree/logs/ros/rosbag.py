@@ -98,7 +98,7 @@ class RosbagLog(SizedLog):
         for damage in self.plan.damage if self.rules.strict else ():
             raise ValueError(f"{damage}, expected a whole bag")
         for error in self.plan.damaged:
-            self._skip("damaged messages", error)
+            self.skip("damaged messages", error)
         with self._opened() as bag:
             reader = MessageReader(bag, self.plan, self.rules)
             try:
@@ -108,7 +108,7 @@ class RosbagLog(SizedLog):
 
     def _read(self, bag: Bag, reader: MessageReader) -> Iterator[Scan]:
         topics = [sensor.topic.name for sensor in self.sensors]
-        messages = bag.messages(topics, on_damage=lambda error: self._skip("damaged bags", error))
+        messages = bag.messages(topics, on_damage=lambda error: self.skip("damaged bags", error))
         if len(topics) > 1:
             messages = in_order(messages, self.plan.clock)
         for raw in messages:
@@ -124,7 +124,7 @@ class RosbagLog(SizedLog):
                 self._leave_out("messages in other frames", error, elsewhere_said(error.sensor, others))
                 continue
             except ValueError as error:
-                self._skip("damaged messages", error)
+                self.skip("damaged messages", error)
                 continue
             try:
                 scan = reader.scan(measured)

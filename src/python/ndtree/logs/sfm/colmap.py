@@ -127,7 +127,7 @@ class ColmapLog(SfmLog):
             for rows, center, focal_length in self._observations(identities):
                 yield self._scan(triangulation, rows, center, focal_length)
         except ValueError as error:
-            self._skip("damaged files", error)
+            self.skip("damaged files", error)
 
 
 class _Text:
