@@ -24,7 +24,7 @@ COMMANDS = {
         "map_log",
         "Build a map from a log, and write it to a file. Several logs give a map each, or with --merge one.",
     ),
-    "align": ("align", "Find the poses of a 2-D laser's log, where its own drift or it has none."),
+    "align": ("align", "Find the poses of a log, where its own drift or it has none."),
     "clean": ("clean", "Write the points of a log without what moved: people, cars, doors."),
     "live": (
         "live",
