@@ -24,7 +24,7 @@ from ndtree.alignment.aligned_log import AlignedLog
 from ndtree.alignment.planar import Floats
 from ndtree.alignment.result import MOST_CONTRADICTED
 from ndtree.alignment.sensor_scans import spread_evenly
-from ndtree.alignment.spatial_loops import INSTALL, POINTS, SpatialGraph, SpatialLoop, require_libraries
+from ndtree.alignment.spatial_loops import POINTS, SpatialGraph, SpatialLoop, require_libraries
 from ndtree.alignment.writing import compared, draw_before_and_after, verdict, write_trajectory
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from ndtree._lazy import needs
 from ndtree._native import _core
 from ndtree.alignment.planar import Floats
 from ndtree.base.progress import Progress, no_progress
 
-INSTALL = "install it with:\n  pip install 'ndtree-mapping[kiss-icp]'"
 #: Points of a scan that local maps take.
 POINTS = 4000
 _FAR = 0.9  # This fraction of the points is nearer than the reach of a sensor.
@@ -173,11 +173,9 @@ class SpatialGraph:
 
 def require_libraries() -> None:
     """Raises ImportError where what finds loops is not installed: what to install."""
-    try:
+    with needs("loops in 3-D need map-closures and small-gicp", "kiss-icp"):
         import map_closures.map_closures  # noqa: F401
         import small_gicp  # noqa: F401
-    except ImportError as error:
-        raise ImportError(f"loops in 3-D need map-closures and small-gicp ({error}); {INSTALL}") from None
 
 
 def _may_drift(by_odometry: Floats, found: Floats, way: float) -> bool:
