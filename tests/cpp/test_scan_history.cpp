@@ -49,7 +49,10 @@ std::size_t play(std::uint64_t seed, int branching, int calls) {
     const int what = random.integer(0, 10);
     if (present.size() < 3 || what < 5) {
       const auto key = static_cast<std::int64_t>(1000 - 7 * number);
-      (void)history.insert(key, random_scan<D>(random).view(), random_pose<D>(random, 8.0),
+      const Scan<D> scan = random_scan<D>(random);
+      ScanView<D> view = scan.view();
+      if (random.chance(0.3)) view.number = number += 2;
+      (void)history.insert(key, view, random_pose<D>(random, 8.0),
                            random.chance(0.5) ? 3.0 : kUnlimitedRange);
       present.emplace_back(key, number++);
     } else if (what < 8) {
@@ -190,6 +193,9 @@ TEST(ScanHistory, BadCallsChangeNothing) {
   EXPECT_THROW((void)history.insert(1, scan.view(), {}), std::invalid_argument) << "the key is there";
   EXPECT_THROW((void)history.insert(3, scan.view(), bad), std::invalid_argument);
   EXPECT_THROW((void)history.insert(3, scan.view(), {}, -1.0), std::invalid_argument);
+  ScanView<2> as_before = scan.view();
+  as_before.number = 1;
+  EXPECT_THROW((void)history.insert(3, as_before, {}), std::invalid_argument) << "the second's number";
   EXPECT_THROW((void)history.move({{1, mirrored}}), std::invalid_argument);
   EXPECT_THROW((void)history.move({{1, {}}, {1, {}}}), std::invalid_argument) << "twice";
   EXPECT_THROW((void)history.move({{4, {}}}), std::out_of_range);

@@ -54,6 +54,26 @@ def test_a_corrected_log_is_the_log_of_the_corrected_poses(recordings: Path) -> 
     assert packed < 8 * beams + 1500 * len(scans), "8 bytes a beam, and what a scan needs besides"
 
 
+def test_scans_that_are_left_make_the_same_map_with_their_numbers() -> None:
+    scans = list(ndtree.simulate("office", scans=30))
+
+    def made(keys: list[int]) -> ndtree.ScanHistory:
+        history = ndtree.ScanHistory(dim=2, min_cell_size=0.05)
+        for i in keys:
+            points = scans[i].endpoints - scans[i].origin
+            history.insert(i, points, [*scans[i].origin, 0.0], returned=scans[i].returned, number=i)
+        return history
+
+    left = [i for i in range(30) if i not in (5, 6, 20)]
+    history = made(list(range(30)))
+    history.remove([5, 6, 20])
+    assert history.map == made(left).map
+    with pytest.raises(ValueError, match="number = 29: must be at least 30"):
+        history.insert(40, np.ones((1, 2)), [0.0, 0.0, 0.0], number=29)
+    with pytest.raises(ValueError, match="number = -1: must be at least 0"):
+        history.insert(40, np.ones((1, 2)), [0.0, 0.0, 0.0], number=-1)
+
+
 def test_wrong_calls_say_what_is_wrong_and_change_nothing() -> None:
     history = ndtree.ScanHistory(dim=2, min_cell_size=0.1)
     history.insert(1, [[1.0, 0.0]], (0, 0, 0))

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -82,7 +83,7 @@ auto finding_key(const Use& use) {
 InsertReport insert(PythonHistory& h, Key key, const py::object& points, const py::object& pose,
                     const py::object& origin, const py::object& returned, const py::object& range_sigma,
                     double max_range, int threads, const py::object& pose_covariance,
-                    const py::object& layers) {
+                    const py::object& layers, const std::optional<std::int64_t>& number) {
   const int dim = h.history->dim();
   const py::object from =
       origin.is_none()
@@ -92,6 +93,7 @@ InsertReport insert(PythonHistory& h, Key key, const py::object& points, const p
   const Poses one = pose_from(pose, dim);
   beams.range_sigma =
       with_pose_covariance(beams, pose_covariance, dim, h.history->options(), one.numbers.data());
+  beams.set_number(number);
   const LayerArguments of_layers(layers, beams.endpoints.shape(0));
   return h.with([&, pointers = beams.pointers()](HistoryInterface& history) {
     return history.insert(key, pointers, one.numbers.data(), of_layers.all(), max_range, threads);
@@ -191,7 +193,7 @@ void bind_history(py::module_& module) {
       .def("insert", &insert, "key"_a, "points"_a, "pose"_a, py::kw_only(), "origin"_a = py::none(),
            "returned"_a = py::none(), "range_sigma"_a = py::none(), "max_range"_a = kInfinity,
            "threads"_a = 0, "pose_covariance"_a = py::none(), "layers"_a = py::none(),
-           doc::ScanHistory_insert)
+           "number"_a = py::none(), doc::ScanHistory_insert)
       .def_property_readonly(
           "layers",
           [](const PythonHistory& h) {

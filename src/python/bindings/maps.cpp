@@ -476,9 +476,7 @@ void bind_maps(py::module_& module) {
             const int dim = map.constant().dim();
             BeamArrays beams(points, origin, returned, dim, range_sigma);
             beams.range_sigma = with_pose_covariance(beams, pose_covariance, dim, map.constant().options());
-            if (number && *number < 0)
-              throw py::value_error("number = " + std::to_string(*number) + ": must be at least 0");
-            if (number) beams.number = static_cast<std::uint64_t>(*number);
+            beams.set_number(number);
             const LayerArguments of_layers(layers, beams.endpoints.shape(0));
             std::optional<BoxArgument> box;
             if (!window.is_none()) box.emplace(window, dim, "window");

@@ -110,6 +110,12 @@ BeamArrays::BeamArrays(const py::object& points, const py::object& origin, const
       returned(as_mask(mask, "returned", endpoints.shape(0))),
       range_sigma(as_one_each(sigma, "range_sigma", endpoints.shape(0))) {}
 
+void BeamArrays::set_number(const std::optional<std::int64_t>& given) {
+  if (!given) return;
+  if (*given < 0) throw py::value_error("number = " + std::to_string(*given) + ": must be at least 0");
+  number = static_cast<std::uint64_t>(*given);
+}
+
 BeamPointers BeamArrays::pointers() const {
   BeamPointers pointers;
   pointers.endpoints = endpoints.data();

@@ -63,6 +63,8 @@ struct BeamArrays {
   BeamArrays(const py::object& points, const py::object& origin, const py::object& mask, int dimension,
              const py::object& sigma = py::none());
 
+  /// @throws ValueError if it is negative.
+  void set_number(const std::optional<std::int64_t>& given);
   [[nodiscard]] BeamPointers pointers() const;
 };
 

@@ -104,26 +104,31 @@ class ScanHistory {
   }
 
   /// Maps a scan and keeps it.
-  /// @param scan in its sensor's frame. @param pose of the sensor in the map.
+  /// @param scan in its sensor's frame; its number, if it has one, above those of all scans before, also of
+  ///   those that were removed. @param pose of the sensor in the map.
   /// @param measured for a map with layers: `{colours, stamps}`, vectors with one entry a beam.
   /// @param max_range, threads as of OccupancyMap::insert().
-  /// @throws std::invalid_argument if the key is there already, the pose is no rigid motion, or as the map's
-  ///   insert().
+  /// @throws std::invalid_argument if the key is there already, the number is too small, the pose is no rigid
+  ///   motion, or as the map's insert().
   InsertReport insert(Key key, const ScanView<D>& scan, const Pose<D>& pose, const Measured& measured,
                       double max_range = kUnlimitedRange, int threads = 0) {
     if (contains(key))
       throw std::invalid_argument("key " + std::to_string(key) +
                                   ": is there already; move() changes its pose");
     require_rigid(pose, key);
-    Entry entry{key, next_number_, pose, max_range, {}, {}, {}};
+    const std::uint64_t number = scan.number.value_or(next_number_);
+    if (number < next_number_)
+      throw std::invalid_argument("number = " + std::to_string(number) + ": must be at least " +
+                                  std::to_string(next_number_) + ", as scans before have smaller ones");
+    Entry entry{key, number, pose, max_range, {}, {}, {}};
     entry.kept = std::make_shared<Kept>(
         Kept{PackedScan<D>(scan, map_.options().min_cell_size), map_.packed(scan, measured)});
     const Scan<D> in_map = entry.kept->beams.at(pose);
-    const ScanView<D> view = numbered(in_map, next_number_);
+    const ScanView<D> view = numbered(in_map, number);
     entry.cubes = std::make_shared<CubeSet<D>>(cubes_of(view, max_range));
     // Nothing throws behind the map's own insertion.
     if (entries_.size() == entries_.capacity()) entries_.reserve(2 * entries_.size() + 1);
-    const auto number = numbers_.emplace(key, next_number_).first;
+    const auto place = numbers_.emplace(key, number).first;
     InsertReport report;
     try {
       if (map_.undoes_insertions()) {
@@ -135,13 +140,13 @@ class ScanHistory {
         map_ = std::move(changed);
       }
     } catch (...) {
-      numbers_.erase(number);
+      numbers_.erase(place);
       throw;
     }
     report.beams += entry.kept->beams.num_left_out();
     report.invalid += entry.kept->beams.num_left_out();
     entries_.push_back(std::move(entry));
-    ++next_number_;
+    next_number_ = number + 1;
     return report;
   }
   /// Of a map without layers.

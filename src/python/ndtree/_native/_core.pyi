@@ -438,7 +438,8 @@ class ScanHistory:
     smallest cell, or more if it reaches farther than 1024 cells. After any calls, each cell of the map is, bit for
     bit, what mapping the present scans at their present poses in the order in which they came makes of it, and so
     are its layers. Only cubes of max_cell_size are made anew that a moved scan crosses, before or after, and only by
-    the scans that cross them. The map's counters add up the work that was done.
+    the scans that cross them. The map's counters add up the work that was done. A history cannot be pickled (a
+    TypeError says so): save its map, and the scans as `scan` gives them.
 
     Parameters
     ----------
@@ -484,6 +485,7 @@ class ScanHistory:
         threads: int = 0,
         pose_covariance: ArrayLike | None = None,
         layers: Mapping[str, ArrayLike] | None = None,
+        number: int | None = None,
     ) -> InsertReport:
         """Map a scan, and keep it.
 
@@ -505,6 +507,10 @@ class ScanHistory:
             is moved.
         layers : dict of str and array, optional
             As of `OccupancyMap.insert`: each beam's value for layers of the map.
+        number : int, optional
+            As of `OccupancyMap.insert`: which beams of a dense scan are sampled. Default: one more than that of the
+            scan before. The scan keeps it when others are removed: mapping the scans that are left with their numbers
+            makes the same map.
 
         Returns
         -------
@@ -513,7 +519,8 @@ class ScanHistory:
         Raises
         ------
         ValueError
-            The key is there already, the pose is wrong, or as `OccupancyMap.insert`; nothing has changed.
+            The key is there already, the number is not above all before, the pose is wrong, or as
+            `OccupancyMap.insert`; nothing has changed.
         """
     def move(self, poses: dict[int, ArrayLike], *, threads: int = 0) -> HistoryReport:
         """Move scans to other poses.
