@@ -42,6 +42,8 @@ TICK = 0.1
 #: The frame of a map that the robot is found in, and how far ahead its transform is dated, as others need it
 #: for times that are a little later [s].
 MAP, AHEAD = "map", 0.1
+#: For so long it is said again where scans wait [s].
+REPEATS = 10.0
 #: For so long nothing is said of a clock that does not begin [s].
 WAITS = 3.0
 #: Types of octomap_server's services, which are offered where octomap_msgs is installed.
@@ -136,6 +138,8 @@ class MapService:
                 raise ValueError(f"{what}: needs the package tf2_msgs, to publish where the robot is")
             self._tf = node.publisher(self._transforms, "/tf", depth=100)
             self._poses = node.publisher(PoseWithCovarianceStamped, "~/pose", depth=10)
+        self._told: Localization | None = None
+        self._verdict = "too early"
         self._status = node.publisher(DiagnosticArray, "/diagnostics", depth=10)
         self.mapper = LiveMapper(
             self._intake,
@@ -162,11 +166,21 @@ class MapService:
         """Publish where the robot is, while it is known."""
         if found.is_lost:
             return
-        odometry = self._node.value("fixed_frame") or ODOMETRY
-        stamp = found.stamp + AHEAD
-        moved = transform(MAP, odometry, stamp, found.map_odometry)
-        self._tf.publish(self._transforms(transforms=[moved]))
+        self._told = found
+        self._send_odometry(found, found.stamp)
         self._poses.publish(pose_with_covariance(MAP, found.stamp, found.body, found.covariance))
+
+    def _send_odometry(self, found: Localization, stamp: float) -> None:
+        """Where the frame of odometry is at a time [s]."""
+        odometry = self._node.value("fixed_frame") or ODOMETRY
+        moved = transform(MAP, odometry, stamp + AHEAD, found.map_odometry)
+        self._tf.publish(self._transforms(transforms=[moved]))
+
+    def _repeat(self) -> None:
+        """Say it again by slam, where scans wait: while a loop moves the map, others need it all the same."""
+        told, now = self._told, self._node.now()
+        if self._slam is not None and told is not None and AHEAD < now - told.stamp < REPEATS:
+            self._send_odometry(told, now)
 
     def _frame(self) -> str:
         if self._localizer is not None or self._slam is not None:
@@ -188,6 +202,7 @@ class MapService:
         """
         intake, mapper = self._intake, self.mapper
         mapper.advance(self._node.now())
+        self._repeat()
         chosen = None
         if intake.log is not None and self._announced != intake.notes:
             for line in intake.said():
@@ -205,6 +220,7 @@ class MapService:
                     Level.warning, "use_sim_time is set, and nothing comes on /clock: no time passes"
                 )
         self._say_failures()
+        self._say_doubts(self._verdict)
         for grid in self._grids:
             grid.welcome()
         return chosen
@@ -216,6 +232,13 @@ class MapService:
             if self._failed.get(sink) != error:
                 self._node.say(Level.error, f"{sink}: {error}")
         self._failed = failures
+
+    def _say_doubts(self, before: str) -> None:
+        """Say whether poses are to be trusted where that is another than before."""
+        if self._slam is not None and (said := self._slam.figures())["verdict"] != before:
+            self._verdict = said["verdict"]
+            level = Level.warning if said["doubts"] else Level.info
+            self._node.say(level, "; ".join([f"poses are {self._verdict}", *said["doubts"]]))
 
     def close(self, lost: int) -> None:
         """Map what has arrived, publish and save it, and say what became of scans.
@@ -235,6 +258,7 @@ class MapService:
         if self._server is not None:
             self._server.close()
         self._say_failures()
+        self._say_doubts("")
         self.diagnose(lost)
         self._node.say(Level.info, f"{self.mapper.figures.summary()}, {lost} lost by the middleware")
 
