@@ -223,7 +223,7 @@ def test_wrong_calls_are_said() -> None:
         Corrections(tolerance=(-1.0, 0.0))
     with pytest.raises(ValueError, match="memory = 0 bytes"):
         Corrections(memory=0)
-    with pytest.raises(ValueError, match="must be 'body' or 'odometry'"):
+    with pytest.raises(ValueError, match="must be 'body', 'odometry' or 'sensor'"):
         Correction([0.0], [[0, 0, 0]], [[0, 0, 0, 1]], of="map")
     with pytest.raises(ValueError, match="one of each"):
         Correction([0.0, 1.0], [[0, 0, 0]], [[0, 0, 0, 1]])

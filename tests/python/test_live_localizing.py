@@ -364,7 +364,7 @@ def test_wrong_calls_are_said(world: World, tmp_path: Path) -> None:
             LiveMapper(intake, localizer=Localizer(world.map), **options)
     world.map.save(tmp_path / "m.ndt")
     for words, said in (
-        (["--guess", "0,0,0"], "--localize, too"),
+        (["--guess", "0,0,0"], "expected --localize, or --slam with --resume, too"),
         (["--localize", tmp_path / "m.ndt", "--window", "3"], "--window: not with --localize"),
         (["--localize", tmp_path / "m.ndt", "--min-cell-size", "0.1"], "--min-cell-size: not with"),
         (["--localize", tmp_path / "m.ndt"], "expected a ROS bag"),

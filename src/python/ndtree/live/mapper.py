@@ -348,7 +348,9 @@ class LiveMapper:
         with self._lock:
             if self._slam is None or self._corrections is None or self._intake.config is None:
                 raise RuntimeError("nothing is mapped by slam yet")
-            return self._slam.session(self._corrections, self._intake.config.options)
+            config = self._intake.config
+            longest = {"max_range": config.max_range} if math.isfinite(config.max_range) else {}
+            return self._slam.session(self._corrections, {**config.options, **longest})
 
     def _begin_corrected(self) -> None:
         """Begin with an empty map, which scans will make."""

@@ -32,7 +32,7 @@ class Session:
     """A drive with its scans.
 
     `drive`: Its poses and loops; key scans are made of the scans.
-    `options`: Of the map.
+    `options`: Of the map, and `max_range`, if there is one.
     `arrays`: As in the file; scans are in the frame of their sensor [m].
     """
 

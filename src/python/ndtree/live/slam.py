@@ -7,6 +7,7 @@ drive is gone on with as soon as `Localizer` has found the sensor in its map.
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -63,13 +64,14 @@ class Slam:
         """Begin with an empty map, or that of the earlier drive."""
         self._online = self._localizer = self._offset = self._motion = None
         if self._earlier is not None:
+            max_range = self._earlier.options.get("max_range", math.inf)
             for motion, scan in self._earlier.scans():
-                corrections.insert(scan, motion)
+                corrections.insert(scan, motion, max_range)
             self._localizer = Localizer(corrections.map, self._guess)
 
     @property
     def options(self) -> dict[str, float]:
-        """Of the earlier map."""
+        """Of the earlier map, and of how its scans were mapped."""
         return {} if self._earlier is None else self._earlier.options
 
     def forget(self) -> None:
@@ -193,7 +195,7 @@ class Slam:
         return None if self._earlier is None else self._earlier.drive
 
     def session(self, corrections: Corrections, options: dict[str, float]) -> Session:
-        """What can be gone on with, with a map of these options; ValueError if nothing was placed."""
+        """What can be gone on with, mapped with these options; ValueError if nothing was placed."""
         drive = self._drive()
         if drive is None:
             raise ValueError("no scan was placed yet: there is nothing to go on with")
