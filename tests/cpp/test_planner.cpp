@@ -417,6 +417,89 @@ TYPED_TEST(Planning, WaysAreNearlyThoseOfPaths) {
   EXPECT_GT(nearly_equal, finite * 9 / 10);
 }
 
+/// A wall at x in [0, kUnit) with a gap of a width around y = 0, which lies anywhere between borders of
+/// cells.
+template <class Map>
+Map wall_with_gap(double width, double shift) {
+  constexpr int D = Map::kDim;
+  MapOptions options;
+  options.min_cell_size = kUnit / 8.0;
+  options.max_cell_size = kUnit;
+  Map map(options);
+  map.mark(Box<D>{Vector<D>::Constant(-1.0), Vector<D>::Constant(1.0)}, CellState::free);
+  Box<D> wall{Vector<D>::Constant(-1.0), Vector<D>::Constant(1.0)};
+  wall.lower[0] = 0.0;
+  wall.upper[0] = kUnit / 4.0;
+  Box<D> lower = wall;
+  Box<D> upper = wall;
+  lower.upper[1] = shift - width / 2.0;
+  upper.lower[1] = shift + width / 2.0;
+  map.mark(lower, CellState::occupied);
+  map.mark(upper, CellState::occupied);
+  return map;
+}
+/// Gaps are some cells wide; the body is a ball that fits with ever less room.
+TYPED_TEST(Planning, FindsGapsThatAreHardlyWiderThanTheBody) {
+  constexpr int D = TypeParam::kDim;
+  constexpr double kCell = kUnit / 8.0;
+  int found = 0;
+  for (int cells = 6; cells < 10; ++cells)
+    for (const double room : {-0.05, 0.1, 0.4, 0.9, 1.2}) {  // Smallest cells.
+      const TypeParam map = wall_with_gap<TypeParam>(cells * kCell, cells % 2 == 0 ? 0.0 : kCell / 2.0);
+      const double radius = (cells - room) * kCell / 2.0;
+      const Body<D> body{Capsule<D>{Vector<D>::Zero(), Vector<D>::Zero(), radius}};
+      Vector<D> start = Vector<D>::Zero();
+      Vector<D> goal = Vector<D>::Zero();
+      start[0] = -0.6;
+      goal[0] = 0.6;
+      start[1] = goal[1] = 0.3;
+      const Path<D> path = plan(map, start, goal, body);
+      if (room < 0.0) {
+        ASSERT_EQ(path.status, PathStatus::none);
+        ASSERT_NE(path.reason.find("another part"), std::string::npos);
+        continue;
+      }
+      if (D > 2 && room < 1.0) continue;  // In space, from centre to centre of cells.
+      ASSERT_EQ(path.status, PathStatus::found) << cells << ' ' << room << ' ' << path.reason;
+      ASSERT_TRUE(path.reason.empty());
+      ASSERT_LT(path.length, 1.7);
+      ++found;
+    }
+  EXPECT_EQ(found, D == 2 ? 16 : 4);
+}
+/// Coarse cells join whatever the space joins: else a guide would call a goal unreachable that is not.
+TYPED_TEST(Planning, CoarseSpaceJoinsWhatIsJoined) {
+  constexpr int D = TypeParam::kDim;
+  Random random(406);
+  int pairs = 0;
+  for (const double cost : {kInfinity, 2.0, 1.0, kInfinity, 2.0}) {
+    const TypeParam map = random_world<TypeParam>(random, 10);
+    const double reach = D == 2 ? 4.0 : 2.0;
+    FreeSpace<TypeParam> space(map, random_body<D>(random), cost,
+                               {Vector<D>::Constant(-reach), Vector<D>::Constant(reach)});
+    detail::CoarseSpace<TypeParam> coarse(space);
+    const auto coarse_number = [&](const PlaceCell<D>& cell, const PlaceCell<D>& other) {
+      Lattice<D> at;  // Of the cube in which one cell is nearest to the other.
+      for (std::size_t a = 0; a < D; ++a)
+        at[a] = std::clamp(other.lower[a], cell.lower[a], cell.lower[a] + cell.edge - 1);
+      return coarse.cell_at(at);
+    };
+    space.for_each_in(space.limits(), [&](const PlaceCell<D>& cell) {
+      space.for_each_beside(cell, [&](const PlaceCell<D>& other) {
+        const auto from = coarse_number(cell, other);
+        const auto to = coarse_number(other, cell);
+        ASSERT_NE(from.passage, Passage::blocked);
+        ASSERT_NE(to.passage, Passage::blocked);
+        bool is_joined = from.number == to.number;
+        coarse.for_each_beside(from, [&](const auto& beside) { is_joined |= beside.number == to.number; });
+        ASSERT_TRUE(is_joined);
+        ++pairs;
+      });
+    });
+  }
+  EXPECT_GT(pairs, 1000);
+}
+
 TEST(Planning, SaysWhatIsWrong) {
   MapOptions options;
   options.min_cell_size = kUnit;
@@ -446,6 +529,7 @@ TEST(Planning, SaysWhatIsWrong) {
   const Path<2> none = planner.plan({-2.0, 0.0}, {2.0, 0.0});
   EXPECT_EQ(none.status, PathStatus::none);
   EXPECT_TRUE(none.points.empty());
+  EXPECT_EQ(none.reason, "the goal is in another part of free space than the start: there is no way, proved");
   map.mark(Box<2>{{-0.25, 2.0}, {0.0, 3.5}}, CellState::free);  // A door.
   EXPECT_TRUE(planner.update(map));
   EXPECT_FALSE(planner.update(map));

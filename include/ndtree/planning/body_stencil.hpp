@@ -16,10 +16,14 @@
 
 namespace ndtree::detail {
 
+/// Which cells a body touches: from some place in its own cell, from each, or from its centre.
+enum class Touches { from_some, from_each, from_centre };
+
 /// A body that stands anywhere in a smallest cell touches only cells at these offsets from it. Wherever in
 /// the closed cell it stands, it is free exactly if none of them has an obstacle. They depend on nothing but
 /// the body, as all obstacles are made of whole cells. Bodies are convex, or unions of convex parts, so
-/// offsets are runs along the first axis.
+/// offsets are runs along the first axis. Or only the offsets of cells that it touches wherever in its cell
+/// it stands: if one of them has an obstacle, it is free nowhere there. Or those from the centre of its cell.
 template <int D>
 class BodyStencil {
  public:
@@ -31,7 +35,7 @@ class BodyStencil {
   using Span = std::pair<int, int>;
 
   /// @param body in its orientation, as much larger as it shall stay away from obstacles. @param unit [m].
-  BodyStencil(const Body<D>& body, double unit) {
+  BodyStencil(const Body<D>& body, double unit, Touches touches = Touches::from_some) : touches_(touches) {
     for (std::size_t a = 0; a < kAxes; ++a) lower_[a] = upper_[a] = 0;
     for (const BodyPart<D>& part : body) add(part, unit);
   }
@@ -62,18 +66,36 @@ class BodyStencil {
       }
     }
   }
-  void add_run(const BodyPart<D>& part, double unit, std::array<int, kAxes> at, int first, int last) {
-    const auto is_met = [&](int x) {
-      Box<D> box;  // The cell, less those in which the body may stand.
+  /// @param half the cell's size, and that of the places in which the body may stand, around its middle.
+  static bool is_met(const BodyPart<D>& part, double unit, const std::array<int, kAxes>& at, double half) {
+    Box<D> box;
+    for (int a = 0; a < D; ++a) {
+      box.lower[a] = (at[static_cast<std::size_t>(a)] - half) * unit;
+      box.upper[a] = (at[static_cast<std::size_t>(a)] + half) * unit;
+    }
+    return touch(part, box);
+  }
+  /// The distance of two convex sets is convex in where one of them stands: it is greatest at a corner.
+  static bool is_met_from_each(const BodyPart<D>& part, double unit, const std::array<int, kAxes>& at) {
+    for (unsigned corner = 0; corner < 1u << D; ++corner) {
+      Box<D> box;
       for (int a = 0; a < D; ++a) {
-        const int place = a == 0 ? x : at[static_cast<std::size_t>(a)];
-        box.lower[a] = (place - 1) * unit;
-        box.upper[a] = (place + 1) * unit;
+        box.lower[a] = (at[static_cast<std::size_t>(a)] - static_cast<int>(corner >> a & 1u)) * unit;
+        box.upper[a] = box.lower[a] + unit;
       }
-      return touch(part, box);
+      if (!touch(part, box)) return false;
+    }
+    return true;
+  }
+  void add_run(const BodyPart<D>& part, double unit, std::array<int, kAxes> at, int first, int last) {
+    const auto is_met_at = [&](int x) {
+      at[0] = x;
+      return touches_ == Touches::from_each
+                 ? is_met_from_each(part, unit, at)
+                 : is_met(part, unit, at, touches_ == Touches::from_some ? 1.0 : 0.5);
     };
-    while (first <= last && !is_met(first)) ++first;
-    while (first <= last && !is_met(last)) --last;
+    while (first <= last && !is_met_at(first)) ++first;
+    while (first <= last && !is_met_at(last)) --last;
     if (first > last) return;
     const Span span{first, last};
     auto found = std::find(spans_.begin(), spans_.end(), span);
@@ -86,6 +108,7 @@ class BodyStencil {
     }
   }
 
+  Touches touches_;
   std::vector<Run> runs_;
   std::vector<Span> spans_;
   std::array<int, kAxes> lower_;

@@ -18,6 +18,11 @@
 
 namespace ndtree {
 
+namespace detail {
+template <class Map>
+class CoarseSpace;
+}  // namespace detail
+
 /// A cube of places of one passage, on the lattice of smallest cells.
 template <int D>
 struct PlaceCell {
@@ -38,12 +43,18 @@ class FreeSpace {
  public:
   static constexpr int D = Map::kDim;
   using Cell = PlaceCell<D>;
+  static constexpr bool kHasWalls = false;   ///< Cells that share a face are always joined.
+  static constexpr bool kTestsWays = false;  ///< A way through a side that cells share is free.
 
   /// @param map outlives this, see set_map(). @param body in its orientation. @param unknown_cost of a metre
   /// in unknown space: infinite if it is an obstacle, 1 if it is free. @param around box that holds all
-  /// places of interest; beyond it, no place is free.
-  FreeSpace(const Map& map, const Body<D>& body, double unknown_cost, const Box<D>& around)
-      : finder_(map, body, unknown_cost, around), limits_(finder_.limits()), has_costs_(finder_.has_costs()) {
+  /// places of interest; beyond it, no place is free. @param touches from_each: a cell is also free if the
+  /// body may meet nothing from some place in it: then this has all places that are free, and more.
+  FreeSpace(const Map& map, const Body<D>& body, double unknown_cost, const Box<D>& around,
+            detail::Touches touches = detail::Touches::from_some)
+      : finder_(map, body, unknown_cost, around, touches),
+        limits_(finder_.limits()),
+        has_costs_(finder_.has_costs()) {
     reset();
   }
 
@@ -140,6 +151,7 @@ class FreeSpace {
   void set_map(const Map& map) { finder_.set_map(map); }
 
  private:
+  friend class detail::CoarseSpace<Map>;
   using Brick = detail::Brick<D>;
   using Place = typename Brick::Place;
   static constexpr int kBrickLevels = Brick::kLevels;

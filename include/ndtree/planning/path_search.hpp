@@ -9,7 +9,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <queue>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -27,6 +29,9 @@ enum class PathStatus { found, none, out_of_time };
 
 namespace detail {
 
+/// Straight to the goal: what a search without a guide takes for what is left of the way.
+struct NoGuide {};
+
 /// A place in a cell of free space where a path may begin or end, and the way from there to the pose itself,
 /// which may lie in a cell that is not free as a whole.
 template <int D>
@@ -42,17 +47,20 @@ struct Anchor {
 /// its reflection, meets the face. A new node takes the parent of the node that it was reached from, as if
 /// one saw the other; whether it does is looked at when the node is expanded. If not, the best of the
 /// expanded cells beside takes its place: a cell is convex, so its own point sees every point of its faces,
-/// and no edge needs a test. Invariant: the way from an expanded node to its parent is free. Points and costs
-/// are in smallest cells. O(cells expanded · (cells beside + cells on a straight way)).
-template <class Space>
+/// and no edge needs a test, but between cells of which the space says so. Invariant: the way from an
+/// expanded node to its parent is free. Points and costs are in smallest cells. A guide tells what is left of
+/// the way, else it is the straight line. O(cells expanded · (cells beside + cells on a straight way)).
+template <class Space, class Guide = NoGuide>
 class PathSearch {
  public:
   static constexpr int D = Space::D;
   using Cell = PlaceCell<D>;
 
   /// @param greed factor of what is left of the way, >= 1: above 1, fewer cells are expanded.
-  PathSearch(Space& space, double unknown_cost, double greed)
-      : space_(space), unknown_cost_(unknown_cost), greed_(greed) {}
+  PathSearch(Space& space, double unknown_cost, double greed, Guide* guide = nullptr)
+      : space_(space), unknown_cost_(unknown_cost), greed_(greed), guide_(guide) {}
+  /// Ways that are longer do not matter.
+  void forget_above(double most) { most_ = most; }
 
   void add_start(const Anchor<D>& anchor) {
     std::uint32_t& number = numbers_[anchor.cell.number];
@@ -102,8 +110,28 @@ class PathSearch {
   }
 
   [[nodiscard]] std::size_t expanded() const { return expanded_; }
+  /// Of the way that was found, in smallest cells. @pre there is one.
+  [[nodiscard]] double length() const { return nodes_[end_].cost; }
+  /// From a start to a point in a cell, if the search has come there.
+  /// @param exactly not as if the point was seen from where the cell is seen from.
+  [[nodiscard]] std::optional<double> way_from(std::uint64_t cell, const Vector<D>& point,
+                                               bool exactly) const {
+    const std::uint32_t number = numbers_.find(cell);
+    if (number == NumberTable::kNone || !nodes_[number].is_expanded) return std::nullopt;
+    const Node& node = nodes_[number];
+    const Node& from = exactly ? node : nodes_[node.parent];
+    return from.cost + (from.point - point).norm() * (exactly ? rate(node.cell) : 1.0);
+  }
   [[nodiscard]] std::size_t memory_bytes() const {
     return nodes_.capacity() * sizeof(Node) + numbers_.memory_bytes();
+  }
+  /// Calls `visit(point, cell)` from the last anchor to the first. @pre the search has found a path.
+  template <class Visit>
+  void for_each_back(const Visit& visit) const {
+    for (std::uint32_t number = end_;; number = nodes_[number].parent) {
+      visit(nodes_[number].point, nodes_[number].cell);
+      if (nodes_[number].parent == number) return;
+    }
   }
   /// From the first anchor to the last, in smallest cells. @pre the search has found a path.
   [[nodiscard]] std::vector<Vector<D>> path() const {
@@ -111,6 +139,8 @@ class PathSearch {
     std::uint32_t number = end_;
     for (;; number = nodes_[number].parent) {
       points.push_back(nodes_[number].point);
+      if constexpr (Space::kTestsWays)
+        if (nodes_[number].bend) points.push_back(*nodes_[number].bend);
       if (nodes_[number].parent == number) break;
     }
     std::reverse(points.begin(), points.end());
@@ -120,6 +150,9 @@ class PathSearch {
  private:
   static constexpr std::uint32_t kNoGoal = ~std::uint32_t{0};
 
+  /// Of a way into a narrow cell, at the side through which it comes from one that is not.
+  struct NoBend {};
+  using Bend = std::conditional_t<Space::kTestsWays, std::optional<Vector<D>>, NoBend>;
   struct Node {
     Vector<D> point;
     Cell cell;
@@ -130,6 +163,7 @@ class PathSearch {
     std::uint32_t via = 0;                                   // The cell that it was reached from.
     bool is_certain = false;
     bool is_expanded = false;
+    Bend bend{};
   };
   struct Entry {
     double total;
@@ -167,13 +201,18 @@ class PathSearch {
 
   /// An estimate of what is left of the way.
   [[nodiscard]] double left_from(const Node& node, const Vector<D>& point) const {
-    if (aims_) return greed_ * (goal_ - point).norm();
+    if (aims_) {
+      double left = (goal_ - point).norm();
+      if constexpr (!std::is_same_v<Guide, NoGuide>)
+        if (node.goal == kNoGoal) left = std::max(left, guide_->left_from(node.cell, point));
+      return greed_ * left;
+    }
     return node.goal == kNoGoal ? 0.0 : goals_[node.goal].way;
   }
   void push(std::uint32_t number) {
     Node& node = nodes_[number];
     node.total = node.cost + left_from(node, node.point);
-    open_.push({node.total, number});
+    if (node.total < most_) open_.push({node.total, number});
   }
   [[nodiscard]] double rate(const Cell& cell) const {
     return cell.passage == Passage::costly ? unknown_cost_ : 1.0;
@@ -205,15 +244,21 @@ class PathSearch {
   bool settle(std::uint32_t number) {
     Node& node = nodes_[number];
     const Node& parent = nodes_[node.parent];
-    double best = parent.cost + cost_of_way(space_, node.point, parent.point, unknown_cost_);
+    node.bend = {};
+    double best = is_tested(node.cell, parent.cell)
+                      ? std::numeric_limits<double>::infinity()
+                      : parent.cost + straight_cost(node.cell, node.point, parent.point);
     if (!(best <= node.cost + kEqual)) {
-      const Node& via = nodes_[node.via];
-      const double through = via.cost + (via.point - node.point).norm() * rate(via.cell);
+      const double through = cost_through(node.cell, node.point, nodes_[node.via], node.bend);
       if (through < best) {
         best = through;
         node.parent = node.via;
       }
       if (node.goal == kNoGoal) best = try_beside(node, best);
+      if (!std::isfinite(best)) {  // It may still be reached through another cell.
+        node.cost = node.total = best;
+        return false;
+      }
     }
     node.cost = best;
     node.is_certain = true;
@@ -223,18 +268,50 @@ class PathSearch {
     push(number);
     return false;
   }
-  /// Takes the best way through an expanded cell beside, if it is better.
+  /// Whether a way from one cell to another is only free if the space says so.
+  [[nodiscard]] bool is_tested(const Cell& a, const Cell& b) const {
+    if constexpr (Space::kTestsWays) return space_.is_tested(a, b);
+    return false;
+  }
+  /// Where a way that comes from a point enters a cell beside.
+  [[nodiscard]] Vector<D> entry(const Cell& from_cell, const Cell& cell, const Vector<D>& from) {
+    if constexpr (Space::kTestsWays)
+      if (space_.is_tested(from_cell, cell)) return space_.entry(from_cell, cell, from);
+    return point_on(face_between(from_cell, cell), from);
+  }
+  [[nodiscard]] double straight_cost(const Cell& cell, const Vector<D>& from, const Vector<D>& to) {
+    if constexpr (Space::kTestsWays) {
+      return cost_of_way(space_.cells_like(cell), from, to, unknown_cost_);
+    } else {
+      (void)cell;
+      return cost_of_way(space_, from, to, unknown_cost_);
+    }
+  }
+  /// The cost of a way to a point in a cell through an expanded cell beside, or the same; infinite if it is
+  /// not free.
+  [[nodiscard]] double cost_through(const Cell& cell, const Vector<D>& point, const Node& via, Bend& bend) {
+    bend = {};
+    if constexpr (Space::kTestsWays)
+      if (space_.is_tested(cell, via.cell))
+        return via.cost + space_.length_between(via.cell, via.point, cell, point, bend) * rate(via.cell);
+    return via.cost + (via.point - point).norm() * rate(via.cell);
+  }
+  /// Takes the best way through an expanded cell beside, if it is better; of those that have to
+  /// be tested, if there is none.
   double try_beside(Node& node, double best) {
     space_.for_each_beside(node.cell, [&](const Cell& beside) {
       const std::uint32_t number = numbers_.find(beside.number);
       if (number == NumberTable::kNone || !nodes_[number].is_expanded) return;
+      if (is_tested(beside, node.cell) && std::isfinite(best)) return;
       const Node& other = nodes_[number];
-      const Vector<D> point = point_on(face_between(beside, node.cell), other.point);
-      const double cost = other.cost + (other.point - point).norm() * rate(beside);
+      const Vector<D> point = entry(beside, node.cell, other.point);
+      Bend bend{};
+      const double cost = cost_through(node.cell, point, other, bend);
       const double gain = best + left_from(node, node.point) - cost - left_from(node, point);
       if (!(gain > kEqual)) return;
       best = cost;
       node.point = point;
+      node.bend = bend;
       node.parent = node.via = number;
     });
     return best;
@@ -254,7 +331,7 @@ class PathSearch {
         nodes_.back().cell = beside;
       }
       if (nodes_[found].is_expanded) return;
-      offer(found, number, parent, cost, from, point_on(face_between(node.cell, beside), from));
+      offer(found, number, parent, cost, from, entry(node.cell, beside, from));
     });
     if (goal_numbers_.find(node.cell.number) == NumberTable::kNone) return;
     for (std::size_t i = 0; i < goals_.size(); ++i) {
@@ -308,6 +385,8 @@ class PathSearch {
   Space& space_;
   double unknown_cost_;
   double greed_;
+  Guide* guide_;
+  double most_ = std::numeric_limits<double>::infinity();
   Vector<D> goal_ = Vector<D>::Zero();
   bool aims_ = false;  // At one goal.
   std::vector<Node> nodes_;

@@ -34,9 +34,9 @@ class PlaceFinder {
   using Brick = detail::Brick<D>;
 
   /// As FreeSpace.
-  PlaceFinder(const Map& map, const Body<D>& body, double unknown_cost, const Box<D>& around)
+  PlaceFinder(const Map& map, const Body<D>& body, double unknown_cost, const Box<D>& around, Touches touches)
       : map_(&map),
-        stencil_(body, map.tree().geometry().unit()),
+        stencil_(body, map.tree().geometry().unit(), touches),
         occupied_(stencil_),
         unknown_(stencil_),
         unknown_blocks_(!std::isfinite(unknown_cost)),

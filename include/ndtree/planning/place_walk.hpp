@@ -39,9 +39,9 @@ template <class Space>
   Lattice<D> at = cell_ahead<D>(from, way);
   double begin = 0.0;
   double cost = 0.0;
-  for (;;) {
-    const auto cell = space.cell_at(at);
-    const bool is_blocked = cell.passage == Passage::blocked;
+  auto cell = space.cell_at(at);
+  for (bool is_joined = true;;) {
+    const bool is_blocked = cell.passage == Passage::blocked || !is_joined;
     if (is_blocked && !std::isfinite(blocked_cost)) return blocked_cost;
     double end = 1.0;
     int axis = -1;
@@ -67,6 +67,10 @@ template <class Space>
     const auto b = static_cast<std::size_t>(axis);
     at[b] = way[axis] > 0.0 ? cell.lower[b] + cell.edge : cell.lower[b] - 1;
     begin = end;
+    const auto before = cell;
+    cell = space.cell_at(at);
+    if constexpr (Space::kHasWalls)
+      is_joined = cell.passage == Passage::blocked || space.are_joined(before, cell, axis, way[axis] > 0.0);
   }
 }
 

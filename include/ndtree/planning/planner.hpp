@@ -18,8 +18,10 @@
 #include "ndtree/core/body.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/planning/coarse_space.hpp"
 #include "ndtree/planning/corridor.hpp"
 #include "ndtree/planning/free_space.hpp"
+#include "ndtree/planning/narrow_space.hpp"
 #include "ndtree/planning/path_search.hpp"
 #include "ndtree/planning/place_walk.hpp"
 #include "ndtree/planning/shorten.hpp"
@@ -37,7 +39,7 @@ struct PlannerOptions {
       std::numeric_limits<double>::infinity();  ///< Of a metre where the body may touch unknown
                                                 ///< space; infinite: it is an obstacle, 1: free.
   double greed =
-      1.5;  ///< Factor of the way that is left, >= 1: how much sooner the search heads for the goal.
+      1.03;  ///< Factor of the way that is left, >= 1: how much sooner the search heads for the goal.
 
   /// @throws std::invalid_argument naming the value.
   void validate() const {
@@ -61,6 +63,7 @@ struct Path {
   double clearance =
       std::numeric_limits<double>::quiet_NaN();  ///< Least distance of the body to an obstacle [m].
   std::size_t expanded = 0;                      ///< Cells that the search looked at.
+  std::string reason;  ///< Why there is none, and whether that is proved; empty if there is one.
 };
 
 /// Finds paths for one body of fixed orientation in one map, as it was when the planner was made or last
@@ -83,14 +86,19 @@ class Planner {
   }
 
   [[nodiscard]] const Map& map() const { return seen_; }
+  [[nodiscard]] const Body<D>& body() const { return body_; }
+  [[nodiscard]] const PlannerOptions& options() const { return options_; }
   [[nodiscard]] UnknownSpace unknown() const {
     return std::isfinite(options_.unknown_cost) ? UnknownSpace::free : UnknownSpace::occupied;
   }
-  [[nodiscard]] std::size_t memory_bytes() const { return space_->memory_bytes() + search_bytes_; }
+  [[nodiscard]] std::size_t memory_bytes() const {
+    return space_->memory_bytes() + possible_->memory_bytes() + search_bytes_;
+  }
 
   /// A path from one point to another, of the origin of the body. Each of its segments is free for the volume
-  /// that the body sweeps. It is any-angle and pulled tight, nearly the shortest and not proved to be. That
-  /// there is none is proved for ways through free cells, in which the body is free wherever it stands.
+  /// that the body sweeps. It is any-angle and pulled tight, nearly the shortest and not proved to be. Its
+  /// reason says why there is none: proved, as even all places where the body may be free are not connected;
+  /// or not, where they are connected through gaps hardly wider than the body; or out of time.
   /// @param max_seconds that the search may take.
   /// @throws std::invalid_argument if the body collides at an end: what with, and where it would not.
   [[nodiscard]] Path<D> plan(const Vector<D>& start, const Vector<D>& goal,
@@ -102,14 +110,10 @@ class Planner {
       finish(path, {start, goal});
       return path;
     }
-    detail::PathSearch<FreeSpace<Map>> search(*space_, options_.unknown_cost, options_.greed);
-    for (const auto& anchor : anchors(start)) search.add_start(anchor);
-    for (const auto& anchor : anchors(goal)) search.add_goal(anchor);
-    path.status = search.run(goal / unit(), deadline_after(max_seconds));
-    path.expanded = search.expanded();
-    search_bytes_ = search.memory_bytes();
-    if (path.status != PathStatus::found) return path;
-    finish(path, tightened(search, start, goal));
+    const Query query{start, goal, deadline_after(max_seconds), anchors(start), anchors(goal)};
+    search_bytes_ = 0;
+    search_in_all(query, path);
+    if (path.status == PathStatus::found) finish(path, std::vector<Vector<D>>(std::move(path.points)));
     return path;
   }
   /// Lengths of short ways from one place to each of several [m], times what unknown space costs; infinite
@@ -125,7 +129,8 @@ class Planner {
       if (is_possible(goal)) include(goal);
     check_pose(start, "start");
     std::vector<double> costs(goals.size(), std::numeric_limits<double>::infinity());
-    detail::PathSearch<FreeSpace<Map>> search(*space_, options_.unknown_cost, 1.0);
+    detail::NarrowSpace<Map> narrow(seen_, *space_, *possible_, tested_, unknown());
+    detail::PathSearch<detail::NarrowSpace<Map>> search(narrow, options_.unknown_cost, 1.0);
     for (const auto& anchor : anchors(start)) search.add_start(anchor);
     for (std::size_t i = 0; i < goals.size(); ++i) {
       if (!is_possible(goals[i]) || !is_free(goals[i], goals[i])) continue;
@@ -171,6 +176,7 @@ class Planner {
     const Box<D> needed = changed.empty() ? around_ : around(map);  // From here on, nothing can be cancelled.
     seen_ = map.snapshot();
     space_->set_map(seen_);
+    possible_->set_map(seen_);
     if (changed.empty()) return false;
     if (needed.lower != around_.lower || needed.upper != around_.upper) {
       rebuild(needed);
@@ -184,8 +190,26 @@ class Planner {
         box.upper[a] = index.lower[a] + geometry.edge(index.level);
       }
       space_->forget(box);
+      possible_->forget(box);
     }
     return true;
+  }
+
+  using Anchor = detail::Anchor<D>;
+
+  /// @throws std::invalid_argument if the body collides there: what with, and where it would not.
+  void require_free(const Vector<D>& point, const char* name) { check_pose(point, name); }
+  [[nodiscard]] FreeSpace<Map>& space() { return *space_; }
+  /// Pulls a path tight. @pre its segments are free.
+  void pull_tight(std::vector<Vector<D>>& points) const {
+    const SegmentCost cost(*this);
+    detail::PathShortener<D, SegmentCost>(cost).shorten(points);
+  }
+  [[nodiscard]] static std::chrono::steady_clock::time_point deadline_after(double seconds) {
+    using Clock = std::chrono::steady_clock;
+    if (!(seconds < 1e9)) return Clock::time_point::max();
+    return Clock::now() +
+           std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(std::max(0.0, seconds)));
   }
 
   /// The way of a segment is free for the body and what it keeps away.
@@ -193,9 +217,31 @@ class Planner {
     return !sweep_collides(seen_, tested_, from, to, unknown());
   }
 
- private:
-  using Anchor = detail::Anchor<D>;
+  /// Where a search may begin or end: at the pose, or, if its cell is not free as a whole, at the nearest
+  /// places in cells that are, to which the body can go straight.
+  [[nodiscard]] std::vector<Anchor> anchors(const Vector<D>& pose) {
+    const Vector<D> at = pose / unit();
+    const PlaceCell<D> own = space_->cell_at(detail::cell_ahead<D>(at, Vector<D>::Zero()));
+    if (own.passage != Passage::blocked) return {{at, own, 0.0}};
+    std::vector<Anchor> found;
+    for (double reach = 2.0; reach <= kFarthestAnchor && found.empty(); reach *= 2.0) {
+      std::vector<Anchor> candidates;
+      space_->for_each_in(cells_near(at, reach), [&](const PlaceCell<D>& cell) {
+        const Vector<D> place = nearest_in(cell, at);
+        candidates.push_back({place, cell, (place - at).norm()});
+      });
+      std::sort(candidates.begin(), candidates.end(), [](const Anchor& a, const Anchor& b) {
+        return a.way != b.way ? a.way < b.way : a.cell.number < b.cell.number;
+      });
+      for (const Anchor& anchor : candidates) {
+        if (found.size() == kMostAnchors) break;
+        if (is_free(pose, anchor.point * unit())) found.push_back(anchor);
+      }
+    }
+    return found;
+  }
 
+ private:
   /// Costs of segments, for what shortens paths [m].
   class SegmentCost {
    public:
@@ -235,12 +281,9 @@ class Planner {
     around_ = around;
     space_ = std::make_unique<FreeSpace<Map>>(seen_, inflated(kept_away_, 2.0 * kOnBorder * unit()),
                                               options_.unknown_cost, around_);
-  }
-  [[nodiscard]] static std::chrono::steady_clock::time_point deadline_after(double seconds) {
-    using Clock = std::chrono::steady_clock;
-    if (!(seconds < 1e9)) return Clock::time_point::max();
-    return Clock::now() +
-           std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(std::max(0.0, seconds)));
+    possible_ =
+        std::make_unique<FreeSpace<Map>>(seen_, D == 2 ? kept_away_ : tested_, options_.unknown_cost, around_,
+                                         D == 2 ? detail::Touches::from_each : detail::Touches::from_centre);
   }
   static void add_point(std::vector<Vector<D>>& points, const Vector<D>& point) {
     if (point != points.back()) points.push_back(point);
@@ -253,8 +296,7 @@ class Planner {
     std::vector<Vector<D>> points{start};
     for (const Vector<D>& point : search.path()) add_point(points, point * unit());
     add_point(points, goal);
-    const SegmentCost cost(*this);
-    detail::PathShortener<D, SegmentCost>(cost).shorten(points);
+    pull_tight(points);
     return points;
   }
   void finish(Path<D>& path, std::vector<Vector<D>> points) const {
@@ -268,6 +310,62 @@ class Planner {
       path.clearance = sweep_clearance(seen_, body_, points[i], points[i + 1], unknown(), path.clearance);
     }
     path.points = std::move(points);
+  }
+
+  struct Query {
+    Vector<D> start, goal;
+    std::chrono::steady_clock::time_point deadline;
+    std::vector<Anchor> from, to;
+  };
+  using Guide = detail::CoarseGuide<Map>;
+
+  /// A path in a space, by a guide. It replaces one that is longer.
+  template <class Space>
+  void search(Space& space, Guide& guide, const Query& query, Path<D>& path) {
+    detail::PathSearch<Space, Guide> search(space, options_.unknown_cost, options_.greed, &guide);
+    search.forget_above(path.length / unit());
+    for (const Anchor& anchor : query.from) search.add_start(anchor);
+    for (const Anchor& anchor : query.to) search.add_goal(anchor);
+    path.status = search.run(query.goal / unit(), query.deadline);
+    path.expanded += search.expanded();
+    search_bytes_ = std::max(search_bytes_, search.memory_bytes() + guide.memory_bytes());
+    if (path.status == PathStatus::found) path.points = tightened(search, query.start, query.goal);
+  }
+  /// Through cells in which the body is free wherever it stands; and if a way may be much shorter, also
+  /// through gaps that are narrower.
+  void search_in_all(const Query& query, Path<D>& path) {
+    const Vector<D> start = query.start / unit();
+    Guide sure(*space_, options_.unknown_cost);
+    const PathStatus joined = sure.run(query.from, query.to, start, query.deadline);
+    Guide possible(*possible_, options_.unknown_cost);
+    const double most = sure.length() * (1.0 - kWorthGap);
+    const PathStatus perhaps = possible.run(query.from, query.to, start, query.deadline, most);
+    path.expanded = sure.expanded() + possible.expanded();
+    path.status = perhaps;
+    if (perhaps == PathStatus::found) {
+      detail::NarrowSpace<Map> narrow(seen_, *space_, *possible_, tested_, unknown());
+      search(narrow, possible, query, path);
+    }
+    if (path.status != PathStatus::found && joined == PathStatus::found) search(*space_, sure, query, path);
+    if (path.status == PathStatus::found) return;
+    if (joined == PathStatus::out_of_time) path.status = joined;
+    path.reason = reason_for(query, path, perhaps);
+  }
+  /// @param perhaps whether places are connected in which the body may be free.
+  [[nodiscard]] std::string reason_for(const Query& query, const Path<D>& path, PathStatus perhaps) const {
+    if (path.status == PathStatus::out_of_time)
+      return "out of time after " + std::to_string(path.expanded) + " cells: there may be a way";
+    for (const bool is_start : {true, false})
+      if ((is_start ? query.from : query.to).empty())
+        return std::string(is_start ? "the start" : "the goal") +
+               " is in a gap: no cell in which the body is free wherever it stands is in straight reach";
+    if (perhaps == PathStatus::none)
+      return D == 2
+                 ? "the goal is in another part of free space than the start: there is no way, proved"
+                 : "the goal is in another part of free space than the start, as far as smallest cells tell";
+    return "the goal is in another part of free space than the start, but for gaps hardly wider than the "
+           "body, "
+           "in which no way was found";
   }
 
   /// Makes sure that a place is one of those of interest.
@@ -350,30 +448,7 @@ class Planner {
     return place;
   }
 
-  /// Where a search may begin or end: at the pose, or, if its cell is not free as a whole, at the nearest
-  /// places in cells that are, to which the body can go straight.
-  [[nodiscard]] std::vector<Anchor> anchors(const Vector<D>& pose) {
-    const Vector<D> at = pose / unit();
-    const PlaceCell<D> own = space_->cell_at(detail::cell_ahead<D>(at, Vector<D>::Zero()));
-    if (own.passage != Passage::blocked) return {{at, own, 0.0}};
-    std::vector<Anchor> found;
-    for (double reach = 2.0; reach <= kFarthestAnchor && found.empty(); reach *= 2.0) {
-      std::vector<Anchor> candidates;
-      space_->for_each_in(cells_near(at, reach), [&](const PlaceCell<D>& cell) {
-        const Vector<D> place = nearest_in(cell, at);
-        candidates.push_back({place, cell, (place - at).norm()});
-      });
-      std::sort(candidates.begin(), candidates.end(), [](const Anchor& a, const Anchor& b) {
-        return a.way != b.way ? a.way < b.way : a.cell.number < b.cell.number;
-      });
-      for (const Anchor& anchor : candidates) {
-        if (found.size() == kMostAnchors) break;
-        if (is_free(pose, anchor.point * unit())) found.push_back(anchor);
-      }
-    }
-    return found;
-  }
-
+  static constexpr double kWorthGap = 0.025;  // Of its length, that a way through gaps has to save.
   static constexpr std::size_t kMostAnchors = 16;
   static constexpr double kFarthestAnchor = 16.0;  // Smallest cells.
 
@@ -386,6 +461,7 @@ class Planner {
   Box<D> asked_{};   // Around all ends of paths that were not in it.
   Box<D> around_{};  // All places of interest.
   std::unique_ptr<FreeSpace<Map>> space_;
+  std::unique_ptr<FreeSpace<Map>> possible_;  // And all places where the body may be free.
   std::size_t search_bytes_ = 0;
 };
 

@@ -27,6 +27,8 @@ template <class Space>
 class GridSpace {
  public:
   static constexpr int D = Space::D;
+  static constexpr bool kHasWalls = false;
+  static constexpr bool kTestsWays = false;
 
   explicit GridSpace(Space& space) : space_(space) {}
   [[nodiscard]] PlaceCell<D> cell_at(const Lattice<D>& at) {

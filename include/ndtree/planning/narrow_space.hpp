@@ -1,0 +1,258 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Free space with its gaps: smallest cells in which a body is free at some place, not wherever it stands.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "ndtree/core/body.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/planning/free_space.hpp"
+#include "ndtree/planning/number_table.hpp"
+#include "ndtree/planning/sweep.hpp"
+#include "ndtree/query/collision.hpp"
+#include "ndtree/tree/lattice.hpp"
+
+namespace ndtree::detail {
+
+/// A body that is smaller on all sides, as far as it can be.
+template <int D>
+[[nodiscard]] Body<D> deflated(Body<D> body, double by) {
+  for (BodyPart<D>& part : body) {
+    if (auto* const capsule = std::get_if<Capsule<D>>(&part))
+      capsule->radius = std::max(0.0, capsule->radius - by);
+    else
+      std::get<OrientedBox<D>>(part).half_size =
+          (std::get<OrientedBox<D>>(part).half_size.array() - by).max(0.0);
+  }
+  return body;
+}
+
+/// The cells of a free space, and the smallest cells beside them that may be free at some place. Such a
+/// narrow cell has one point: where the body has the most room in it, found by a compass search. Only the
+/// exact test of the swept volume says whether a way to that point is free: a gap is found if it is hardly
+/// wider than the body, as the points of its cells lie in its middle. Points are in smallest cells. What is
+/// found out lasts as long as this.
+template <class Map>
+class NarrowSpace {
+ public:
+  static constexpr int D = Map::kDim;
+  using Cell = PlaceCell<D>;
+  static constexpr bool kHasWalls = false;
+  static constexpr bool kTestsWays = true;
+
+  /// @param sure cells that are free wherever the body stands. @param possible all that may be free.
+  /// @param tested the body, as much larger as it shall stay away from obstacles.
+  NarrowSpace(const Map& map, FreeSpace<Map>& sure, FreeSpace<Map>& possible, const Body<D>& tested,
+              UnknownSpace unknown)
+      : map_(map),
+        sure_(sure),
+        possible_(possible),
+        tested_(tested),
+        unit_(map.tree().geometry().unit()),
+        core_(deflated(tested, kRoom * unit_)),
+        unknown_(unknown) {}
+
+  [[nodiscard]] static bool is_narrow(const Cell& cell) { return cell.number >> 63 != 0; }
+  /// What is narrow is blocked: a way that goes through it is tested in another way.
+  [[nodiscard]] Cell cell_at(const Lattice<D>& at) { return sure_.cell_at(at); }
+  [[nodiscard]] FreeSpace<Map>& cells_like(const Cell&) { return sure_; }
+  [[nodiscard]] static bool is_tested(const Cell& a, const Cell& b) { return is_narrow(a) || is_narrow(b); }
+  /// Of a way into a cell beside: the point of a narrow one, else the nearest.
+  [[nodiscard]] Vector<D> entry(const Cell& from_cell, const Cell& cell, const Vector<D>& from) const {
+    return is_narrow(cell) ? point_in(cell) : on_face(from_cell, cell, from);
+  }
+  /// Of a way from a cell to one beside; infinite if it is not free. Into a narrow cell from one that is not,
+  /// it has a bend at the side between them.
+  [[nodiscard]] double length_between(const Cell& from_cell, Vector<D> from, const Cell& cell,
+                                      const Vector<D>& to, std::optional<Vector<D>>& bend) const {
+    double length = 0.0;
+    if (is_narrow(cell) && !is_narrow(from_cell)) {
+      bend = on_face(from_cell, cell, to);
+      length = (*bend - from).norm();
+      from = *bend;
+    }
+    return is_clear(from, to) ? length + (to - from).norm() : std::numeric_limits<double>::infinity();
+  }
+  /// Calls `visit(cell)` for each cell that shares a face with one, and is not blocked.
+  template <class Visit>
+  void for_each_beside(const Cell& cell, const Visit& visit) {
+    if (!is_narrow(cell)) sure_.for_each_beside(cell, visit);
+    for (std::size_t a = 0; a < D; ++a)
+      for (const int side : {0, 1}) {
+        LatticeBox<D> face;
+        for (std::size_t b = 0; b < D; ++b) {
+          face.lower[b] = cell.lower[b];
+          face.upper[b] = cell.lower[b] + cell.edge;
+        }
+        face.lower[a] = side == 0 ? cell.lower[a] - 1 : cell.lower[a] + cell.edge;
+        face.upper[a] = face.lower[a] + 1;
+        at_face(face, is_narrow(cell), visit);
+      }
+  }
+  /// The narrow cell at a place; none if the body does not fit there.
+  [[nodiscard]] std::optional<Cell> narrow_at(const Lattice<D>& at) {
+    std::uint64_t number = 0;
+    for (std::size_t a = 0; a < D; ++a) {
+      const std::int64_t from_border = at[a] - sure_.limits().lower[a];
+      if (from_border < 0 || from_border >= kWidest || at[a] >= sure_.limits().upper[a]) return std::nullopt;
+      number = number * static_cast<std::uint64_t>(kWidest) + static_cast<std::uint64_t>(from_border);
+    }
+    number |= std::uint64_t{1} << 63;
+    std::uint32_t& place = places_[number];
+    if (place == NumberTable::kNone) {
+      const std::optional<Vector<D>> point = is_gap(at) ? roomiest(at) : std::nullopt;
+      place = point ? static_cast<std::uint32_t>(points_.size()) : kNowhere;
+      if (point) points_.push_back(*point);
+    }
+    if (place == kNowhere) return std::nullopt;
+    return Cell{at, 1, sure_.has_costs() ? Passage::costly : Passage::free, number};
+  }
+
+ private:
+  /// @pre the cell is narrow.
+  [[nodiscard]] const Vector<D>& point_in(const Cell& cell) const {
+    return points_[places_.find(cell.number)];
+  }
+  [[nodiscard]] bool is_clear(const Vector<D>& from, const Vector<D>& to) const {
+    return !sweep_collides(map_, tested_, Vector<D>(from * unit_), Vector<D>(to * unit_), unknown_);
+  }
+  /// The nearest point of the side that two cells share.
+  [[nodiscard]] static Vector<D> on_face(const Cell& a, const Cell& b, Vector<D> point) {
+    for (int k = 0; k < D; ++k) {
+      const auto i = static_cast<std::size_t>(k);
+      point[k] = std::clamp(point[k], static_cast<double>(std::max(a.lower[i], b.lower[i])),
+                            static_cast<double>(std::min(a.lower[i] + a.edge, b.lower[i] + b.edge)));
+    }
+    return point;
+  }
+  /// @param all or only those that are narrow.
+  template <class Visit>
+  void at_face(const LatticeBox<D>& face, bool all, const Visit& visit) {
+    Lattice<D> at = face.lower;
+    for (bool goes_on = true; goes_on;) {
+      std::int64_t step = 1;
+      const Cell sure = sure_.cell_at(at);
+      if (sure.passage != Passage::blocked) {
+        if (all) visit(sure);
+        step = sure.lower[run_] + sure.edge - at[run_];
+      } else if (possible_.cell_at(at).passage != Passage::blocked) {
+        if (const std::optional<Cell> narrow = narrow_at(at)) visit(*narrow);
+      }
+      goes_on = advance(at, face, step);
+    }
+  }
+  static bool advance(Lattice<D>& at, const LatticeBox<D>& box, std::int64_t step) {
+    for (std::size_t a = 0; a < D; ++a, step = 1) {
+      at[a] += step;
+      if (at[a] < box.upper[a]) return true;
+      at[a] = box.lower[a];
+    }
+    return false;
+  }
+
+  [[nodiscard]] bool is_sure(const Lattice<D>& at) { return sure_.cell_at(at).passage != Passage::blocked; }
+  [[nodiscard]] bool is_open(const Lattice<D>& at) {
+    return possible_.cell_at(at).passage != Passage::blocked || is_sure(at);
+  }
+  [[nodiscard]] static Lattice<D> moved_by(Lattice<D> at, std::size_t axis, std::int64_t by) {
+    at[axis] += by;
+    return at;
+  }
+  /// Whether a way through a place may lead to others than ways through sure cells beside it: not where there
+  /// is a wall behind it, along which there are sure cells.
+  [[nodiscard]] bool is_gap(const Lattice<D>& at) {
+    bool is_deep = true;
+    for (std::size_t a = 0; a < D; ++a)
+      for (const int side : {-1, 1}) {
+        const Lattice<D> sure = moved_by(at, a, side);
+        if (!is_sure(sure)) continue;
+        is_deep = false;
+        if (is_open(moved_by(at, a, -side))) return true;
+        for (std::size_t b = 0; b < D; ++b)
+          for (const int along : {-1, 1})
+            if (b != a && !is_sure(moved_by(sure, b, along)) && is_open(moved_by(at, b, along))) return true;
+      }
+    return is_deep;
+  }
+
+  /// How much room a body that is smaller by kRoom has at a point, in smallest cells; at most kEnough.
+  [[nodiscard]] double room_at(const Vector<D>& point) const {
+    const Vector<D> at = point * unit_;
+    return sweep_clearance(map_, core_, at, at, unknown_, kEnough * unit_) / unit_;
+  }
+  [[nodiscard]] std::optional<Vector<D>> roomiest(const Lattice<D>& at) const {
+    Vector<D> lower;
+    for (int a = 0; a < D; ++a) lower[a] = static_cast<double>(at[static_cast<std::size_t>(a)]);
+    Vector<D> point = (lower.array() + 0.5).matrix();
+    if constexpr (D > 2) return point;
+    double room = room_at(point);
+    if (room + 0.5 * std::sqrt(double{D}) < least_room()) return std::nullopt;
+    for (double step = 0.25; step >= kLeastStep && room < kEnough;) {
+      const Vector<D> from = point;
+      for (const Vector<D>& direction : directions()) {
+        const Vector<D> other =
+            (from + step * direction).cwiseMax(lower).cwiseMin((lower.array() + 1.0).matrix());
+        const double there = room_at(other);
+        if (!(there > room + 1e-6)) continue;
+        room = there;
+        point = other;
+      }
+      if (point == from) step *= 0.5;
+    }
+    if (!is_clear(point, point)) return std::nullopt;
+    return point;
+  }
+  /// Without which the body meets something for certain.
+  [[nodiscard]] double least_room() const {
+    double least = kRoom;
+    for (const BodyPart<D>& part : tested_)
+      if (const auto* const capsule = std::get_if<Capsule<D>>(&part))
+        least = std::min(least, capsule->radius / unit_);
+      else
+        least = std::min(least, std::get<OrientedBox<D>>(part).half_size.minCoeff() / unit_);
+    return least - 1e-6;
+  }
+  [[nodiscard]] static const std::vector<Vector<D>>& directions() {
+    static const std::vector<Vector<D>> all = [] {
+      std::vector<Vector<D>> made;
+      for (int a = 0; a < D; ++a)
+        for (const double sign : {-1.0, 1.0}) made.push_back(sign * Vector<D>::Unit(a));
+      for (unsigned corner = 0; corner < 1u << D; ++corner) {
+        Vector<D> diagonal;
+        for (int a = 0; a < D; ++a) diagonal[a] = (corner >> a & 1u) != 0 ? 0.7 : -0.7;
+        made.push_back(diagonal);
+      }
+      return made;
+    }();
+    return all;
+  }
+
+  static constexpr std::size_t run_ = 0;
+  static constexpr std::int64_t kWidest = 1 << 21;
+  static constexpr std::uint32_t kNowhere = NumberTable::kNone - 1;
+  static constexpr double kRoom = 2.0;    // How much smaller the body is whose room is measured.
+  static constexpr double kEnough = 2.5;  // More room is not looked for.
+  static constexpr double kLeastStep = 0.06;
+
+  const Map& map_;
+  FreeSpace<Map>& sure_;
+  FreeSpace<Map>& possible_;
+  const Body<D>& tested_;
+  double unit_;
+  Body<D> core_;
+  UnknownSpace unknown_;
+  NumberTable places_;
+  std::vector<Vector<D>> points_;
+};
+
+}  // namespace ndtree::detail
