@@ -29,6 +29,7 @@
 #include "ndtree/planning/corridor.hpp"
 #include "ndtree/planning/planner.hpp"
 #include "ndtree/planning/sweep.hpp"
+#include "ndtree/planning/turning.hpp"
 #include "ndtree/query/cells.hpp"
 #include "ndtree/query/cells_on_beam.hpp"
 #include "ndtree/query/changes.hpp"

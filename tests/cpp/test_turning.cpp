@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Paths of bodies that turn, against looks at many poses on the way.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/planning/turning.hpp"
+#include "random.hpp"
+
+namespace ndtree::test::test_turning {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+using Map = AdaptiveMap<2, 2>;
+
+Map free_square(double reach) {
+  MapOptions options;
+  options.min_cell_size = 0.05;
+  options.max_cell_size = 1.6;
+  Map map(options);
+  map.mark(Box<2>{{-reach, -reach}, {reach, reach}}, CellState::free);
+  return map;
+}
+Body<2> plank(double half_length, double half_width) {
+  return {OrientedBox<2>{{0.0, 0.0}, {half_length, half_width}, Eigen::Matrix2d::Identity()}};
+}
+bool collides_at(const Map& map, const Body<2>& body, const Vector<3>& pose) {
+  Pose<2> at;
+  at.translation = pose.head<2>();
+  return collides(map, turned(body, pose[2]), at, UnknownSpace::occupied);
+}
+/// No pose on the way collides, and between two it moves or turns, not both.
+void expect_free(const Map& map, const Body<2>& body, const Path<3>& path) {
+  for (std::size_t i = 0; i + 1 < path.points.size(); ++i) {
+    const Vector<3>& a = path.points[i];
+    const Vector<3>& b = path.points[i + 1];
+    ASSERT_TRUE(a.head<2>() == b.head<2>() || a[2] == b[2]);
+    for (int k = 0; k <= 200; ++k) ASSERT_FALSE(collides_at(map, body, a + (b - a) * (k / 200.0)));
+  }
+}
+
+TEST(Turning, TurnsMeetWhatPosesOnTheWayMeet) {
+  Random random(411);
+  int met = 0;
+  int clear = 0;
+  for (int round = 0; round < 300; ++round) {
+    Map map = free_square(3.0);
+    const Vector<2> corner(random.uniform(-1.5, 1.5), random.uniform(-1.5, 1.5));
+    map.mark(Box<2>{corner, corner + Vector<2>(0.12, 0.12)}, CellState::occupied);
+    const Body<2> body = plank(random.uniform(0.1, 1.0), random.uniform(0.05, 0.2));
+    const double from = random.uniform(-4.0, 4.0);
+    const double to = from + random.uniform(-3.0, 3.0);
+    const Vector<2> at(random.uniform(-0.3, 0.3), random.uniform(-0.3, 0.3));
+    const bool collides = turn_collides(map, body, at, from, to, UnknownSpace::occupied);
+    bool is_met = false;
+    bool is_nearly_met = false;
+    for (int k = 0; k <= 500; ++k) {
+      const double angle = from + (to - from) * (k / 500.0);
+      is_met = is_met || collides_at(map, body, {at[0], at[1], angle});
+      is_nearly_met = is_nearly_met || collides_at(map, inflated(body, 0.0125), {at[0], at[1], angle});
+    }
+    if (is_met) {
+      ASSERT_TRUE(collides);
+    }
+    if (collides) {
+      ASSERT_TRUE(is_nearly_met);
+    }
+    (collides ? met : clear)++;
+  }
+  EXPECT_GT(met, 30);
+  EXPECT_GT(clear, 30);
+}
+
+/// A corridor that a plank fits through lengthwise alone, beside one that no plank fits through.
+TEST(Turning, TurnsWhereItOnlyFitsLengthwise) {
+  Map map = free_square(4.0);
+  map.mark(Box<2>{{-0.5, -4.0}, {0.5, -0.3}}, CellState::occupied);
+  map.mark(Box<2>{{-0.5, 0.3}, {0.5, 4.0}}, CellState::occupied);
+  const Body<2> body = plank(0.5, 0.15);
+  const Vector<3> start(-2.0, 1.0, kPi / 2.0);
+  const Vector<3> goal(2.0, -1.0, kPi / 2.0);
+  EXPECT_EQ(plan(map, Vector<2>(-2.0, 1.0), Vector<2>(2.0, -1.0), turned(body, kPi / 2.0)).status,
+            PathStatus::none);
+  const Path<3> path = plan_turning(map, start, goal, body);
+  ASSERT_EQ(path.status, PathStatus::found) << path.reason;
+  EXPECT_EQ(path.points.front(), start);
+  EXPECT_EQ(path.points.back().head<2>(), goal.head<2>());
+  EXPECT_NEAR(std::remainder(path.points.back()[2] - goal[2], 2.0 * kPi), 0.0, 1e-9);
+  EXPECT_LT(path.length, 1.15 * std::hypot(4.0, 2.0));
+  EXPECT_GT(path.clearance, 0.0);
+  expect_free(map, body, path);
+  const Path<3> again = plan_turning(map, start, goal, body);
+  EXPECT_EQ(path.points, again.points);
+  EXPECT_EQ(path.expanded, again.expanded);
+
+  map.mark(Box<2>{{-0.5, 0.1}, {0.5, 4.0}}, CellState::occupied);  // 0.4 m are left, of 0.3 m that it needs.
+  PlannerOptions options;
+  options.clearance = 0.06;
+  EXPECT_EQ(plan_turning(map, start, goal, body, options).status, PathStatus::none);
+}
+
+TEST(Turning, RandomWorldsAreCrossedFree) {
+  Random random(412);
+  int found = 0;
+  for (int round = 0; round < 12; ++round) {
+    Map map = free_square(3.0);
+    for (int k = 0; k < 12; ++k) {
+      const Vector<2> corner(random.uniform(-3.0, 2.5), random.uniform(-3.0, 2.5));
+      map.mark(Box<2>{corner, corner + Vector<2>(random.uniform(0.1, 0.6), random.uniform(0.1, 0.6))},
+               CellState::occupied);
+    }
+    const Body<2> body = plank(random.uniform(0.2, 0.45), 0.1);
+    for (int k = 0; k < 4; ++k) {
+      const auto draw = [&] {
+        return Vector<3>(random.uniform(-2.5, 2.5), random.uniform(-2.5, 2.5), random.uniform(-7.0, 7.0));
+      };
+      const Vector<3> start = draw();
+      const Vector<3> goal = draw();
+      if (collides_at(map, inflated(body, 1e-4), start) || collides_at(map, inflated(body, 1e-4), goal))
+        continue;
+      const Path<3> path = plan_turning(map, start, goal, body);
+      if (path.status != PathStatus::found) {
+        EXPECT_FALSE(path.reason.empty());
+        continue;
+      }
+      ++found;
+      EXPECT_EQ(path.points.front(), start);
+      EXPECT_NEAR(std::remainder(path.points.back()[2] - goal[2], 2.0 * kPi), 0.0, 1e-9);
+      EXPECT_GE(path.length, (goal - start).head<2>().norm() - 1e-9);
+      expect_free(map, body, path);
+    }
+  }
+  EXPECT_GT(found, 10);
+}
+
+TEST(Turning, SaysWhatIsWrong) {
+  const Map map = free_square(2.0);
+  const Body<2> body = plank(0.3, 0.1);
+  const auto message = [&](const Vector<3>& start, const PlannerOptions& options, int headings) {
+    try {
+      (void)plan_turning(map, start, Vector<3>(1.0, 1.0, 0.0), body, options, 10.0, headings);
+    } catch (const std::invalid_argument& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  PlannerOptions costly;
+  costly.unknown_cost = 2.0;
+  EXPECT_EQ(message({0.0, 0.0, 0.0}, costly, 16),
+            "unknown = 2.0: with headings, it must be 'blocked' or 'free'");
+  EXPECT_EQ(message({0.0, 0.0, 0.0}, {}, 2), "headings = 2: must be 4 to 256");
+  EXPECT_EQ(message({0.0, 0.0, std::nan("")}, {}, 16), "yaw: must be finite");
+  EXPECT_NE(message({1.9, 0.0, 0.0}, {}, 16).find("start = (1.9, 0.0): there the body meets"),
+            std::string::npos);
+  EXPECT_EQ(message({1.7, 1.7, kPi}, {}, 16).find("start"), 0u);
+}
+
+}  // namespace
+}  // namespace ndtree::test::test_turning
