@@ -13,6 +13,7 @@ import pytest
 import ndtree
 from ndtree.logs.core.log import Log
 from ndtree.logs.core.silence import noise_below
+from ndtree.logs.ros.messages.laser import NoiseAtLimit
 
 LIMIT = 50.0
 
@@ -154,6 +155,19 @@ def test_a_wall_just_below_the_largest_range_is_no_noise(depth: float, seed: int
     wall = LIMIT - (LIMIT - depth) * np.hypot(1, turned)
     for below in (wall, generator.uniform(0, depth, 300)):
         assert all(noise_below(below[:n], there) == 0 for n in (100, 300) for there in (70, 150, 300))
+
+
+def test_a_largest_reading_below_range_max_is_no_surface() -> None:
+    ranges = ranges_of(scans=40)
+    below = [np.minimum(some, 0.99 * LIMIT).astype(np.float32) for some in ranges]
+    noise = NoiseAtLimit()
+    reach = [noise.add(some, LIMIT) for some in below][-1]
+    silent = np.concatenate([np.abs(some - LIMIT) <= reach for some in below])
+    np.testing.assert_array_equal(silent, np.concatenate(ranges) >= np.float32(0.99 * LIMIT))
+    round_room, steps = NoiseAtLimit(), NoiseAtLimit()
+    assert not any(round_room.add(np.full(90, 0.99 * LIMIT, np.float32), LIMIT) for _ in range(3))
+    walls = [np.round(0.95 * LIMIT - 0.01 * ((i * np.arange(60)) % 50), 2) for i in range(20)]
+    assert not any(steps.add(some.astype(np.float32), LIMIT) for some in walls), "ranges in whole steps"
 
 
 def test_marks_of_the_file_say_it_all(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from ndtree.base.scan import Scan
 #: This many readings of one scan at the largest range of all are cut off there, not measured.
 LEAST_CUT_OFF = 2
 #: Of the largest range: readings so near below it are fewer than those at it.
-_NEAR = 0.01
+NEAR = 0.01
 #: Coordinates in files have at most this many decimals where they are rounded to be read by people.
 _MOST_DECIMALS = 6
 #: Points that are looked at for these.
@@ -27,7 +27,7 @@ NOISE_REACH = 0.1
 #: in 16,000 than that many.
 _HALF, _ALL = 0.6745, 4.0
 #: Fewer readings do not tell a bell from a surface that is there by chance.
-_LEAST_NOISY = 64
+LEAST_NOISY = 64
 #: Kolmogorov's limit at 95 % for the square root of the readings times their distance from a bell's shares;
 #: a distance of _BESIDE is left to surfaces that are there, too.
 _KOLMOGOROV, _BESIDE = 1.36, 0.1
@@ -42,13 +42,13 @@ def noise_below(below: NDArray[np.floating[Any]], there: int) -> float:
     `there`: Readings at the limit, and above.
     """
     half = (there + 1) // 2
-    if len(below) < max(half, _LEAST_NOISY) or there < _LEAST_NOISY // 2:
+    if len(below) < max(half, LEAST_NOISY) or there < LEAST_NOISY // 2:
         return 0.0
     below = np.sort(below.astype(np.float64))
     noisy = below[below <= _ALL * float(below[half - 1]) / _HALF]
     n = len(noisy)
     sigma = float(noisy[n // 2]) / _HALF
-    if not (sigma > 0 and max(half, _LEAST_NOISY) <= n <= 2 * there):
+    if not (sigma > 0 and max(half, LEAST_NOISY) <= n <= 2 * there):
         return 0.0
     shares = np.array([math.erf(value) for value in (noisy / (math.sqrt(2) * sigma)).tolist()])
     apart = np.abs(shares - (np.arange(n) + 0.5) / n).max()
@@ -107,7 +107,7 @@ class CutOffSearch:
             if count >= LEAST_CUT_OFF:
                 self._cut += 1
                 self._there += count
-                self._below += int(np.count_nonzero(ranges >= (1 - _NEAR) * self._largest)) - count
+                self._below += int(np.count_nonzero(ranges >= (1 - NEAR) * self._largest)) - count
         if len(self._near) < MOST_NOISY:
             near = np.concatenate([self._near, ranges])
             self._near = near[near >= (1 - NOISE_REACH) * self._largest]

@@ -186,7 +186,7 @@ class MessageReader:
         if self._own:
             lines.append(f"{self._own} beams ended in the robot's own body, and are left out")
         lines += [
-            f"{name}: readings within {noise.reach:.2g} m of range_max are noise where nothing was hit"
+            f"{name}: readings within {noise.reach:.2g} m of range_max mean that nothing was hit"
             for name, noise in self._noise.items()
             if noise.reach
         ]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.silence import MOST_NOISY, NOISE_REACH, noise_below
+from ndtree.logs.core.silence import LEAST_NOISY, MOST_NOISY, NEAR, NOISE_REACH, noise_below
 from ndtree.logs.ros.messages.beams import LONGEST_SWEEP, Beams, Floats
 
 #: A laser that turns this far [rad] looks all around.
@@ -23,12 +23,13 @@ LEAST_CUT_OFF = 2
 class NoiseAtLimit:
     """Whether the ranges of a topic's messages have noise where nothing was hit, by those so far.
 
-    Simulators add it to range_max: about as many readings are a little below as at it and above.
+    Simulators add it to range_max: about as many readings are a little below as at it and above. Some drivers
+    have a largest reading of their own below range_max, which comes more often than those just below it.
     """
 
     def __init__(self) -> None:
         self._limit, self._there = 0.0, 0
-        self._below = np.empty(0)
+        self._below, self._has_shorter = np.empty(0), False
         self.reach = 0.0  # How far it reaches to both sides of range_max [m].
 
     def add(self, ranges: NDArray[np.floating[Any]], limit: float) -> float:
@@ -39,11 +40,21 @@ class NoiseAtLimit:
             self._limit, self._there, self._below, self.reach = limit, 0, np.empty(0), 0.0
         if self._there < MOST_NOISY:
             apart = np.float64(np.float32(limit)) - ranges[np.isfinite(ranges)].astype(np.float64)
+            self._has_shorter |= bool((apart > NOISE_REACH * limit).any())
             apart = apart[np.abs(apart) <= NOISE_REACH * limit]
             self._there += int(np.count_nonzero(apart <= 0))
             self._below = np.concatenate([self._below, apart[apart > 0]])[-MOST_NOISY:]
-            self.reach = noise_below(self._below, self._there)
+            self.reach = noise_below(self._below, self._there) or self._largest_below()
         return self.reach
+
+    def _largest_below(self) -> float:
+        """How far below the limit the largest reading is, if it means that nothing was hit; else 0 [m]."""
+        if self._there or not self._has_shorter or len(self._below) < LEAST_NOISY:
+            return 0.0
+        nearest = float(self._below.min())
+        at = int(np.count_nonzero(self._below == nearest))
+        beside = int(np.count_nonzero(self._below <= nearest + NEAR * self._limit)) - at
+        return nearest if at >= LEAST_NOISY and at > beside else 0.0
 
 
 def laser_beams(
