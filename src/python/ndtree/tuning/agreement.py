@@ -31,6 +31,7 @@ SLIP_ERROR, SLIP_SHARE, SLIP_RUNS, SLIP_AMONG = 0.1, 0.04, 5, 6
 #: WORSE_RUNS runs on either side; WORSE_SHARE of them are above half of that.
 WORSE_ERROR, TIMES_WORSE, WORSE_RUNS, WORSE_SHARE = 0.04, 4.0, 8, 0.75
 _WINDOW = (0.6, 0.6, 0.2)  # [m, m, rad]; larger errors are not found.
+_CELL = 0.05  # [m]; with coarser ones, errors of good poses are above SPIN_ERROR where a robot turns.
 
 
 @dataclass(frozen=True)
@@ -112,5 +113,5 @@ def _error(first: Scan, last: Scan) -> tuple[float, float] | None:
     """How far the last scan has to be moved to fit the first, and how far the sensor went [m]."""
     if not is_of_one_place((first, last)):
         return None
-    error = moved(ends_of(first), last, _WINDOW)
+    error = moved(ends_of(first), last, _WINDOW, _CELL)
     return None if error is None else (error, float(np.linalg.norm(last.origin - first.origin)))

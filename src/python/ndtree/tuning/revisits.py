@@ -82,7 +82,7 @@ def drift(runs: Sequence[Sequence[Scan]]) -> Drift | None:
             if np.linalg.norm(places[k] - places[earlier]) < _NEAR and abs(way[k] - way[earlier]) < 2 * _NEAR
         ]
         seen = np.concatenate([ends_of(scan) for k in beside for scan in runs[k]])
-        error = moved(seen, runs[later][0], _WINDOW)
+        error = moved(seen, runs[later][0], _WINDOW, _CELL)
         if error is not None:
             errors.append(error)
     if len(errors) < LEAST_PLACES or np.median(errors) < DRIFT:
@@ -102,13 +102,13 @@ def ends_of(scan: Scan) -> Floats:
     return result
 
 
-def moved(surfaces: Floats, scan: Scan, window: tuple[float, float, float]) -> float | None:
-    """How far a scan has to be moved to fit surfaces [m]; None if that cannot be told."""
+def moved(surfaces: Floats, scan: Scan, window: tuple[float, float, float], cell: float) -> float | None:
+    """How far a scan has to be moved to fit surfaces [m], by a grid with cells [m]; None if nothing tells."""
     pose = pose_in_log(scan)
     points = spread_evenly(seen_from(pose, ends_of(scan)), _POINTS)
     if min(len(points), len(surfaces)) < _FEWEST:
         return None
-    match = Matcher(surfaces, cell_size=_CELL).match(points, pose, window=window)
+    match = Matcher(surfaces, cell_size=cell).match(points, pose, window=window)
     if match.score < _SCORE or not match.is_unique:
         return None
     error = (pose_of(np.asarray(match.pose)) - pose)[:2]
