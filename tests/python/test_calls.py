@@ -35,6 +35,10 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: M.insert(POINTS, ORIGIN, max_range="x"),
         "insert(): max_range = 'x': must be a number",
     ),
+    "one text for several": (
+        lambda: ndtree.AdaptiveMap(dim=2).leaves(states="free"),
+        "leaves(): states = 'free': must be several texts, as ['...', '...']",
+    ),
     "no integer": (lambda: ndtree.AdaptiveMap(dim=2.5), "AdaptiveMap(): dim = 2.5: must be an integer"),
     "no path": (lambda: M.save(3), "save(): path = 3: must be a path"),
     "no bytes": (lambda: ndtree.from_bytes("x"), "from_bytes(): bytes = 'x': must be bytes"),

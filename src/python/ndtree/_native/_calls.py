@@ -118,6 +118,10 @@ ELSEWHERE = (
 )
 #: By what is in an annotation: a type that suits, and what it is called.
 _WANTED: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
+    *(
+        (kind, lambda value: _are_texts(value), "several texts, as ['...', '...']")
+        for kind in ("Sequence[str]", "list[str]", "List[str]")
+    ),
     ("SupportsFloat", lambda value: hasattr(value, "__float__") or hasattr(value, "__index__"), "a number"),
     ("SupportsInt", lambda value: hasattr(value, "__index__"), "an integer"),
     ("PathLike", lambda value: isinstance(value, (str, bytes)) or hasattr(value, "__fspath__"), "a path"),
@@ -261,6 +265,10 @@ def _check_bounds(what: str, value: Any, bounds: tuple[int, int]) -> None:
     number = operator.index(value)
     if not bounds[0] <= number <= bounds[1]:
         raise ValueError(f"{what} = {_shown(number)}: must be from {bounds[0]} to {bounds[1]}")
+
+
+def _are_texts(value: Any) -> bool:
+    return isinstance(value, (list, tuple)) and all(isinstance(one, str) for one in value)
 
 
 def _shown(value: Any) -> str:
