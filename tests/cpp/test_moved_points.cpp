@@ -19,22 +19,38 @@
 namespace ndtree::test::test_moved_points {
 namespace {
 
-/// The rule as it is said: one minus the largest probability of the cell and those beside it; 0.5 at most
-/// while a cell with evidence remembers that a beam ended in it.
+/// The rule as it is said: one minus the largest probability of the cell and the cells beside it; cells that
+/// may hold something thin count 0.5 at least. 0.5 at most while a cell with evidence remembers that a beam
+/// ended in it, and 0.5 of what is unknown or may have left.
 template <class Map>
 float expected(const Map& map, const Vector<Map::kDim>& point) {
+  constexpr int D = Map::kDim;
   const MapOptions& options = map.options();
-  const double reach = 0.5 * options.min_cell_size + 3.0 * options.range_sigma;
+  const double reach = options.min_cell_size + 3.0 * options.range_sigma;
   auto most = static_cast<float>(probability(map, point));
-  if constexpr (std::is_same_v<typename Map::Cell, EvidenceCell>)
-    if (cell_at(map, point).hits() > 0) most = std::max(most, 0.5F);
-  if (most >= static_cast<float>(options.partial_probability - 1e-4)) return 1.0F - std::max(most, 0.5F);
-  for (int axis = 0; axis < Map::kDim; ++axis)
-    for (const double side : {-1.0, -0.5, 0.5, 1.0}) {
-      Vector<Map::kDim> there = point;
-      there[axis] += side * reach;
-      most = std::max(most, static_cast<float>(probability(map, there)));
-    }
+  if (most == 0.5F || most >= 0.6F) return 1.0F - most;
+  const auto take = [&](float p) {
+    if (p >= static_cast<float>(options.partial_probability - 1e-4)) p = std::max(p, 0.5F);
+    most = std::max(most, p);
+  };
+  take(most);
+  if constexpr (std::is_same_v<typename Map::Cell, EvidenceCell>) {
+    const EvidenceCell cell = cell_at(map, point);
+    const bool has_left = !cell.streak_is_of_hits() && cell.streak() >= std::min(cell.hits() + 1, 12U);
+    if (cell.hits() > 0 && has_left) return 0.5F;
+    if (cell.hits() > 0) take(0.5F);
+  }
+  const auto ask = [&](const Vector<D>& step) {
+    take(static_cast<float>(probability(map, Vector<D>(point + step))));
+  };
+  for (int axis = 0; axis < D; ++axis)
+    for (const double side : {-1.0, -0.5, 0.5, 1.0}) ask(Vector<D>(side * reach * Vector<D>::Unit(axis)));
+  for (int corner = 0; corner < 1 << D; ++corner) {
+    Vector<D> step = Vector<D>::Constant(0.5 * reach);
+    for (int axis = 0; axis < D; ++axis)
+      if ((corner >> axis & 1) != 0) step[axis] = -step[axis];
+    ask(step);
+  }
   return 1.0F - most;
 }
 
@@ -107,11 +123,11 @@ TEST(MovedPoints, OfAFreeCellInWhichABeamEndedNothingIsSaid) {
   scan.endpoints.resize(2, 40);
   const Vector<2> post(2.02, 0.02);
   for (int i = 0; i < 60; ++i) {
-    for (int k = 0; k < 40; ++k) scan.endpoints.col(k) = Vector<2>(4.0, 4.0 * (0.002 * (k - 20) + 0.0003));
+    for (int k = 0; k < 40; ++k) scan.endpoints.col(k) = Vector<2>(4.0, 4.0 * (0.008 * (k - 20) + 0.0003));
     if (i % 10 == 0) scan.endpoints.col(25) = post + Vector<2>(1e-3 * i / 10, 0.0);  // Samples differ.
     map.insert(scan);
   }
-  const Vector<2> beside(2.02, -0.03);
+  const Vector<2> beside(2.02, -0.18);
   ASSERT_LT(probability(map, beside), 0.2);
   Points<2> points(2, 2);
   points << post[0], beside[0], post[1], beside[1];
@@ -119,6 +135,30 @@ TEST(MovedPoints, OfAFreeCellInWhichABeamEndedNothingIsSaid) {
   EXPECT_LE(moved[0], 0.5F);
   EXPECT_GT(cell_at(map, post).hits(), 0U);
   EXPECT_GT(moved[1], 0.5F);
+}
+
+TEST(MovedPoints, ASurfaceInTheNextCellExplainsAPointUntilAsManyScansPassed) {
+  // A wall in the cell behind x = 2 m; every third scan some points before it, for a while.
+  MapOptions options;
+  options.range_sigma = 0.01;
+  AdaptiveMap<2, 2> map(options);
+  const Vector<2> point(1.98, 0.02);
+  const auto look = [&](bool has_point) {
+    Scan<2> scan;
+    scan.origins = Vector<2>(0.0, 0.0);
+    scan.endpoints.resize(2, 41);
+    for (int k = 0; k < 41; ++k) scan.endpoints.col(k) = Vector<2>(2.03, 2.03 * 0.01 * (k - 20) + 0.001);
+    for (int k = 20; has_point && k < 23; ++k) scan.endpoints(0, k) = point[0];
+    map.insert(scan);
+  };
+  const Points<2> points = point;
+  for (int i = 0; i < 40; ++i) look(i % 3 == 0);
+  ASSERT_LT(probability(map, point), 0.5);
+  ASSERT_GT(cell_at(map, point).hits(), 0U);
+  EXPECT_LT(probability_moved(map, points)[0], 0.4F);
+  for (int i = 0; i < 30; ++i) look(false);
+  ASSERT_GT(cell_at(map, point).hits(), 0U);
+  EXPECT_EQ(probability_moved(map, points)[0], 0.5F) << "it may have left";
 }
 
 TEST(MovedPoints, WhatIsUnknownSaysNothingAndWrongCallsChangeNothing) {

@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <type_traits>
 #include <vector>
 
@@ -23,32 +24,58 @@ struct MovedMargin {
   double reach;  ///< [m].
   float thin;
 
-  /// Half a smallest cell, since a surface is somewhere in its cell, and the noise of a range.
+  /// A smallest cell, since what stands takes the cells of its surface, and the noise of a range.
   template <class Options>
   [[nodiscard]] static MovedMargin of(const Options& options) {
     constexpr double kNoiseSigmas = 3.0;  // One of 370 ranges is farther off.
     constexpr double kRounding = 1e-4;    // Of a cell's log-odds.
     const double thin = options.partial_probability > 0.0 ? options.partial_probability : 0.5;
-    return {0.5 * options.min_cell_size + kNoiseSigmas * options.range_sigma,
-            static_cast<float>(thin - kRounding)};
+    return {options.min_cell_size + kNoiseSigmas * options.range_sigma, static_cast<float>(thin - kRounding)};
   }
 };
 
-/// The probability that a point's own cell is occupied, as probability_moved() takes it: at least 0.5 while a
-/// cell with evidence remembers a beam that ended in it. Most beams pass a rod's cell, and a larger cell that
-/// is free holds rods and edges; counts do not tell these from what left, until the cell has changed.
+/// Of what nothing can be said.
+inline constexpr float kMovedUnknown = 0.5F;
+/// From this probability on a cell stands: odds of 3 to 2, what is beside such a cell changes no decision.
+inline constexpr float kMovedStands = 0.6F;
+
+/// The probability that a point's own cell is occupied, as probability_moved() takes it: just below 0.5 at
+/// least while a cell with evidence remembers a beam that ended in it. Most beams pass a rod's cell, and a
+/// larger cell that is free holds rods and edges; counts do not tell these from what left, until the cell has
+/// changed. 0.5, whatever is beside it, once all beams of more scans in a row than those that ended there
+/// have passed, or of a dozen: what is beside it may have left with it.
 template <class Cell>
 [[nodiscard]] float probability_standing(const Cell& cell) {
+  constexpr float kMayHold = 0.49999F;
+  constexpr std::uint32_t kMostPasses = 12;  // That outweigh any stay, as MovedOptions::most_scans.
   const auto probability = static_cast<float>(cell.probability());
-  if constexpr (std::is_same_v<Cell, EvidenceCell>)
-    if (cell.hits() > 0) return std::max(probability, 0.5F);
+  if constexpr (std::is_same_v<Cell, EvidenceCell>) {
+    if (cell.hits() == 0 || probability >= kMovedStands) return probability;
+    const std::uint32_t passes = cell.streak_is_of_hits() ? 0 : cell.streak();
+    return passes >= std::min(cell.hits() + 1, kMostPasses) ? kMovedUnknown : std::max(probability, kMayHold);
+  }
   return probability;
 }
 
+/// Steps to the cells beside a point: of `reach` and of half of it along each axis, both ways, and of half of
+/// it to each corner.
+template <int D>
+[[nodiscard]] std::vector<Vector<D>> steps_beside(double reach) {
+  std::vector<Vector<D>> steps;
+  for (int axis = 0; axis < D; ++axis)
+    for (const double part : {-1.0, -0.5, 0.5, 1.0}) steps.push_back(part * reach * Vector<D>::Unit(axis));
+  for (unsigned corner = 0; corner < (1U << D); ++corner) {
+    Vector<D> step;
+    for (int k = 0; k < D; ++k) step[k] = (corner >> k & 1U) != 0 ? 0.5 * reach : -0.5 * reach;
+    steps.push_back(step);
+  }
+  return steps;
+}
+
 /// That what returned at points is not part of what stands: one minus the probability that the point's cell
-/// is occupied, or a cell beside it, where that is more. Beside it are the cells at a distance of `reach` and
-/// of half of it along each axis, both ways. Of what is unknown, and of a cell that may hold something thin,
-/// nothing can be said, whatever is beside it: 0.5. O(n).
+/// is occupied, or a cell beside it, where that is more: a surface in the next cell explains the point.
+/// See steps_beside(). Nothing can be said, 0.5, of what is unknown, whatever is beside it, and where the
+/// cell or one beside it may hold something thin, if nothing stands there. O(n).
 /// @param points D numbers each [m].
 /// @param standing_at called as (points, n, out): writes probability_standing() of each.
 /// @param probability_at likewise: writes the probability that each is occupied.
@@ -57,8 +84,10 @@ void probability_moved(const double* points, std::size_t n, const MovedMargin& m
                        const StandingAt& standing_at, const ProbabilityAt& probability_at, float* out) {
   constexpr std::size_t kAtOnce = 4096;
   constexpr std::size_t kDim = D;
+  const auto at_least_unknown = [&](float p) { return p >= margin.thin ? std::max(p, kMovedUnknown) : p; };
+  const std::vector<Vector<D>> steps = steps_beside<D>(margin.reach);
   std::vector<double> beside;
-  std::vector<std::size_t> free;
+  std::vector<std::size_t> open;
   std::vector<float> there;
   for (std::size_t first = 0; first < n; first += kAtOnce) {
     checkpoint();
@@ -66,25 +95,22 @@ void probability_moved(const double* points, std::size_t n, const MovedMargin& m
     const double* const here = points + first * kDim;
     float* const results = out + first;
     standing_at(here, count, results);
-    free.clear();
+    open.clear();
     for (std::size_t i = 0; i < count; ++i) {
-      if (results[i] < margin.thin) {
-        free.push_back(i);
-      } else {
-        results[i] = std::max(results[i], 0.5F);
-      }
+      if (results[i] >= kMovedStands || results[i] == kMovedUnknown) continue;
+      open.push_back(i);
+      results[i] = at_least_unknown(results[i]);
     }
-    beside.resize(free.size() * kDim);
-    there.resize(free.size());
-    for (std::size_t axis = 0; axis < kDim; ++axis)
-      for (const double step : {-margin.reach, -0.5 * margin.reach, 0.5 * margin.reach, margin.reach}) {
-        for (std::size_t i = 0; i < free.size(); ++i) {
-          std::copy_n(here + free[i] * kDim, kDim, beside.data() + i * kDim);
-          beside[i * kDim + axis] += step;
-        }
-        probability_at(beside.data(), free.size(), there.data());
-        for (std::size_t i = 0; i < free.size(); ++i) results[free[i]] = std::max(results[free[i]], there[i]);
-      }
+    beside.resize(open.size() * kDim);
+    there.resize(open.size());
+    for (const Vector<D>& step : steps) {
+      for (std::size_t i = 0; i < open.size(); ++i)
+        for (std::size_t k = 0; k < kDim; ++k)
+          beside[i * kDim + k] = here[open[i] * kDim + k] + step[static_cast<int>(k)];
+      probability_at(beside.data(), open.size(), there.data());
+      for (std::size_t i = 0; i < open.size(); ++i)
+        results[open[i]] = std::max(results[open[i]], at_least_unknown(there[i]));
+    }
     for (std::size_t i = 0; i < count; ++i) results[i] = 1.0F - results[i];
   }
 }
