@@ -17,6 +17,7 @@ from bags import Messages
 from drives import START
 
 import ndtree
+from ndtree.maps.writers.map_server import noise_depth
 
 PATIENCE = 180.0
 Content = list[tuple[str, float, Any]]
@@ -68,7 +69,8 @@ def mapped(bag: Path, python: str = sys.executable, **options: Any) -> Any:
 
 def grid_like(arrays: Any, m: Any, **options: Any) -> tuple[np.ndarray, np.ndarray]:
     """The grid that was received, and that of a map, in the same place."""
-    pixels, (x, y), cell_size = m.map_server_image(**options)
+    depth = noise_depth(m) if m.dim == 2 else None
+    pixels, (x, y), cell_size = m.map_server_image(wall_depth=depth, **options)
     image = np.select([pixels[::-1] == 254, pixels[::-1] == 0], [0, 100], -1)
     grid, (left, low, size) = arrays["grid"], arrays["origin"]
     assert size == pytest.approx(cell_size, rel=1e-6)

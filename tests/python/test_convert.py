@@ -520,6 +520,26 @@ def test_bags_hold_occupancy_grids(tmp_path: Path, space: ndtree.AdaptiveMap, su
     assert info.origin.orientation.w == 1.0
 
 
+@pytest.mark.parametrize("depth", [None, 0.15, np.inf])
+def test_walls_of_grids_in_bags_are_as_thick_as_in_images(tmp_path: Path, depth: float | None) -> None:
+    pytest.importorskip("rosbags")
+    m = ndtree.AdaptiveMap(dim=2, range_sigma=0.01, range_sigma_quadratic=0.004)
+    angles, rng = np.linspace(-0.5, 0.5, 400), np.random.default_rng(1)
+    for y in np.linspace(-0.6, 0.6, 25):
+        length = 8.0 / np.cos(angles)
+        noisy = length + rng.normal(0, 1, 400) * (0.01 + 0.004 * length**2)
+        m.insert([0.013, y] + np.c_[np.cos(angles), np.sin(angles)] * noisy[:, None], [0.013, y])
+    ndtree.convert(m, tmp_path / "wall.mcap", wall_depth=depth)
+    grid = message_of(tmp_path / "wall.mcap")[1].data
+    pixels, *_ = m.map_server_image(wall_depth=0.02 + 0.05 if depth is None else depth)
+    np.testing.assert_array_equal(
+        grid, np.select([pixels[::-1] == 254, pixels[::-1] == 0], [0, 100], -1).ravel()
+    )
+    slab, *_ = m.map_server_image()
+    is_thinner = np.count_nonzero(grid == 100) < 0.8 * np.count_nonzero(slab == 0)
+    assert is_thinner == (depth != np.inf)
+
+
 def test_bags_of_ros_2_are_latched(tmp_path: Path, plane: ndtree.AdaptiveMap) -> None:
     rosbag2 = pytest.importorskip("rosbags.rosbag2")
     ndtree.convert(plane, tmp_path / "room.mcap")

@@ -12,11 +12,14 @@ import pytest
 import ndtree
 from ndtree.live import GridFollower
 from ndtree.live.outputs import Frontiers, by_size, cell_points, changed_points
+from ndtree.maps.writers.map_server import noise_depth
 
 
 def image_of(m: Any, grid: GridFollower, **options: Any) -> np.ndarray:
-    """The image of a map, in the place of a grid."""
+    """The image of a map, in the place of a grid; in the plane its walls are as thick as their noise."""
     assert grid.values is not None
+    if m.dim == 2:
+        options.setdefault("wall_depth", noise_depth(m))
     expected = np.full_like(grid.values, -1)
     try:
         pixels, (x, y), cell_size = m.map_server_image(**options)
@@ -73,6 +76,30 @@ def test_it_is_the_image_of_the_map(world: Any, scans: int, cell_size: Any, heig
     assert grid.follow(m.snapshot()) is None
     assert listener.parts >= scans / 2 and listener.wholes <= scans
     assert np.count_nonzero(grid.values == 100) > 50
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"wall_depth": 0.3}, {"wall_depth": math.inf}, {"cell_size": 0.08}], ids=str
+)
+def test_far_walls_are_as_thick_as_their_noise(options: Any) -> None:
+    generator = np.random.default_rng(1)
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05, range_sigma=0.01, range_sigma_quadratic=0.004)
+    grid, listener = GridFollower(**options), Listener()
+    angles = np.linspace(-0.5, 0.5, 400)
+    for i in range(25):
+        origin = np.array([0.013, 0.05 * i - 0.6])
+        length = 8.0 / np.cos(angles)
+        noisy = length + generator.normal(0, 1, 400) * (0.01 + 0.004 * length**2)
+        m.insert(origin + np.c_[np.cos(angles), np.sin(angles)] * noisy[:, None], origin)
+        listener.take(grid.follow(m.snapshot()))
+        assert np.array_equal(listener.values, grid.values)
+        assert np.array_equal(grid.values, image_of(m, grid, **options))
+    assert grid.values is not None and listener.parts >= 15
+    whole = GridFollower(options.get("cell_size"), wall_depth=math.inf)
+    whole.follow(m.snapshot())
+    thickness, slab = (np.mean(one.values[one.values.any(axis=1)] == 100) for one in (grid, whole))
+    assert thickness == slab if options.get("wall_depth") == math.inf else thickness < 0.8 * slab
+    assert grid.follow(m.snapshot()) is None
 
 
 def test_what_is_cleared_becomes_unknown_and_another_map_is_sent_as_a_whole() -> None:
@@ -164,9 +191,19 @@ def test_behind_a_window_that_moves_the_grid_does_not_grow() -> None:
     assert largest < 5 * (200 + 128) ** 2  # 200 pixels are known in each direction.
 
 
-@pytest.mark.parametrize("wrong", [(0.0, None), (-1.0, None), (math.nan, None), (None, (1.0, 1.0))])
-def test_wrong_numbers_are_refused(wrong: Any) -> None:
-    with pytest.raises(ValueError, match="height = 1 to 1 m" if wrong[1] else "cell_size = "):
+@pytest.mark.parametrize(
+    "wrong, said",
+    [
+        ((0.0,), "cell_size = "),
+        ((-1.0,), "cell_size = "),
+        ((math.nan,), "cell_size = "),
+        ((None, (1.0, 1.0)), "height = 1 to 1 m"),
+        ((None, None, 0.0), "wall_depth = 0 m"),
+        ((None, None, math.nan), "wall_depth = nan m"),
+    ],
+)
+def test_wrong_numbers_are_refused(wrong: Any, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
         GridFollower(*wrong)
 
 

@@ -21,6 +21,7 @@ import pytest
 import ndtree
 from ndtree.live import LiveMapper, ScansIntake, Way, play
 from ndtree.live.outputs import cell_points, direction_of
+from ndtree.maps.writers.map_server import noise_depth
 from ndtree.tuning.config import Config
 
 SETTINGS = Config.of(min_cell_size=0.1, no_return="free")
@@ -32,9 +33,14 @@ def scans(world: str, n: int) -> list[ndtree.Scan]:
     return list(ndtree.simulate(world, scans=n))  # type: ignore[arg-type]
 
 
+def drawn(m: Any, **height: Any) -> Any:
+    """As live grids are: walls of a map in the plane as thick as their noise."""
+    return m.map_server_image(wall_depth=noise_depth(m) if m.dim == 2 else None, **height)
+
+
 def image_of(m: Any, shape: tuple[int, int], origin: tuple[float, float], **height: Any) -> np.ndarray:
     """The map in the plane, as nav_msgs/OccupancyGrid has it, in the place of a grid."""
-    pixels, (x, y), cell_size = m.map_server_image(**height)
+    pixels, (x, y), cell_size = drawn(m, **height)
     image = np.select([pixels[::-1] == 254, pixels[::-1] == 0], [0, 100], -1)
     expected = np.full(shape, -1)
     column, row = round((x - origin[0]) / cell_size), round((y - origin[1]) / cell_size)
@@ -239,7 +245,7 @@ def test_a_file_for_rerun_has_the_map_at_each_time(tmp_path: Path) -> None:
     line = rows["/map/way"][-1][1]["LineStrips3D:strips"][0]
     assert np.allclose(line, way.points(), atol=1e-6) and len(line) > 3
     image = [row for at, row in rows["/grid"] if at < 150][-1]["SegmentationImage:buffer"][0]
-    pixels, *_ = maps[-1].map_server_image()
+    pixels, *_ = drawn(maps[-1])
     for value, kind in ((0, 2), (254, 1)):
         assert np.count_nonzero(np.array(image) == kind) == np.count_nonzero(pixels == value) > 100
 
@@ -303,7 +309,7 @@ def test_the_command_shows_a_recording_to_both(command: str, tmp_path: Path) -> 
     rows = rows_of(tmp_path / "a.rrd")
     assert len(rows) >= 3
     image = rows["/grid"][-1][1]["SegmentationImage:buffer"][0]  # The last one is of the map as it became.
-    pixels, *_ = ndtree.load(tmp_path / "a.ndt").map_server_image()
+    pixels, *_ = drawn(ndtree.load(tmp_path / "a.ndt"))
     for value, kind in ((0, 2), (254, 1)):
         assert np.count_nonzero(np.array(image) == kind) == np.count_nonzero(pixels == value) > 100
 

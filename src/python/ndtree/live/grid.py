@@ -4,7 +4,8 @@
 Strategy: a map tells which regions have another state than at the last look. Of a 2-D map whose smallest
 cells are the pixels, these are the pixels. Of a 3-D map each pixel counts the free and the occupied cells
 above it, and a changed region moves its cells from one count to the other, so that no column is looked
-through again. Pixels of another size are drawn anew within the box around all that has changed.
+through again. Pixels of another size, and those of a map in the plane whose far walls are drawn as thick as
+their noise, are drawn anew within the box around all that has changed.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from ndtree._native._core import OccupancyMap
 from ndtree._native.results import Changes, Leaves
 from ndtree.cells.raster import pixels_in
 from ndtree.maps.ground import FREE, OCCUPIED, UNKNOWN
+from ndtree.maps.writers.map_server import noise_depth
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -37,8 +39,10 @@ _EVERYWHERE = 1e12
 
 #: What OccupancyMap.changes() is asked for, of a 2-D and of a 3-D map.
 _COUNTED: tuple[Literal["states"], Literal["columns"]] = ("states", "columns")
-#: Of a state 0 or 1, and of -1, which is the last.
-_VALUES = np.array([FREE, OCCUPIED, UNKNOWN], dtype=np.int8)
+#: State of an occupied cell of a map in the plane that is larger than the smallest; its value while drawing.
+_LARGE, _LARGE_VALUE = 2, 101
+#: Of a state 0, 1 or _LARGE, and of -1, which is the last.
+_VALUES = np.array([FREE, OCCUPIED, _LARGE_VALUE, UNKNOWN], dtype=np.int8)
 
 
 class _Boxes(NamedTuple):
@@ -101,6 +105,8 @@ class GridFollower:
         Of a pixel [m]; left out, that of the map's smallest cells.
     height : (low, high), optional
         Of a 3-D map: only cells that overlap low <= z < high [m]; left out, all.
+    wall_depth : float, optional
+        As of `OccupancyMap.save_map_server`, of a 2-D map [m]; left out, `noise_depth`.
 
     Attributes
     ----------
@@ -111,12 +117,21 @@ class GridFollower:
     #: How far what has changed may change others [pixels], and whether cells are counted.
     _reach, _counts_cells = 0, True
 
-    def __init__(self, cell_size: float | None = None, height: tuple[float, float] | None = None) -> None:
+    def __init__(
+        self,
+        cell_size: float | None = None,
+        height: tuple[float, float] | None = None,
+        wall_depth: float | None = None,
+    ) -> None:
         if cell_size is not None and not 0 < cell_size < math.inf:
             raise WrongValue.of("cell_size", f"{cell_size:g} m", "> 0 and finite")
         if height is not None and not height[0] < height[1]:
             raise WrongValue.of("height", f"{height[0]:g} to {height[1]:g} m", "from low to high")
-        self._wanted, self._height = cell_size, height
+        if wall_depth is not None and not wall_depth > 0:
+            raise WrongValue.of("wall_depth", f"{wall_depth:g} m", "> 0")
+        self._wanted, self._height, self._wall_depth = cell_size, height, wall_depth
+        #: How far behind free pixels large occupied cells are drawn [pixels]; None: all of each.
+        self._walls: int | None = None
         self.values: NDArray[np.int8] | None = None
         self._lower = np.zeros(2, dtype=np.int64)  # In pixels from 0.
         #: Of 3-D maps: free and occupied cells above each pixel, (2, rows, columns), in smallest cells.
@@ -139,11 +154,14 @@ class GridFollower:
         """
         unit = m.options["min_cell_size"]
         self.cell_size = self._wanted or unit
+        walls, self._walls = self._walls, self._depth_of_walls(m)
         changes = self._changes(m)
         self._seen = m
-        if changes is None or self.values is None:
+        if changes is None or self.values is None or walls != self._walls:
             return self._drawn_anew(m)
         cells = self._cells_in_band(changes.lower, changes.size, unit)
+        if self._walls is not None:  # Else more evidence changes nothing that is drawn.
+            cells *= (changes.before != changes.after) | (changes.after == 1)
         if not cells.any():
             return None
         changed = self._boxes(changes.lower, changes.size, changes.after, cells > 0)
@@ -154,10 +172,9 @@ class GridFollower:
             return self._drawn_anew(m)
         if is_whole:
             self._grow(changed)
-        lower = np.maximum(changed.first.min(axis=0) - self._reach, self._lower)
-        upper = np.minimum(
-            changed.last.max(axis=0) + self._reach, self._lower + np.array(self.values.shape)[::-1]
-        )
+        reach = self._reach + (self._walls or 0)
+        lower = np.maximum(changed.first.min(axis=0) - reach, self._lower)
+        upper = np.minimum(changed.last.max(axis=0) + reach, self._lower + np.array(self.values.shape)[::-1])
         column, row = (lower - self._lower).tolist()
         rows, columns = slice(row, row + upper[1] - lower[1]), slice(column, column + upper[0] - lower[0])
         before = self.values[rows, columns]
@@ -166,7 +183,9 @@ class GridFollower:
             states = changes.before[cells > 0], changed.state
             _count(counts, changed, lower, states, cells[cells > 0])
             part = _seen_from_above(counts)
-        elif m.dim == 2 and self.cell_size == unit:  # Each pixel is one cell, and the changes tell all.
+        elif (
+            m.dim == 2 and self.cell_size == unit and self._walls is None
+        ):  # Each pixel is one cell, and the changes tell all.
             part = before.copy()
             _fill(part, changed.first - lower, changed.last - lower, _VALUES[changed.state])
         else:
@@ -174,6 +193,18 @@ class GridFollower:
         found = GridPart(0, 0, self.values, True) if is_whole else difference(before, part, column, row)
         before[:] = part
         return found
+
+    def _depth_of_walls(self, m: OccupancyMap) -> int | None:
+        """How far behind free pixels large occupied cells are drawn; None: all of each is.
+
+        As in `OccupancyMap.save_map_server`, all is drawn of a map in which no beam has ended.
+        """
+        depth = noise_depth(m) if self._wall_depth is None else self._wall_depth
+        if m.dim != 2 or m.refinement == "fixed" or depth is None or depth == math.inf:
+            return None
+        if self._walls is None and not (m.leaves(states=["occupied"]).hits > 0).any():
+            return None
+        return max(1, math.floor(depth / self.cell_size * (1 + 1e-9)))
 
     def _changes(self, m: OccupancyMap) -> Changes | None:
         """What is another than at the last look; None if that was at no map, or at one of another kind."""
@@ -184,7 +215,8 @@ class GridFollower:
         try:
             if self._seen is None:
                 return None
-            return m.changes(since=self._seen, of=_COUNTED[m.dim == 3], box=box)
+            of = _COUNTED[m.dim == 3] if self._walls is None else "cells"  # Whose sizes count.
+            return m.changes(since=self._seen, of=of, box=box)
         except ValueError:
             return None
 
@@ -224,8 +256,12 @@ class GridFollower:
     def _known(self, m: OccupancyMap, box: Floats | None = None) -> tuple[_Boxes, Ints]:
         """Of leaves that are known, and how many smallest cells high they are."""
         leaves = m.leaves(box, states=["free", "occupied"])
-        cells = self._cells_in_band(leaves.lower, leaves.size, m.options["min_cell_size"])
-        return self._boxes(leaves.lower, leaves.size, state_in_column(leaves), cells > 0), cells[cells > 0]
+        unit = m.options["min_cell_size"]
+        cells = self._cells_in_band(leaves.lower, leaves.size, unit)
+        state = state_in_column(leaves)
+        if self._walls is not None:
+            state = np.where((state == 1) & (leaves.size > 1.5 * unit), _LARGE, state).astype(np.int8)
+        return self._boxes(leaves.lower, leaves.size, state, cells > 0), cells[cells > 0]
 
     def _boxes(self, lower: Floats, size: Floats, state: NDArray[np.int8], use: NDArray[np.bool_]) -> _Boxes:
         lower = lower[use, :2]
@@ -233,6 +269,12 @@ class GridFollower:
 
     def _drawn(self, m: OccupancyMap, lower: Ints, upper: Ints) -> NDArray[np.int8]:
         """The pixels from lower to before upper."""
+        if self._walls is not None:
+            reach = self._walls
+            lower, upper = lower - reach, upper + reach
+            values = _painted(self._known(m, np.stack([lower, upper]) * self.cell_size)[0], lower, upper)
+            _draw_walls(values, reach)
+            return values[reach:-reach, reach:-reach]
         box = np.stack([lower, upper]) * self.cell_size
         if m.dim == 3:
             bounds = m.bounds()
@@ -291,10 +333,22 @@ def _painted(boxes: _Boxes, lower: Ints, upper: Ints) -> NDArray[np.int8]:
     size = upper - lower
     values = np.full(size[::-1], UNKNOWN, dtype=np.int8)
     first, last = np.clip(boxes.first - lower, 0, size), np.clip(boxes.last - lower, 0, size)
-    for state in (0, 1):
+    for state in (0, _LARGE, 1):
         use = (boxes.state == state) & (first < last).all(axis=1)
         _fill(values, first[use], last[use], _VALUES[boxes.state[use]])
     return values
+
+
+def _draw_walls(values: NDArray[np.int8], reach: int) -> None:
+    """Pixels of large cells become occupied within reach of a free one along both axes, others unknown."""
+    row, column = np.nonzero(values == _LARGE_VALUE)
+    if not len(row):
+        return
+    free = np.pad(values == FREE, ((reach + 1, reach), (reach + 1, reach)))
+    sums = free.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
+    bottom, right = row + 2 * reach + 1, column + 2 * reach + 1
+    near = sums[bottom, right] - sums[row, right] - sums[bottom, column] + sums[row, column]
+    values[row, column] = np.where(near > 0, OCCUPIED, UNKNOWN)
 
 
 def _count(

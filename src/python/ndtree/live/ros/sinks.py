@@ -137,7 +137,8 @@ class GridSink(NodeSink):
             unit = m.options["min_cell_size"]  # In steps, for the grid is drawn anew at each.
             base = unit * round(float(self._robot.position[2]) / unit)
             low, high = low + base, high + base
-        made_of = cell_size, low, high, above, slope
+        depth = value("grid_wall_depth") or None
+        made_of = cell_size, low, high, above, slope, depth
         is_new = self._grid is None or made_of != self._made_of
         if is_new:
             height = (float(low), float(high)) if m.dim == 3 else None
@@ -145,7 +146,7 @@ class GridSink(NodeSink):
             if height is not None and above == "ground":
                 self._grid = GroundFollower(cell_size, height, slope)
             else:
-                self._grid, self._z = GridFollower(cell_size, height), height[0] if height else 0.0
+                self._grid, self._z = GridFollower(cell_size, height, depth), height[0] if height else 0.0
         assert self._grid is not None
         part = self._grid.follow(m)
         if self._grid.values is None:

@@ -47,7 +47,11 @@ FORMATS = (
         "map_server", (".yaml", ".pgm", ".png"), ("cell_size", "height", "wall_depth"), map_server.write
     ),
     MapFormat(
-        "rosbag", (".bag", ".mcap", ".db3"), ("cell_size", "height"), rosbag.write, rosbag.holds_maps_alone
+        "rosbag",
+        (".bag", ".mcap", ".db3"),
+        ("cell_size", "height", "wall_depth"),
+        rosbag.write,
+        rosbag.holds_maps_alone,
     ),
     MapFormat("ply", (".ply",), ("cell_size", "states", "faces"), ply.write),
     MapFormat("pcd", (".pcd",), ("cell_size", "states"), pcd.write),

@@ -11,6 +11,16 @@ from ndtree._native._core import OccupancyMap
 from ndtree.base.files import replaced_together, require_kind
 
 
+def noise_depth(m: OccupancyMap) -> float | None:
+    """Two standard deviations of a range and a smallest cell: no wall is drawn thicker than its noise [m].
+
+    None of a map that knows no noise.
+    """
+    if "range_sigma" not in m.options:
+        return None
+    return 2 * float(m.options["range_sigma"]) + float(m.options["min_cell_size"])
+
+
 def write(
     m: OccupancyMap,
     path: Path,
@@ -21,11 +31,9 @@ def write(
 ) -> None:
     """See ``OccupancyMap.save_map_server()``; the image and the YAML file have the same name.
 
-    `wall_depth`: Left out, two standard deviations of a range and a smallest cell: no wall is thicker than
-        its noise.
+    `wall_depth`: Left out, `noise_depth`.
     """
-    if wall_depth is None and "range_sigma" in m.options:
-        wall_depth = 2 * m.options["range_sigma"] + m.options["min_cell_size"]
+    wall_depth = noise_depth(m) if wall_depth is None else wall_depth
     yaml = path.with_suffix(".yaml")
     if path.suffix != ".png":
         require_kind(path.with_suffix(".pgm"))

@@ -15,6 +15,7 @@ from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import replaced
 from ndtree.logs import contents
+from ndtree.maps.writers.map_server import noise_depth
 
 OCTOMAP_TOPIC = "/octomap_full"
 GRID_TOPIC = "/map"
@@ -43,14 +44,22 @@ def holds_maps_alone(path: str) -> bool:
 
 
 def write(
-    m: OccupancyMap, path: Path, *, cell_size: float | None = None, height: tuple[float, float] | None = None
+    m: OccupancyMap,
+    path: Path,
+    *,
+    cell_size: float | None = None,
+    height: tuple[float, float] | None = None,
+    wall_depth: float | None = None,
 ) -> None:
     """A bag of ROS 1 (.bag), or the one file of a bag of ROS 2 (.mcap, .db3), in the frame ``map``.
 
     A 3-D map becomes an Octomap with its log-odds, on the topic ``/octomap_full``; a 2-D one, or a slice of
     the given height, an OccupancyGrid of 0, 100 and -1 on ``/map``. Who subscribes later gets it, too
     (latched, transient local).
+
+    `wall_depth`: Of a grid; left out, `noise_depth`.
     """
+    wall_depth = noise_depth(m) if wall_depth is None else wall_depth
     with needs("ROS bags need rosbags", "ros"):
         from rosbags import interfaces, rosbag1, rosbag2, typesys
     is_ros1 = path.suffix == ".bag"
@@ -60,7 +69,7 @@ def write(
     if m.dim == 3 and height is None:
         topic, kind, message = OCTOMAP_TOPIC, _OCTOMAP, _octomap(m, store, now, cell_size)
     else:
-        topic, kind, message = GRID_TOPIC, _GRID, _grid(m, store, now, cell_size, height)
+        topic, kind, message = GRID_TOPIC, _GRID, _grid(m, store, now, cell_size, height, wall_depth)
     with replaced(path, holds_maps_alone) as part, tempfile.TemporaryDirectory() as folder:
         if is_ros1:
             data = Path(folder, "map.bag")
@@ -127,9 +136,14 @@ def _octomap(m: OccupancyMap, store: Any, now: int, cell_size: float | None) -> 
 
 
 def _grid(
-    m: OccupancyMap, store: Any, now: int, cell_size: float | None, height: tuple[float, float] | None
+    m: OccupancyMap,
+    store: Any,
+    now: int,
+    cell_size: float | None,
+    height: tuple[float, float] | None,
+    wall_depth: float | None,
 ) -> Any:
-    pixels, (x, y), size = m.map_server_image(cell_size=cell_size, height=height)
+    pixels, (x, y), size = m.map_server_image(cell_size=cell_size, height=height, wall_depth=wall_depth)
     percent = np.zeros(256, dtype=np.int8)
     for grey, value in _PERCENT.items():
         percent[grey] = value
