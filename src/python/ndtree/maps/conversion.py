@@ -57,9 +57,9 @@ def convert(
     height : (low, high), optional
         Of an image or an OccupancyGrid of a 3-D map: only cells that overlap low <= z < high [m].
     wall_depth : float, optional
-        Of an image of a map in which beams have ended: how far behind free space occupied cells larger than
-        the smallest are drawn [m]; beyond they are unknown. Left out, 2 range_sigma + min_cell_size: far
-        walls become no thicker than their noise. inf draws all of each.
+        Of an image or an OccupancyGrid of a map in which beams have ended: how far behind free space occupied
+        cells larger than the smallest are drawn [m]; beyond they are unknown. Left out, 2 range_sigma +
+        min_cell_size: far walls become no thicker than their noise. inf draws all of each.
     states : sequence of {"occupied", "free", "frontier"}, optional
         Which cells are written as points, mesh, VTK's cells or records; frontier is unknown space beside free
         cells. Left out, the occupied ones, and for .vtu and .npz the free ones, too.
