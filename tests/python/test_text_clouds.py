@@ -162,3 +162,23 @@ def test_decimal_commas_do_not_make_beams_of_points(tmp_path: Path) -> None:
         read(tmp_path / "a.csv")
     assert caught.value.kind == "points in text without a pose"
     assert not any("--format text" in way for way in caught.value.help)
+
+
+def test_points_of_any_block_are_those_of_its_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocks that are parsed at once, and such that have blank lines, words or long numbers in them."""
+    monkeypatch.setattr(text_clouds, "_BLOCK", 50)
+    rng = np.random.default_rng(4)
+    rows = rng.normal(scale=30, size=(4000, 3))
+    forms = [
+        "{:.4f} {:.2f} {:.3f}",
+        "{!r} {!r} {!r}",
+        "{:.3e} {:g} {:.1f} wall",
+        "\n{:.4f}\t{:.2f} {:.3f} 5 6",
+    ]
+    lines, expected = [], []
+    for i, row in enumerate(rows.tolist()):
+        line = forms[i // 300 % 4].format(*row)
+        lines.append(line)
+        expected += [float(field) for field in line.split()[:3]]
+    (tmp_path / "a.xyz").write_text("\n".join(lines))
+    np.testing.assert_array_equal(text_points(str(tmp_path / "a.xyz")).ravel(), expected)
