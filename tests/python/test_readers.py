@@ -13,6 +13,7 @@ import pytest
 import ndtree
 from ndtree import logs
 from ndtree.logs import FORMATS, READER_OPTIONS, Log, read
+from ndtree.logs.core import again
 
 FLASER = "FLASER 3 1.0 2.0 81.9 0.5 0.25 0.0 0.5 0.25 0.0 12.5 host 12.5"
 
@@ -544,3 +545,17 @@ def test_recordings_have_the_scans_that_they_should(
 ) -> None:
     log = read(recordings / name / f"{name}.npz")
     assert (log.dim, len(log), sum(1 for _ in log)) == (dim, scans, scans)
+
+
+@pytest.mark.parametrize("most, passes", [(1 << 28, 1), (100, 3)])
+def test_scans_that_are_needed_again_are_read_once_if_they_are_few(
+    most: int, passes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(again, "_MOST", most)
+    log = ndtree.simulate("office", scans=5)
+    begun: list[int] = []
+    monkeypatch.setattr(log, "_begin", lambda: begun.append(1))
+    scans = again.Again(log, limit=3)
+    found = [[scan.stamp for scan in scans] for _ in range(3)]
+    assert len(found[0]) == 3 and found == 3 * [found[0]]
+    assert len(begun) == passes and scans.are_kept == (passes == 1)

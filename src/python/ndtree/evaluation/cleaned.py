@@ -193,7 +193,7 @@ class Cleaned:
         self._seen: list[tuple[NDArray[Any], Bools]] = []
 
     def write(self, progress: Progress) -> None:
-        """Read the log once more, and write it.
+        """Go over the scans once more, and write them.
 
         Raises ValueError if there is no scan, or a scan cannot be written so.
         """
@@ -201,7 +201,8 @@ class Cleaned:
         total = len(log) if isinstance(log, SizedLog) else 0
         truth = self._truth(log)
         first = 0
-        for scan, moved in self._points.scans():
+        for scan in log if isinstance(self._writer, _Folder) else self._points.again:  # A folder has files.
+            moved = self._points.probability(scan)
             returned = self._points.returned(scan)
             went = returned & (moved > THRESHOLD)
             self._writer.take(scan, moved, np.ones(len(scan), bool) if self._writer.mark else ~went)

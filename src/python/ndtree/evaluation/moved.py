@@ -17,6 +17,7 @@ from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.evaluation.pose_tilt import PoseTilt
 from ndtree.logs import Log
+from ndtree.logs.core.again import Again
 from ndtree.logs.core.log import SizedLog
 
 #: Scans at the begin of a log from which the tilt of its poses is measured.
@@ -30,19 +31,21 @@ THRESHOLD = 0.5
 
 @dataclass
 class MovedPoints:
-    """What scans of a log say about each other's points, after two passes over the log.
+    """What scans of a log say about each other's points, after two passes over its scans.
 
     `options`: Of a map: its smallest cells and its sensor. Left out options have the map's defaults.
     `no_return` ({"free", "ignore"}): Whether beams without return say that space is free.
     """
 
-    log: Log  # Read twice by `look`.
+    log: Log
     options: dict[str, Any]
     max_range: float  # As for `Scan.insert_into` [m].
     no_return: str
 
     def __post_init__(self) -> None:
         settings = {**_core.default_options(), **self.options}
+        #: Its scans, for each pass.
+        self.again = Again(self.log)
         self._margin = settings["min_cell_size"]
         self._sigma = settings["range_sigma"], settings["range_sigma_quadratic"]
         #: Of the log's poses, from look() on; it widens the noise of ranges.
@@ -55,7 +58,7 @@ class MovedPoints:
         )
 
     def look(self, progress: Progress | None = None) -> MovedPoints:
-        """Read the log twice.
+        """Read the log, and go over its scans twice.
 
         `progress`: Called as ``progress(what, done, total)`` with numbers of scans.
         Raises ValueError if the log is damaged, or a scan cannot be used; it is named.
@@ -65,12 +68,13 @@ class MovedPoints:
             self.tilt = PoseTilt.of(islice(self.log, _TILT_SCANS))
         for what, use in (("collecting points", self._evidence.add), ("seeing through", self._evidence.look)):
             total = len(self.log) if isinstance(self.log, SizedLog) else 0
-            for number, scan in enumerate(self.log):
-                self._give(scan, number, use)
+            is_noted = not self.again.are_kept
+            for number, scan in enumerate(self.again):
+                self._give(scan, number, use, is_noted)
                 show(what, number + 1, total)
         return self
 
-    def _give(self, scan: Scan, number: int, use: Callable[..., None]) -> None:
+    def _give(self, scan: Scan, number: int, use: Callable[..., None], is_noted: bool) -> None:
         if self.no_return == "ignore":
             scan = scan.returned_only()
         scan = self._with_sigma(scan)
@@ -83,6 +87,8 @@ class MovedPoints:
                 range_sigma=scan.range_sigma,
             )
         except ValueError as error:
+            if not is_noted:
+                return
             self.log.skip("scans that cannot be used", ValueError(f"{self.log.name}: scan {number}: {error}"))
 
     def _with_sigma(self, scan: Scan) -> Scan:
@@ -154,7 +160,7 @@ class MovedPoints:
 
     def scans(self) -> Iterator[tuple[Scan, NDArray[np.float32]]]:
         """Each scan of the log with the probabilities of its points."""
-        for scan in self.log:
+        for scan in self.again:
             yield scan, self.probability(scan)
 
     def returned(self, scan: Scan) -> NDArray[np.bool_]:

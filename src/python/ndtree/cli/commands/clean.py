@@ -54,7 +54,7 @@ def clean(
 ) -> None:
     """Write the points of a log without what moved: people, cars, doors.
 
-    Each scan is asked whether it saw the places of all others' points empty. The log is read three times.
+    Each scan is asked whether it saw the places of all others' points empty.
     """
     begin = time.perf_counter()
     source = opened(given, log)

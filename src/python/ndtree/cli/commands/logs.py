@@ -3,7 +3,7 @@
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Callable, Optional
 
@@ -49,9 +49,9 @@ def open_log(
     return simulated
 
 
-def timed(log: Log) -> Iterator[tuple[Scan, float]]:
+def timed(source: Iterable[Scan]) -> Iterator[tuple[Scan, float]]:
     """Scans, and how long it took to read each [s]."""
-    scans = iter(log)
+    scans = iter(source)
     while True:
         begin = time.perf_counter()
         scan = next(scans, None)

@@ -23,6 +23,7 @@ from ndtree.cli.commands.pictures import draw
 from ndtree.cli.commands.progress import mapping_progress, progress
 from ndtree.evaluation.moved import MovedPoints
 from ndtree.logs import Log
+from ndtree.logs.core.again import Again
 from ndtree.tuning.config import Config
 from ndtree.tuning.first_look import Scale
 from ndtree.tuning.inspection import BEYOND_MEMORY
@@ -39,7 +40,7 @@ class StaticScans:
 
     @classmethod
     def of(cls, log: Log, config: Config, progress: Progress) -> "StaticScans":
-        """Reads the log twice."""
+        """Reads the log, and goes over its scans twice."""
         begin = time.perf_counter()
         points = MovedPoints(log, config.options, config.max_range, config.no_return).look(progress)
         return cls(points, time.perf_counter() - begin)
@@ -125,6 +126,7 @@ class Passage:
     log: Log
     config: Config
     read_seconds: float = 0.0
+    again: Optional[Again] = None  # Its scans, where others have gone over them.
     scans: int = 0
     ignored: int = 0  # Beams without return, which the settings leave out.
 
@@ -132,7 +134,7 @@ class Passage:
         self, insert: Callable[[Scan], Any], is_final: Callable[[ValueError], bool] = lambda _: False
     ) -> Iterator[tuple[Scan, Any]]:
         """Each scan that was inserted, with what that gave; skips others, unless an error `is_final`."""
-        for number, (scan, took) in enumerate(timed(self.log)):
+        for number, (scan, took) in enumerate(timed(self.log if self.again is None else self.again)):
             self.read_seconds += took
             beams, scan = len(scan), self.config.usable(scan)
             self.ignored += beams - len(scan)
@@ -172,24 +174,25 @@ def mapped(
 ) -> Mapped:
     """Insert all scans of a log as it was decided; observers see the map after each.
 
-    With `static`, the log is read twice before, for what moved, and beams do not end there.
+    With `static`, its scans are gone over twice before, for what moved, and beams do not end there.
     """
     target = config.new_map(log.dim)
     counts = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
     seconds = 0.0
     track = np.full((2, log.dim), np.nan)
     scale = Scale(target.options["min_cell_size"], config.max_range)
-    passage = Passage(log, config, read_seconds)
     static_scans: Optional[StaticScans] = None
     if static:
         with progress() as show:
             static_scans = StaticScans.of(log, config, show)
+    again = None if static_scans is None else static_scans.points.again
+    passage = Passage(log, config, read_seconds, again)
 
     def insert(scan: Scan) -> Any:
         scan = scan if static_scans is None else static_scans.take(scan)
         return scan.insert_into(target, max_range=config.max_range)
 
-    with mapping_progress(log, target) as advance:
+    with mapping_progress(again or log, target) as advance:
         for scan, one in passage.into(insert):
             counts = {key: count + getattr(one, key) for key, count in counts.items()}
             seconds += one.seconds

@@ -13,6 +13,7 @@ from ndtree._native._core import OccupancyMap
 from ndtree.base.progress import Progress
 from ndtree.base.words import number_of
 from ndtree.logs import Log
+from ndtree.logs.core.again import Again
 
 #: A mapping's figures are drawn anew after so long [s].
 REFRESH = 0.2
@@ -73,7 +74,7 @@ def progress() -> Iterator[Progress]:
 
 
 @contextmanager
-def mapping_progress(log: Log, target: OccupancyMap) -> Iterator[Callable[[int, int], None]]:
+def mapping_progress(log: Log | Again, target: OccupancyMap) -> Iterator[Callable[[int, int], None]]:
     """A function of the scans and beams so far that shows how far a map is.
 
     The time left is shown for logs that can tell how much of them is read.

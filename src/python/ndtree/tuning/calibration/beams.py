@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from ndtree.base.progress import Progress
 from ndtree.base.scan import Scan
+from ndtree.logs.core.again import Again
 from ndtree.logs.core.log import Log
 from ndtree.tuning.calibration.figures import Bools, Floats
 
@@ -41,7 +41,7 @@ class Source:
 
     def __init__(self, log: Log, limit: int | None, progress: Progress) -> None:
         self.log = log
-        self.limit = limit
+        self._scans = Again(log, limit)
         self.progress = progress
         self._total = len(log) if hasattr(log, "__len__") else 0
         if limit is not None:
@@ -51,7 +51,7 @@ class Source:
         """The number of each scan, from 0, and its beams."""
         i = -1
         dim = self.log.dim
-        for i, scan in enumerate(islice(self.log, self.limit)):
+        for i, scan in enumerate(self._scans):
             if dim not in (2, 3):
                 raise ValueError(f"{self.log.name}: scan {i} is {dim}-D: must be 2-D or 3-D")
             if scan.dim != dim:

@@ -40,8 +40,8 @@ def calibrate(
     Parameters
     ----------
     log : Log or iterable of Scan
-        In 2-D or 3-D. A `Log` is read twice, and a million of its end points are kept; other iterables are
-        kept as a whole.
+        In 2-D or 3-D. A `Log` is read once, or twice if its scans take more than 256 MiB, and a million
+        of its end points are kept; other iterables are kept as a whole.
     max_range : float
         Longer beams are free up to there and have no end point [m].
     no_return : str
