@@ -117,20 +117,12 @@ class MapService:
         layers = [None, *layers_of(value("grid_layers"))]
         passing = Passing(lambda: value("grid_stays"), lambda: _heights(value))
         self._grids = [GridSink(node, self._frame, robot, passing, layer) for layer in layers]
-        sinks: list[Any] = [*self._grids, *(kind(node, self._frame) for kind in (CellsSink, ChangesSink))]
-        sinks.append(FrontiersSink(node, self._frame))
         octomap = optional_class("octomap_msgs/msg/Octomap")
         self._octomap = None if octomap is None else OctomapSink(node, self._frame, octomap)
-        sinks += [] if self._octomap is None else [self._octomap]
-        if file and value("save_period") > 0:
-            session = None if self._slam is None else self._session
-            sinks.append(Saver(file, value("save_period"), session))
         self._server: MapServer | None = None
         if value("serve"):
             host, port = address_of(value("serve"))
             self._server = MapServer(port, host=host)
-            sinks.append(self._server)
-            node.say(Level.info, f"ndtree view {self._server.url} shows the map as it grows")
         if localizer is not None or self._slam is not None:
             self._transforms = optional_class("tf2_msgs/msg/TFMessage")
             if self._transforms is None:
@@ -154,10 +146,24 @@ class MapService:
             localizer=localizer,
             localized=self._localized,
             slam=self._slam,
-            sinks=sinks,
+            sinks=self._sinks(),
             way=robot,
             passing=passing,
         )
+
+    def _sinks(self) -> list[Any]:
+        """What is done with the map."""
+        node = self._node
+        sinks: list[Any] = [*self._grids]
+        sinks += [kind(node, self._frame) for kind in (CellsSink, ChangesSink, FrontiersSink)]
+        sinks += [] if self._octomap is None else [self._octomap]
+        file, period = node.value("map_file"), node.value("save_period")
+        if file and period > 0:
+            sinks.append(Saver(file, period, None if self._slam is None else self._session))
+        if self._server is not None:
+            sinks.append(self._server)
+            node.say(Level.info, f"ndtree view {self._server.url} shows the map as it grows")
+        return sinks
 
     def _session(self) -> Session:
         return self.mapper.session()
