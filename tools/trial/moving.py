@@ -16,7 +16,7 @@ from trial.outcome import Case, Outcome, limit
 from trial.robots import Recording, poses_along, record, sensor_of
 
 
-def _recorded(case: Case) -> tuple[Recording, float, int | None]:
+def recorded(case: Case) -> tuple[Recording, float, int | None]:
     world, rng, dim = case.world, case.rng, case.dim
     cell = float(rng.choice([0.05, 0.1])) if dim == 2 else 0.1
     sensor = sensor_of(rng, dim)
@@ -80,7 +80,7 @@ def _once(points: np.ndarray, scan: np.ndarray, chosen: np.ndarray, cell: float)
 
 def moved_trial(case: Case) -> tuple[Recording, Outcome]:
     """What a map says of the points that it was made of."""
-    r, cell, _ = _recorded(case)
+    r, cell, _ = recorded(case)
     outcome, truth = Outcome(), Truth(case.world, r, cell, case.rng)
     m = mapped(r, cell, is_fixed=case.is_fixed)
     probability = np.array([np.asarray(m.moved(r.beams(i)[0])) for i in range(len(r))])
@@ -95,7 +95,7 @@ def _options(r: Recording, cell: float) -> list[str]:
 
 def clean_trial(case: Case) -> tuple[Recording, Outcome]:
     """What ``ndtree clean`` leaves out."""
-    r, cell, _ = _recorded(case)
+    r, cell, _ = recorded(case)
     outcome, truth = Outcome(), Truth(case.world, r, cell, case.rng)
     with tempfile.TemporaryDirectory() as folder:
         log, target = r.save(Path(folder) / "log.npz"), Path(folder) / "marked.npz"
@@ -115,7 +115,7 @@ def clean_trial(case: Case) -> tuple[Recording, Outcome]:
 def static_trial(case: Case) -> tuple[Recording, Outcome]:
     """The map of ``ndtree map --static``: what stands is there, what moved is not."""
     world, fault, rng = case.world, case.fault, case.rng
-    r, cell, last = _recorded(case)
+    r, cell, last = recorded(case)
     outcome, truth = Outcome(), Truth(world, r, cell, rng)
     with tempfile.TemporaryDirectory() as folder:
         log, target = r.save(Path(folder) / "log.npz"), Path(folder) / "map.ndt"
