@@ -36,8 +36,6 @@ struct MovedMargin {
 
 /// Of what nothing can be said.
 inline constexpr float kMovedUnknown = 0.5F;
-/// From this probability on a cell stands: odds of 3 to 2, what is beside such a cell changes no decision.
-inline constexpr float kMovedStands = 0.6F;
 
 /// The probability that a point's own cell is occupied, as probability_moved() takes it: just below 0.5 at
 /// least while a cell with evidence remembers a beam that ended in it. Most beams pass a rod's cell, and a
@@ -50,7 +48,7 @@ template <class Cell>
   constexpr std::uint32_t kMostPasses = 12;  // That outweigh any stay, as MovedOptions::most_scans.
   const auto probability = static_cast<float>(cell.probability());
   if constexpr (std::is_same_v<Cell, EvidenceCell>) {
-    if (cell.hits() == 0 || probability >= kMovedStands) return probability;
+    if (cell.hits() == 0 || probability >= kMovedUnknown) return probability;
     const std::uint32_t passes = cell.streak_is_of_hits() ? 0 : cell.streak();
     return passes >= std::min(cell.hits() + 1, kMostPasses) ? kMovedUnknown : std::max(probability, kMayHold);
   }
@@ -84,6 +82,7 @@ void probability_moved(const double* points, std::size_t n, const MovedMargin& m
                        const StandingAt& standing_at, const ProbabilityAt& probability_at, float* out) {
   constexpr std::size_t kAtOnce = 4096;
   constexpr std::size_t kDim = D;
+  constexpr float kStands = 0.6F;  // Odds of 3 to 2: what is beside such a cell changes no decision.
   const auto at_least_unknown = [&](float p) { return p >= margin.thin ? std::max(p, kMovedUnknown) : p; };
   const std::vector<Vector<D>> steps = steps_beside<D>(margin.reach);
   std::vector<double> beside;
@@ -97,7 +96,7 @@ void probability_moved(const double* points, std::size_t n, const MovedMargin& m
     standing_at(here, count, results);
     open.clear();
     for (std::size_t i = 0; i < count; ++i) {
-      if (results[i] >= kMovedStands || results[i] == kMovedUnknown) continue;
+      if (results[i] >= kStands || results[i] == kMovedUnknown) continue;
       open.push_back(i);
       results[i] = at_least_unknown(results[i]);
     }
