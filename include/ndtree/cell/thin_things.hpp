@@ -26,8 +26,6 @@ class ThinThings {
         least_ = static_cast<float>(log_odds(map.options().partial_probability) - kRounding);
   }
 
-  /// Least log-odds of these cells; infinite if there are none.
-  [[nodiscard]] float least_log_odds() const { return least_; }
   template <class Cell>
   [[nodiscard]] bool are_in(const Cell& cell) const {
     return cell.log_odds() >= least_ && cell.state() == CellState::free && cell.hits() >= kLeastPartialHits;

@@ -12,10 +12,10 @@
 #include <string>
 #include <type_traits>
 
+#include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/hit_rate.hpp"
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/summary.hpp"
-#include "ndtree/cell/thin_things.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/beam_traversal.hpp"
 
@@ -23,16 +23,29 @@ namespace ndtree {
 
 namespace detail {
 
-/// Where a ray meets a surface: at the first leaf that is occupied, or that is free but holds something and
-/// has unknown space behind it. Of the cells that a grazed wall passes through, beams beside it make some
-/// free; no beam has gone on from there into the unknown, so the wall is in between.
+/// Of a free cell with evidence for occupied space, and at most four times as much for free space.
+inline constexpr float kLeastOfEnd = -1.4f;
+/// Whether beams may have ended in a free cell, beside those that passed it. Of maps that keep no evidence,
+/// this is not known.
+template <class Cell>
+[[nodiscard]] bool may_end_beams(const Cell& cell) {
+  if constexpr (std::is_same_v<Cell, EvidenceCell>)
+    return cell.occupied_evidence() > 0 && cell.log_odds() >= kLeastOfEnd;
+  else
+    return false;
+}
+
+/// Where a ray meets a surface: at the first leaf that is occupied, or that is free, may_end_beams() and has
+/// unknown space behind it. Of the cells that a surface passes through, beams beside it make some free; no
+/// beam has gone on from there into the unknown, so the surface is in between, at most a smallest cell before
+/// the unknown.
 template <int D>
 class FirstSurface : public BeamVisitor {
  public:
-  FirstSurface(const ThinThings& thin, bool stops_at_unknown)
-      : thin_(thin), stops_at_unknown_(stops_at_unknown) {}
+  /// @param t_cell length of a smallest cell along the ray.
+  FirstSurface(double t_cell, bool stops_at_unknown) : t_cell_(t_cell), stops_at_unknown_(stops_at_unknown) {}
 
-  std::optional<double> t;  ///< Where the ray enters the leaf that it ends at.
+  std::optional<double> t;  ///< Where the ray enters the leaf that it ends at, or the surface in it.
   CellIndex<D> leaf_index;
   CellState state = CellState::unknown;  ///< Of what it meets there.
   double t_inside = 0.0;                 ///< Up to there the ray was in the map.
@@ -43,8 +56,7 @@ class FirstSurface : public BeamVisitor {
     if (stops_at_unknown_) return false;
     const Summary all = Summary::of(*parent.node);
     if (!all.is_valid() || all.may_contain(CellState::occupied)) return false;
-    if (all.may_contain(CellState::free) ? all.max_log_odds() >= thin_.least_log_odds()
-                                         : t_partial_.has_value())
+    if (all.may_contain(CellState::free) ? all.max_log_odds() >= kLeastOfEnd : t_partial_.has_value())
       return false;
     t_partial_.reset();
     return true;
@@ -57,8 +69,8 @@ class FirstSurface : public BeamVisitor {
     state = cell.state();
     if (state == CellState::free) {
       t_partial_.reset();
-      if (thin_.are_in(cell)) {
-        t_partial_ = t_enter;
+      if (may_end_beams(cell)) {
+        t_partial_ = std::max(t_enter, t_exit - t_cell_);
         leaf_index = leaf.index;
       }
       return true;
@@ -80,16 +92,16 @@ class FirstSurface : public BeamVisitor {
     return false;
   }
 
-  ThinThings thin_;
+  double t_cell_;
   bool stops_at_unknown_;
-  std::optional<double> t_partial_;  // Of the leaf before, if it holds something.
+  std::optional<double> t_partial_;  // Where a surface is in the leaf before, if beams may have ended in it.
 };
 
 template <class Map>
 [[nodiscard]] FirstSurface<Map::kDim> first_surface(const Map& map, const Vector<Map::kDim>& origin,
                                                     const Vector<Map::kDim>& direction, double t_end,
                                                     bool stops_at_unknown) {
-  FirstSurface<Map::kDim> first(ThinThings(map), stops_at_unknown);
+  FirstSurface<Map::kDim> first(map.options().min_cell_size / direction.norm(), stops_at_unknown);
   traverse_beam(map.tree(), origin, direction, 0.0, t_end, first);
   first.finish(t_end);
   return first;
@@ -210,8 +222,8 @@ template <class Map>
 
 /// Distance [m] from `origin` to where the surface is likely to be in the first occupied leaf that the ray
 /// enters within `max_range` [m]; none if there is none. Unknown space does not stop a ray; but where it goes
-/// into the unknown from a cell that holds something (options().partial_probability), that cell counts as
-/// occupied. The direction may have any length but zero.
+/// into the unknown from a free cell in which beams have ended, that cell counts as occupied. The direction
+/// may have any length but zero.
 /// @param aim cell: instead, to where the ray enters that leaf, 0 if it starts in one; at most 3/4 of a
 /// smallest cell shorter.
 /// @throws std::invalid_argument if origin or direction is not finite, the direction zero or max_range not >
