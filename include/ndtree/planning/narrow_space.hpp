@@ -62,6 +62,9 @@ class NarrowSpace {
         core_(deflated(tested, kRoom * unit_)),
         unknown_(unknown) {}
 
+  [[nodiscard]] std::size_t memory_bytes() const {
+    return places_.memory_bytes() + points_.capacity() * sizeof(Vector<D>);
+  }
   [[nodiscard]] static bool is_narrow(const Cell& cell) { return cell.number >> 63 != 0; }
   /// What is narrow is blocked: a way that goes through it is tested in another way.
   [[nodiscard]] Cell cell_at(const Lattice<D>& at) { return sure_.cell_at(at); }

@@ -125,6 +125,12 @@ class PathSearch {
   [[nodiscard]] std::size_t memory_bytes() const {
     return nodes_.capacity() * sizeof(Node) + numbers_.memory_bytes();
   }
+  /// Calls `visit(cell)` for each cell that was looked at.
+  template <class Visit>
+  void for_each_expanded(const Visit& visit) const {
+    for (const Node& node : nodes_)
+      if (node.is_expanded && node.goal == kNoGoal) visit(node.cell);
+  }
   /// Calls `visit(point, cell)` from the last anchor to the first. @pre the search has found a path.
   template <class Visit>
   void for_each_back(const Visit& visit) const {

@@ -92,7 +92,7 @@ class Planner {
     return std::isfinite(options_.unknown_cost) ? UnknownSpace::free : UnknownSpace::occupied;
   }
   [[nodiscard]] std::size_t memory_bytes() const {
-    return space_->memory_bytes() + possible_->memory_bytes() + search_bytes_;
+    return space_->memory_bytes() + possible_->memory_bytes() + narrow_->memory_bytes() + search_bytes_;
   }
 
   /// A path from one point to another, of the origin of the body. Each of its segments is free for the volume
@@ -129,8 +129,7 @@ class Planner {
       if (is_possible(goal)) include(goal);
     check_pose(start, "start");
     std::vector<double> costs(goals.size(), std::numeric_limits<double>::infinity());
-    detail::NarrowSpace<Map> narrow(seen_, *space_, *possible_, tested_, unknown());
-    detail::PathSearch<detail::NarrowSpace<Map>> search(narrow, options_.unknown_cost, 1.0);
+    detail::PathSearch<detail::NarrowSpace<Map>> search(*narrow_, options_.unknown_cost, 1.0);
     for (const auto& anchor : anchors(start)) search.add_start(anchor);
     for (std::size_t i = 0; i < goals.size(); ++i) {
       if (!is_possible(goals[i]) || !is_free(goals[i], goals[i])) continue;
@@ -192,6 +191,7 @@ class Planner {
       space_->forget(box);
       possible_->forget(box);
     }
+    forget_gaps();
     return true;
   }
 
@@ -284,6 +284,11 @@ class Planner {
     possible_ =
         std::make_unique<FreeSpace<Map>>(seen_, D == 2 ? kept_away_ : tested_, options_.unknown_cost, around_,
                                          D == 2 ? detail::Touches::from_each : detail::Touches::from_centre);
+    forget_gaps();
+  }
+  /// What was found out about them is found out again.
+  void forget_gaps() {
+    narrow_ = std::make_unique<detail::NarrowSpace<Map>>(seen_, *space_, *possible_, tested_, unknown());
   }
   static void add_point(std::vector<Vector<D>>& points, const Vector<D>& point) {
     if (point != points.back()) points.push_back(point);
@@ -343,8 +348,7 @@ class Planner {
     path.expanded = sure.expanded() + possible.expanded();
     path.status = perhaps;
     if (perhaps == PathStatus::found) {
-      detail::NarrowSpace<Map> narrow(seen_, *space_, *possible_, tested_, unknown());
-      search(narrow, possible, query, path);
+      search(*narrow_, possible, query, path);
     }
     if (path.status != PathStatus::found && joined == PathStatus::found) search(*space_, sure, query, path);
     if (path.status == PathStatus::found) return;
@@ -462,6 +466,7 @@ class Planner {
   Box<D> around_{};  // All places of interest.
   std::unique_ptr<FreeSpace<Map>> space_;
   std::unique_ptr<FreeSpace<Map>> possible_;  // And all places where the body may be free.
+  std::unique_ptr<detail::NarrowSpace<Map>> narrow_;
   std::size_t search_bytes_ = 0;
 };
 
