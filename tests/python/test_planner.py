@@ -95,6 +95,50 @@ def test_clearance_is_kept_and_told() -> None:
     assert not m.plan(start, goal, body=body, clearance=0.45)
 
 
+def test_a_gap_that_is_hardly_wider_than_the_body_is_found() -> None:
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05, max_cell_size=1.6)
+    m.mark([[-2.0, -2.0], [2.0, 2.0]], "free")
+    m.mark([[0.0, -2.0], [0.1, -0.2]], "occupied")
+    m.mark([[0.0, 0.15], [0.1, 1.95]], "occupied")  # Gaps of 0.35 and 0.05 m.
+    for radius, is_found in ((0.12, True), (0.17, True), (0.174, True), (0.1751, False)):
+        path = m.plan([-1.0, 0.5], [1.0, 0.5], body=ndtree.Sphere(radius))
+        assert bool(path) == is_found, radius
+        if path:
+            assert path.length < 2.5 and path.reason == ""
+            assert m.path_collides(ndtree.Sphere(radius), poses(path.points), unknown="occupied") == -1
+        else:
+            assert "another part of free space" in path.reason and path.reason in repr(path)
+
+
+def test_a_robot_turns_where_it_fits_lengthwise_alone() -> None:
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05, max_cell_size=1.6)
+    m.mark([[-3.0, -3.0], [3.0, 3.0]], "free")
+    m.mark([[-0.5, -3.0], [0.5, -0.3]], "occupied")
+    m.mark([[-0.5, 0.3], [0.5, 3.0]], "occupied")
+    body = ndtree.Box((1.0, 0.3))
+    start, goal = [-2.0, 0.5, np.pi / 2], [2.0, 0.5, np.pi / 2]
+    path = m.plan(start, goal, body=body)
+    assert path and path.points.shape[1] == 3 and len(path) == len(path.points)
+    np.testing.assert_array_equal(path.points[0], start)
+    np.testing.assert_allclose(path.points[-1], goal, atol=1e-9)
+    moves, turns = np.diff(path.points[:, :2], axis=0).any(axis=1), np.diff(path.points[:, 2]) != 0
+    assert (moves ^ turns).all() and turns.sum() >= 2
+    steps = [np.linspace(a, b, 200) for a, b in zip(path.points, path.points[1:])]
+    assert not m.collides(body, np.concatenate(steps), unknown="occupied").any()
+    assert m.path_collides(body, path.points, unknown="occupied") == -1
+    np.testing.assert_array_equal(ndtree.Planner(m, body).plan(start, goal).points, path.points)
+    assert not m.plan(start, goal, body=body, clearance=0.2)
+    assert not m.plan(start, goal, body=ndtree.Box((1.0, 0.7)))
+    with pytest.raises(ValueError, match=r"goal: shape \(2,\), expected \(3,\) as start"):
+        m.plan(start, goal[:2], body=body)
+    with pytest.raises(ValueError, match=r"start: shape \(4,\), expected \(2,\), or \(3,\) of x, y and yaw"):
+        m.plan([0.0] * 4, goal, body=body)
+    with pytest.raises(ValueError, match="headings = 2: must be 4 to 256"):
+        m.plan(start, goal, body=body, headings=2)
+    with pytest.raises(ValueError, match=r"start = .*there the body meets the occupied cell"):
+        m.plan([0.0, 1.0, 0.0], goal, body=body)
+
+
 def test_unknown_space_blocks_is_free_or_costs() -> None:
     m, body = rooms(2), ndtree.Sphere(0.2)
     m.clear([[-0.1, -2.0], [0.1, -1.0]])  # A part of the wall that was not seen.
@@ -122,7 +166,8 @@ def test_ends_that_collide_are_named_with_the_nearest_place() -> None:
 def test_what_is_wrong_with_a_call_is_said() -> None:
     m, body = rooms(2), ndtree.Sphere(0.25)
     for error, arguments in (
-        (r"start: shape \(3,\), expected \(2,\)", ([0, 0, 0], [1, 1])),
+        (r"goal: shape \(2,\), expected \(3,\) as start", ([0, 0, 0], [1, 1])),
+        (r"start: shape \(1,\), expected \(2,\), or \(3,\) of x, y and yaw", ([0], [1, 1])),
         (r"goal = \(1\.0, nan\): must be finite", ([1, 1], [1, np.nan])),
     ):
         with pytest.raises(ValueError, match=error):
@@ -283,7 +328,7 @@ def test_the_command_writes_a_path(tmp_path: Path) -> None:
             points = np.array([json.loads(line.strip()[2:]) for line in text.splitlines() if "- [" in line])
         np.testing.assert_allclose(points, expected.points, atol=1e-6)
     for more, status, said in (
-        (["--clearance", "0.4"], 1, "there is no way"),
+        (["--clearance", "0.4"], 1, "no way found: the goal is in another part of free space"),
         (["--unknown", "0.5"], 2, "--unknown 0.5: expected blocked, free or a cost >= 1"),
         (["-o", str(tmp_path / "way.txt")], 2, "must end in .csv, .yaml, .json"),
     ):

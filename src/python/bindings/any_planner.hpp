@@ -4,9 +4,11 @@
 #pragma once
 
 #include <cstddef>
+#include <string>
 #include <vector>
 
 #include "ndtree/planning/planner.hpp"
+#include "ndtree/planning/turning.hpp"
 
 namespace ndtree::python {
 
@@ -16,11 +18,12 @@ struct AnyPath {
   double length;
   double clearance;
   std::size_t expanded;
+  std::string reason;
 };
 
 template <int D>
 [[nodiscard]] AnyPath any_path(const Path<D>& path) {
-  AnyPath any{path.status, {}, path.length, path.clearance, path.expanded};
+  AnyPath any{path.status, {}, path.length, path.clearance, path.expanded, path.reason};
   for (const Vector<D>& point : path.points)
     any.points.insert(any.points.end(), point.data(), point.data() + D);
   return any;

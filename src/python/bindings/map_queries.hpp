@@ -117,6 +117,9 @@ class AnyPlanner {
  public:
   virtual ~AnyPlanner() = default;
   [[nodiscard]] virtual AnyPath plan(const double* start, const double* goal, double max_seconds) = 0;
+  /// Of a body that turns, between poses x, y and yaw. @throws std::invalid_argument if the map is not 2-D.
+  [[nodiscard]] virtual AnyPath plan_turning(const double* start, const double* goal, int headings,
+                                             double max_seconds) const = 0;
   /// Of the ways to n goals.
   virtual void ways(const double* start, const double* goals, std::size_t n, double max_seconds,
                     double* out) = 0;
@@ -304,6 +307,15 @@ class MapQueriesOf final : public MapQueries {
         : planner_(map.map_, std::move(body), options), refinement_(map.refinement_) {}
     [[nodiscard]] AnyPath plan(const double* start, const double* goal, double max_seconds) override {
       return any_path(planner_.plan(Vector<D>(Point(start)), Vector<D>(Point(goal)), max_seconds));
+    }
+    [[nodiscard]] AnyPath plan_turning(const double* start, const double* goal, int headings,
+                                       double max_seconds) const override {
+      if constexpr (D == 2)
+        return any_path(ndtree::plan_turning(planner_.map(), Vector<3>(Eigen::Map<const Vector<3>>(start)),
+                                             Vector<3>(Eigen::Map<const Vector<3>>(goal)), planner_.body(),
+                                             planner_.options(), max_seconds, headings));
+      (void)start, (void)goal, (void)headings, (void)max_seconds;
+      throw std::invalid_argument("start: poses x, y and yaw are of a 2-D map");
     }
     void ways(const double* start, const double* goals, std::size_t n, double max_seconds,
               double* out) override {

@@ -20,7 +20,7 @@ namespace {
 
 struct PythonPath {
   py::array points;
-  std::string status;
+  std::string status, reason;
   double length, clearance;
   std::size_t expanded;
 };
@@ -59,18 +59,24 @@ double seconds_from(const py::object& seconds) {
   if (!(value >= 0.0)) throw py::value_error("max_seconds = " + number_text(value) + ": must be >= 0");
   return value;
 }
-DoubleArray point_from(const py::object& object, const char* name, int dim) {
+DoubleArray point_from(const py::object& object, const char* name, int dim, const char* other = "") {
   DoubleArray point = as_doubles(object, name);
   if (point.ndim() != 1 || point.shape(0) != dim)
     throw py::value_error(std::string(name) + ": shape " + shape_text(point) + ", expected (" +
-                          std::to_string(dim) + ",)");
+                          std::to_string(dim) + ",)" + other);
   return point;
+}
+/// A point; or, in the plane, x, y and yaw.
+DoubleArray place_from(const py::object& object, const char* name, int dim) {
+  DoubleArray place = as_doubles(object, name);
+  if (dim == 2 && place.ndim() == 1 && place.shape(0) == 3) return place;
+  return point_from(object, name, dim, dim == 2 ? ", or (3,) of x, y and yaw" : "");
 }
 PythonPath to_python(AnyPath&& any, int dim) {
   const char* const status = any.status == PathStatus::found  ? "found"
                              : any.status == PathStatus::none ? "none"
                                                               : "out of time";
-  return {take(std::move(any.points), dim), status, any.length, any.clearance, any.expanded};
+  return {take(std::move(any.points), dim), status, any.reason, any.length, any.clearance, any.expanded};
 }
 
 /// Calls `question(planner)` without the interpreter's lock.
@@ -82,13 +88,17 @@ auto ask(const PythonPlanner& planner, SharedLock::Use use, const Question& ques
   return question(*planner.planner);
 }
 PythonPath plan_with(const PythonPlanner& planner, const py::object& start, const py::object& goal,
-                     const py::object& max_seconds) {
+                     const py::object& max_seconds, int headings) {
   const double seconds = seconds_from(max_seconds);
-  const DoubleArray from = point_from(start, "start", planner.dim);
-  const DoubleArray to = point_from(goal, "goal", planner.dim);
-  AnyPath path = ask(planner, SharedLock::Use::change,
-                     [&, a = from.data(), b = to.data()](AnyPlanner& p) { return p.plan(a, b, seconds); });
-  return to_python(std::move(path), planner.dim);
+  const DoubleArray from = place_from(start, "start", planner.dim);
+  const DoubleArray to = place_from(goal, "goal", planner.dim);
+  if (from.shape(0) != to.shape(0))
+    throw py::value_error("goal: shape " + shape_text(to) + ", expected " + shape_text(from) + " as start");
+  const bool turns = from.shape(0) > planner.dim;
+  AnyPath path = ask(planner, SharedLock::Use::change, [&, a = from.data(), b = to.data()](AnyPlanner& p) {
+    return turns ? p.plan_turning(a, b, headings, seconds) : p.plan(a, b, seconds);
+  });
+  return to_python(std::move(path), turns ? 3 : planner.dim);
 }
 std::unique_ptr<PythonPlanner> planner_of(const PythonMap& map, const PythonShape& body, double clearance,
                                           const py::object& unknown) {
@@ -102,8 +112,8 @@ std::unique_ptr<PythonPlanner> planner_of(const PythonMap& map, const PythonShap
 /// The search reads a snapshot, so writers of the map do not wait for it.
 PythonPath plan_once(const PythonMap& map, const py::object& start, const py::object& goal,
                      const PythonShape& body, double clearance, const py::object& unknown,
-                     const py::object& max_seconds) {
-  return plan_with(*planner_of(map, body, clearance, unknown), start, goal, max_seconds);
+                     const py::object& max_seconds, int headings) {
+  return plan_with(*planner_of(map, body, clearance, unknown), start, goal, max_seconds, headings);
 }
 
 struct GainArrays {
@@ -141,8 +151,9 @@ void bind_path(py::module_& module) {
       .def_readonly("volume", &GainArrays::volume, "(n,) float64: of unknown space [m^dim].")
       .def_readonly("bits", &GainArrays::bits, "(n,) float64: about the hit rates of smallest cells.");
   py::class_<PythonPath>(module, "Path", "A way from a start to a goal.")
-      .def_readonly("points", &PythonPath::points, "(n, dim) float64 [m].")
+      .def_readonly("points", &PythonPath::points, "(n, dim) float64 [m]; or (n, 3), with yaw [rad].")
       .def_readonly("status", &PythonPath::status, "'found', 'none' or 'out of time'.")
+      .def_readonly("reason", &PythonPath::reason, "Why there is none; empty if there is one.")
       .def_readonly("length", &PythonPath::length, "[m]")
       .def_readonly("clearance", &PythonPath::clearance, "Least distance of the body to an obstacle [m].")
       .def_readonly("expanded", &PythonPath::expanded, "Cells that the search looked at.");
@@ -154,14 +165,15 @@ void bind_planning(py::module_& module) {
   bind_path(module);
   py::class_<PythonMap> map_type = module.attr("OccupancyMap");
   map_type.def("plan", &plan_once, "start"_a, "goal"_a, py::kw_only(), "body"_a, "clearance"_a = 0.0,
-               "unknown"_a = "blocked", "max_seconds"_a = py::none(), doc::OccupancyMap_plan);
+               "unknown"_a = "blocked", "max_seconds"_a = py::none(), "headings"_a = 16,
+               doc::OccupancyMap_plan);
   map_type.def("information_gain", &information_gain, "poses"_a, "sensor"_a, py::kw_only(), "threads"_a = 0,
                doc::OccupancyMap_information_gain);
   py::class_<PythonPlanner>(module, "Planner", doc::Planner)
       .def(py::init(&planner_of), "map"_a, "body"_a, py::kw_only(), "clearance"_a = 0.0,
            "unknown"_a = "blocked")
       .def("plan", &plan_with, "start"_a, "goal"_a, py::kw_only(), "max_seconds"_a = py::none(),
-           doc::Planner_plan)
+           "headings"_a = 16, doc::Planner_plan)
       .def(
           "ways",
           [](const PythonPlanner& planner, const py::object& start, const py::object& goals,

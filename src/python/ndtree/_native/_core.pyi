@@ -1739,18 +1739,22 @@ class OccupancyMap:
         clearance: float = 0.0,
         unknown: Literal["blocked", "free"] | float = "blocked",
         max_seconds: float | None = None,
+        headings: int = 16,
     ) -> Path:
-        """Find a short path for a body that does not turn.
+        """Find a short path for a body that does not turn; or in the plane, between poses, for one that does.
 
-        Any-angle search over cells of free space as large as they can be, then pulled tight. The volume that the body
-        sweeps along each segment meets no obstacle. The path is nearly the shortest and not proved to be. That there is
-        none is proved for ways through smallest cells from all of which the body is free. The same map gives the same
-        path. For more than one question, a Planner keeps what it found out.
+        Any-angle search over cells of free space as large as they can be, and through gaps that are hardly wider than the
+        body, then pulled tight. The volume that the body sweeps along each segment meets no obstacle. The path is nearly
+        the shortest and not proved to be. Where there is none, its reason says whether that is proved. The same map gives
+        the same path. For more than one question, a Planner keeps what it found out.
+
+        Between poses of x, y and yaw the body turns in place, and moves without turning in between. A turn is free for
+        certain: it is looked at in small steps, with a body that is larger by what it moves in them.
 
         Parameters
         ----------
         start, goal : (dim,) array of float
-            Where the origin of the body is [m].
+            Where the origin of the body is [m]; in the plane also (3,): x, y [m] and yaw [rad].
         body : Shape
             Sphere, Capsule, Box, or several by ``a | b``, in its orientation.
         clearance : float
@@ -1760,11 +1764,13 @@ class OccupancyMap:
             touch it.
         max_seconds : float, optional
             That the search may take. Left out, it goes on to its end.
+        headings : int
+            At which a body that turns may move, 4 to 256: at equal angles from that of the start on, and that of the goal.
 
         Returns
         -------
         Path
-            True if one was found; its status says why not.
+            True if one was found; its status and reason say why not. Its points are poses if start and goal are.
 
         Raises
         ------
@@ -2120,12 +2126,14 @@ class Planner:
         clearance: float = 0.0,
         unknown: Literal["blocked", "free"] | float = "blocked",
     ) -> None: ...
-    def plan(self, start: ArrayLike, goal: ArrayLike, *, max_seconds: float | None = None) -> Path:
+    def plan(
+        self, start: ArrayLike, goal: ArrayLike, *, max_seconds: float | None = None, headings: int = 16
+    ) -> Path:
         """As OccupancyMap.plan() of the map at the last update.
 
         Parameters
         ----------
-        start, goal, max_seconds
+        start, goal, max_seconds, headings
             As for OccupancyMap.plan().
 
         Returns

@@ -240,10 +240,12 @@ class Path:
     Attributes
     ----------
     points : (n, dim) float64
-        From start to goal [m], straight between them; (0, dim) without one.
+        From start to goal [m], straight between them; (0, dim) without one. Of a body that turns (n, 3): x, y
+        [m] and yaw [rad], not wrapped; between two of them it moves or turns, not both.
     status : {"found", "none", "out of time"}
-        Why there is none: no chain of free cells leads to the goal, so there is none for a body that is a
-        smallest cell larger on each side; or the search had no time left.
+        Whether there is one; or the search had no time left.
+    reason : str
+        Why there is none, and whether that is proved; empty if there is one.
     length : float
         [m]; inf without one.
     clearance : float
@@ -254,6 +256,7 @@ class Path:
 
     points: NDArray[np.float64]
     status: Literal["found", "none", "out of time"]
+    reason: str
     length: float
     clearance: float
     expanded: int
@@ -266,5 +269,5 @@ class Path:
 
     def __repr__(self) -> str:
         if not self:
-            return f"Path({self.status}, {self.expanded:,} cells expanded)"
+            return f"Path({self.status}: {self.reason})"
         return f"Path({len(self)} points, {self.length:.3f} m, clearance {self.clearance:.3f} m)"

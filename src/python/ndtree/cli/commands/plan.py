@@ -73,7 +73,7 @@ def plan(call: _Call) -> None:
         max_seconds=call.max_seconds,
     )
     if not way:
-        raise ValueError(_why_none(way, call.max_seconds))
+        raise ValueError(f"no way found: {way.reason}")
     if call.output is not None:
         _write(way, call.output)
     if plot is not None and call.picture is not None:
@@ -105,12 +105,6 @@ def _unknown(text: str) -> Any:
     if not cost >= 1.0:
         raise WrongCall(f"--unknown {text}: expected blocked, free or a cost >= 1")
     return cost
-
-
-def _why_none(way: Way, max_seconds: Optional[float]) -> str:
-    if way.status == "out of time":
-        return f"no way found in {max_seconds:g} s: {way.expanded:,} cells expanded"
-    return "there is no way: no chain of free cells leads from --from to --to for this body"
 
 
 def _write(way: Way, output: Path) -> None:
