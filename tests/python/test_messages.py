@@ -127,6 +127,7 @@ CALLS: tuple[tuple[str, int, str], ...] = (
     ("view office.ndt --picture a.png", 2, "--picture: no such option: did you mean --png?"),
     ("view office.ndt -o a.png", 2, "-o: no such option: did you mean --png?"),
     ("plan office.ndt --from 1 --to 8,3 --body 0.2", 2, "--from 1: expected X,Y in metres"),
+    ("explore castle", 2, "WORLD castle: must be one of office, apartment ndtree explore --help"),
     ("explore office --strategy best", 2, "--strategy best: must be information|nearest|random"),
     ("demo --world office", 2, "--world: no such option ndtree demo --help"),
     ("live office.npz --save-every 0 -o z.ndt", 2, "--save-every 0 s: must be > 0"),

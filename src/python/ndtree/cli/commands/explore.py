@@ -13,15 +13,22 @@ from ndtree.base.exit_status import WrongCall
 from ndtree.base.files import replaced
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import takes
-from ndtree.cli.commands.options import Json, Scans, Seed, World
+from ndtree.cli.commands.options import Json, Scans, Seed
 from ndtree.cli.commands.output import check_picture, is_stdout, write_json
 from ndtree.cli.commands.pictures import plotting
 from ndtree.cli.commands.progress import progress
-from ndtree.evaluation.exploring import ROBOTS, STRATEGIES, Exploration, explore
+from ndtree.evaluation.exploring import STRATEGIES, Exploration, explore
 
 #: Of the most volume that any strategy has seen: the way that each takes to so much of it.
 PART = 0.95
 _MOST_LOOKS = 1000
+
+
+class ExploredWorld(str, Enum):
+    """Worlds with a robot that explores them."""
+
+    office = "office"
+    apartment = "apartment"
 
 
 class StrategyName(str, Enum):
@@ -36,11 +43,12 @@ class StrategyName(str, Enum):
 class _Call:
     """What is typed behind ``ndtree explore``."""
 
-    world: Annotated[World, typer.Argument(help="office: a laser; apartment: a depth camera.")]
+    world: Annotated[ExploredWorld, typer.Argument(help="office: a laser; apartment: a depth camera.")]
     strategy: Annotated[
         Optional[list[StrategyName]],
         typer.Option(help="One of them alone; may be repeated.", show_default=False),
     ] = None
+    from_scan: Annotated[int, typer.Option(help="Scan of the world's own log at which it begins.", min=0)] = 0
     scans: Scans = None
     seed: Seed = 1
     picture: Annotated[
@@ -66,11 +74,9 @@ def explore_world(call: _Call) -> None:
     looks after each metre at most. In the office a laser sees all around; in the apartment a depth camera is
     turned around at each stop, at the height of 1.4 m. Seconds are of computing.
     """
-    if call.world.value not in ROBOTS:
-        raise WrongCall(f"{call.world.value}: expected one of {', '.join(ROBOTS)}")
     plot = plotting() if call.picture is not None else None
     check_picture(plot, call.picture)
-    if call.picture is not None and call.world is not World.office:
+    if call.picture is not None and call.world is not ExploredWorld.office:
         raise WrongCall(f"--picture {call.picture}: of 2-D maps alone, and {call.world.value} is 3-D")
     names = [one.value for one in call.strategy] if call.strategy else list(STRATEGIES)
     done: dict[str, Exploration] = {}
@@ -80,6 +86,7 @@ def explore_world(call: _Call) -> None:
                 call.world.value,
                 name,  # type: ignore[arg-type]
                 seed=call.seed,
+                start=call.from_scan,
                 max_looks=call.scans or _MOST_LOOKS,
                 progress=advance,
             )

@@ -154,6 +154,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("unknown_space", "blocked|free|COST", "blocked", "the map has holes that the robot may cross"),
         Row("max_seconds", "S", "no limit", "a robot that must go on"),
         Row("strategy", "information|nearest|random", "all three", "one of them alone"),
+        Row("from_scan", "N", "0", "another place to begin at"),
     ),
     "What is compared?": (
         Row("maps", "A,B", "adaptive, fixed, octomap", "other kinds, or sizes, as fixed@0.1"),
