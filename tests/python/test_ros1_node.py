@@ -225,6 +225,7 @@ def test_services_and_parameters_that_change(robot: Robot, tmp_path: Path) -> No
     assert said["save"] == [True, str(file)] and said["cleared"]
     assert 300 < said["known"] - said["known around"] < 500  # 1 m square of pixels of 5 cm.
     assert said["known without a box"] < said["known around"]
+    assert said["plans"] == [["odom", 0.8, 2.0], ["odom"]]
     assert said["known after reset"] == 0
     assert said["load"] == [0, 1, 2]
     assert said["known after load"] == said["known"]

@@ -10,8 +10,8 @@ import time
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Point32, PolygonStamped, TransformStamped
-from nav_msgs.srv import GetMap, LoadMap
+from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped, TransformStamped
+from nav_msgs.srv import GetMap, GetPlan, LoadMap
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Empty, Trigger
@@ -43,6 +43,12 @@ def main(file: str) -> None:
     def known() -> int:
         return sum(value >= 0 for value in call(GetMap, "get_map").map.data)
 
+    def planned(start, goal):
+        ends = PoseStamped(), PoseStamped()
+        ends[0].pose.position.x, ends[1].pose.position.x = start, goal
+        path = call(GetPlan, "get_plan", *ends, 0.0).plan
+        return [path.header.frame_id, *(round(one.pose.position.x, 6) for one in path.poses)]
+
     said["early save"] = call(Trigger, "save").message
     deadline = time.monotonic() + PATIENCE
     while not all(one.get_num_connections() for one in (scans, tf, boxes)):
@@ -68,6 +74,7 @@ def main(file: str) -> None:
         assert told.wait_for(lambda: counted() >= SCANS, PATIENCE), diagnostics
     said["mapped"] = int(diagnostics["mapped"])
     said["known"] = known()
+    said["plans"] = [planned(0.8, 2.0), planned(0.8, 50.0)]
     saved = call(Trigger, "save")
     said["save"] = [saved.success, saved.message]
     said["cleared"] = call(Trigger, "clear_around").success

@@ -11,7 +11,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point32, PolygonStamped, TransformStamped
 from lifecycle_msgs.srv import GetState
-from nav_msgs.srv import GetMap, LoadMap
+from nav_msgs.srv import GetMap, GetPlan, LoadMap
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter
@@ -48,6 +48,12 @@ def main(file: str) -> None:
 
     def known() -> int:
         return sum(value >= 0 for value in call(GetMap, "get_map").map.data)
+
+    def planned(start, goal):
+        request = GetPlan.Request()
+        request.start.pose.position.x, request.goal.pose.position.x = start, goal
+        path = call(GetPlan, "get_plan", request).plan
+        return [path.header.frame_id, *(round(one.pose.position.x, 6) for one in path.poses)]
 
     def set_parameter(name, value):
         given = Parameter(name, value=value).to_parameter_msg()
@@ -89,6 +95,7 @@ def main(file: str) -> None:
     said["changed"] = set_parameter("grid_period", 0.05)
     said["refused"] = set_parameter("queue", 7)
     said["out of limits"] = set_parameter("grid_period", -1.0)
+    said["plans"] = [planned(0.8, 2.0), planned(0.8, 50.0)]
     saved = call(Trigger, "save")
     said["save"] = [saved.success, saved.message]
     said["cleared"] = call(Trigger, "clear_around").success

@@ -25,6 +25,7 @@ from ndtree.live.robot import Robot
 from ndtree.live.ros.messages import header, optional_class, pose_with_covariance, transform
 from ndtree.live.ros.middleware import Level, Middleware
 from ndtree.live.ros.parameters import config_of, in_parameters, layers_of
+from ndtree.live.ros.plans import Plans
 from ndtree.live.ros.sinks import CellsSink, ChangesSink, FrontiersSink, GridSink, OctomapSink
 from ndtree.live.saver import Saver
 from ndtree.live.serving import MapServer, address_of
@@ -150,6 +151,7 @@ class MapService:
             way=robot,
             passing=passing,
         )
+        self._plans = Plans(node, self.mapper)
 
     def _sinks(self) -> list[Any]:
         """What is done with the map."""
@@ -387,6 +389,10 @@ class MapService:
                 m.clear(np.stack([corners.min(axis=0), corners.max(axis=0)])[:, : m.dim])
         except (ValueError, RuntimeError) as error:
             self._node.say(Level.error, f"clear_box: {error}")
+
+    def plan(self, request: Any) -> Any:
+        """The answer to a nav_msgs/GetPlan."""
+        return self._plans.path(request, self._frame())
 
     def grid(self) -> Any:
         """The grid of the map as it is now; None if nothing is known."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import rospy
 from geometry_msgs.msg import PolygonStamped
-from nav_msgs.srv import GetMap, GetMapResponse, LoadMap
+from nav_msgs.srv import GetMap, GetMapResponse, GetPlan, LoadMap
 from std_srvs.srv import Empty, EmptyResponse, Trigger
 
 from ndtree.live.ros.map_service import OCTOMAP_SERVICES, TICK, MapService
@@ -95,6 +95,7 @@ class MapNode:
             rospy.Service(
                 "~get_map", GetMap, lambda request: GetMapResponse(*filter(None, [self._map.grid()]))
             ),
+            rospy.Service("~get_plan", GetPlan, lambda request: {"plan": self._map.plan(request)}),
         ]
         get_octomap, query = (optional_class(f"octomap_msgs/srv/{name}") for name in OCTOMAP_SERVICES)
         if query is not None:

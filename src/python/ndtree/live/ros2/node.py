@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from geometry_msgs.msg import PolygonStamped
-from nav_msgs.srv import GetMap, LoadMap
+from nav_msgs.srv import GetMap, GetPlan, LoadMap
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
@@ -165,6 +165,7 @@ class MapNode(LifecycleNode):
             self.create_service(Empty, "~/reset", self._reset),
             self.create_service(Trigger, "~/clear_around", self._clear_around),
             self.create_service(GetMap, "~/get_map", self._get_map),
+            self.create_service(GetPlan, "~/get_plan", self._get_plan),
         ]
         get_octomap, query = (optional_class(f"octomap_msgs/srv/{name}") for name in OCTOMAP_SERVICES)
         if query is not None:
@@ -263,4 +264,9 @@ class MapNode(LifecycleNode):
     def _get_map(self, request: Any, response: Any) -> Any:
         assert self._map is not None
         response.map = self._map.grid() or response.map
+        return response
+
+    def _get_plan(self, request: Any, response: Any) -> Any:
+        assert self._map is not None
+        response.plan = self._map.plan(request)
         return response

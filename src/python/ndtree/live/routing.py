@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Ways through a live map, for whoever asks for them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree._native._core import OccupancyMap, Planner, Sphere
+from ndtree._native.results import Path
+
+Array = NDArray[np.float64]
+#: Places are tried around a goal in which the robot collides, so far from each other, of the tolerance.
+_STEP = 0.1
+#: A goal is moved to where the robot fits for certain, whatever is rounded [m].
+_MARGIN = 1e-4
+
+
+class Router:
+    """Plans ways of a ball through a map as it grows; what it found out about free space is kept.
+
+    Parameters
+    ----------
+    unknown : {"blocked", "free"}
+        What unknown space is.
+    """
+
+    def __init__(self, unknown: str = "blocked") -> None:
+        self._unknown = unknown
+        self._radius = -1.0
+        self._planner: Planner | None = None
+
+    def way(self, m: OccupancyMap, start: Array, goal: Array, radius: float, tolerance: float = 0.0) -> Path:
+        """A way to a goal, or to the place nearest to it where the robot fits.
+
+        Parameters
+        ----------
+        m : OccupancyMap
+            As it is now.
+        start, goal : (dim,) float64
+            [m].
+        radius : float
+            Of the robot [m].
+        tolerance : float
+            How far from the goal the way may end [m], if the robot collides there.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        ValueError
+            The robot collides at the start, or at the goal and everywhere within the tolerance.
+        """
+        planner, larger = self._follow(m, radius), Sphere(radius + _MARGIN)
+        as_obstacle: Any = {"blocked": "occupied", "free": "free"}[self._unknown]
+        for place in np.concatenate([goal[None], _around(goal, tolerance)]):
+            if not m.collides(larger, place[None], unknown=as_obstacle)[0]:
+                return planner.plan(start, place)
+        return planner.plan(start, goal)  # Says what is in the way.
+
+    def _follow(self, m: OccupancyMap, radius: float) -> Planner:
+        if self._planner is not None and radius == self._radius:
+            try:
+                self._planner.update(m)
+                return self._planner
+            except ValueError:  # Another map was loaded.
+                pass
+        self._planner, self._radius = Planner(m, Sphere(radius), unknown=self._unknown), radius
+        return self._planner
+
+
+def _around(goal: Array, tolerance: float) -> Array:
+    """Places of a lattice within a distance, the nearest first."""
+    if tolerance <= 0.0:
+        return np.zeros((0, len(goal)))
+    steps = np.arange(-round(1.0 / _STEP), round(1.0 / _STEP) + 1) * _STEP * tolerance
+    offsets = np.stack(np.meshgrid(*[steps] * len(goal), indexing="ij"), axis=-1).reshape(-1, len(goal))
+    away = np.linalg.norm(offsets, axis=1)
+    order = np.argsort(away, kind="stable")
+    return goal + offsets[order][(away[order] > 0.0) & (away[order] <= tolerance)]
