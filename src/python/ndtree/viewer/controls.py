@@ -58,6 +58,13 @@ class Controls:
             self._axis.on_update(lambda _: self._turn(changed))
             self._offer_slice()
             self._sliced.on_update(lambda _: self._offer_slice())
+        with gui.add_folder("Way"):
+            self._plans = gui.add_checkbox("Between two clicks", False)
+            self._radius = gui.add_slider("Radius [m]", 0.05, 2.0, 0.05, 0.3)
+            low, high = (float(edge) for edge in snapshot.region[2]) if self._dim == 3 else (0.0, 1.0)
+            self._height = gui.add_slider("Height [m]", low, high, self._step(snapshot), 0.5 * (low + high))
+            self._plans.on_update(lambda _: self._offer_way())
+            self._offer_way()
         with gui.add_folder("Cell"):
             self._cell = gui.add_markdown("Click on one.")
         self._snapshot = snapshot
@@ -107,6 +114,17 @@ class Controls:
         """Where there is no slice, there is nothing to place, to cut or to draw."""
         for each in (self._axis, self._at, self._cut, self._plane):
             each.visible = self._sliced.value
+
+    def _offer_way(self) -> None:
+        self._radius.visible = self._plans.value
+        self._height.visible = self._plans.value and self._dim == 3
+
+    @property
+    def way(self) -> tuple[float, float] | None:
+        """Radius of the robot and height of its way [m], if clicks ask for ways."""
+        if not self._plans.value:
+            return None
+        return float(self._radius.value), float(self._height.value) if self._dim == 3 else 0.0
 
     def say(self, text: str) -> None:
         self._about.content = text

@@ -20,9 +20,11 @@ from ndtree.viewer.frame import Track, draw_frame
 from ndtree.viewer.look import IN_PLANE, KINDS, Look, shown_kinds
 from ndtree.viewer.picking import numbers_of
 from ndtree.viewer.snapshot import Layer, Snapshot
+from ndtree.viewer.ways import Ways, place_on_plane
 
 MAX_CLEAR_BOXES = 30_000  # And of those that are seen through, which the page has to sort.
 _TRACK_COLOR = (200, 30, 120)
+_WAY_COLOR = (230, 120, 0)
 _CLEAR = {"free": 0.12, "unknown": 0.3, "plane_free": 0.5}  # Opacity.
 _SETTLED = 0.25  # Seconds without motion after which the page is drawn anew for the camera.
 _MOVED = 0.2  # By this share of its distance the camera moves before that is done.
@@ -55,6 +57,7 @@ class Visitor:
         self._drawn: dict[str, Any] = {}
         self._last: tuple[Snapshot, Look] | None = None
         self._aim = viewer.aim
+        self._ways = Ways()
         self._wake = threading.Condition()
         self._dirty, self._moved_at, self._stopped = True, -math.inf, False
         self._controls: Controls | None = None
@@ -232,6 +235,9 @@ class Visitor:
         if snapshot is None or controls is None:
             return
         origin, direction = (np.asarray(v, dtype=np.float64) for v in (event.ray_origin, event.ray_direction))
+        if controls.way is not None:
+            self._ask_way(snapshot, controls, origin, direction)
+            return
         found = snapshot.picked(origin, direction, controls.look())
         self._remove("picked")
         if found is None:
@@ -250,3 +256,31 @@ class Visitor:
             thickness_units="screen",
         )
         self._drawn["picked"] = (number, None, handle)
+
+    def _ask_way(self, snapshot: Snapshot, controls: Controls, origin: Floats, direction: Floats) -> None:
+        assert controls.way is not None
+        radius, height = controls.way
+        place = place_on_plane(origin + snapshot.origin, direction, height)
+        if place is None:
+            return
+        said, points = self._ways.clicked(snapshot.map, place, radius)
+        controls.say_cell(said)
+        self._remove("way")
+        self._remove("way ends")
+        shown = np.zeros((len(points), 3))
+        shown[:, : points.shape[1]] = points
+        if snapshot.dim == 2:
+            shown[:, 2] = 0.05  # Above the cells.
+        shown = (shown - snapshot.origin).astype(np.float32)
+        if len(shown) > 1:
+            segments = np.stack([shown[:-1], shown[1:]], axis=1)
+            handle = self._client.scene.add_line_segments(
+                "/way", segments, _WAY_COLOR, thickness=4.0, thickness_units="screen"
+            )
+            self._drawn["way"] = (len(shown), None, handle)
+        if len(shown):
+            colors = np.tile(np.array(_WAY_COLOR, dtype=np.uint8), (len(shown), 1))
+            dots = self._client.scene.add_point_cloud(
+                "/way_ends", shown, colors, point_size=0.5 * radius, point_shape="circle"
+            )
+            self._drawn["way ends"] = (len(shown), None, dots)
