@@ -417,6 +417,41 @@ TYPED_TEST(Planning, WaysAreNearlyThoseOfPaths) {
   EXPECT_GT(nearly_equal, finite * 9 / 10);
 }
 
+/// No place where the body is free is left out; those from centres are exactly these.
+TYPED_TEST(Planning, PossiblePlacesAreAllThatAreFreeSomewhere) {
+  constexpr int D = TypeParam::kDim;
+  Random random(407);
+  int free = 0;
+  int blocked = 0;
+  for (int round = 0; round < 4; ++round) {
+    const double cost = round % 2 == 0 ? kInfinity : 1.0;
+    const UnknownSpace unknown = round % 2 == 0 ? UnknownSpace::occupied : UnknownSpace::free;
+    const TypeParam map = random_world<TypeParam>(random, 8);
+    const Body<D> body = random_body<D>(random);
+    const double reach = D == 2 ? 4.0 : 1.5;
+    const Box<D> around{Vector<D>::Constant(-reach), Vector<D>::Constant(reach)};
+    FreeSpace<TypeParam> possible(map, body, cost, around, detail::Touches::from_each);
+    FreeSpace<TypeParam> centres(map, body, cost, around, detail::Touches::from_centre);
+    for_each_place<D>(possible.limits(), [&](const Lattice<D>& at) {
+      const auto is_free_at = [&](const Vector<D>& in_cell) {
+        Vector<D> point;
+        for (int a = 0; a < D; ++a)
+          point[a] = kUnit * (static_cast<double>(at[static_cast<std::size_t>(a)]) + in_cell[a]);
+        return !collides_at(map, body, point, unknown);
+      };
+      const bool is_possible = possible.cell_at(at).passage != Passage::blocked;
+      const bool is_free = is_free_at(Vector<D>::Constant(0.5));
+      ASSERT_EQ(centres.cell_at(at).passage != Passage::blocked, is_free);
+      for (int k = 0; k < 3; ++k) {
+        if (is_possible) break;
+        ASSERT_FALSE(is_free_at(Vector<D>(0.5 * (random_point<D>(random, 1.0).array() + 1.0))));
+      }
+      (is_free ? free : blocked)++;
+    });
+  }
+  EXPECT_GT(free, 300);
+  EXPECT_GT(blocked, 300);
+}
 /// A wall at x in [0, kUnit) with a gap of a width around y = 0, which lies anywhere between borders of
 /// cells.
 template <class Map>

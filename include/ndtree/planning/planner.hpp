@@ -336,24 +336,31 @@ class Planner {
     search_bytes_ = std::max(search_bytes_, search.memory_bytes() + guide.memory_bytes());
     if (path.status == PathStatus::found) path.points = tightened(search, query.start, query.goal);
   }
-  /// Through cells in which the body is free wherever it stands; and if a way may be much shorter, also
-  /// through gaps that are narrower.
+  /// Through cells in which the body is free wherever it stands; and if a way may be much shorter, or there
+  /// is none, also through gaps that are narrower.
   void search_in_all(const Query& query, Path<D>& path) {
-    const Vector<D> start = query.start / unit();
+    constexpr double kAny = std::numeric_limits<double>::infinity();
     Guide sure(*space_, options_.unknown_cost);
-    const PathStatus joined = sure.run(query.from, query.to, start, query.deadline);
-    Guide possible(*possible_, options_.unknown_cost);
-    const double most = sure.length() * (1.0 - kWorthGap);
-    const PathStatus perhaps = possible.run(query.from, query.to, start, query.deadline, most);
-    path.expanded = sure.expanded() + possible.expanded();
-    path.status = perhaps;
-    if (perhaps == PathStatus::found) {
-      search(*narrow_, possible, query, path);
+    const PathStatus joined = sure.run(query.from, query.to, query.start / unit(), query.deadline);
+    path.expanded = sure.expanded();
+    path.status = joined;
+    if (joined == PathStatus::found) {
+      (void)search_gaps(query, path, sure.length() * (1.0 - kWorthGap));
+      if (path.status != PathStatus::found) search(*space_, sure, query, path);
     }
-    if (path.status != PathStatus::found && joined == PathStatus::found) search(*space_, sure, query, path);
-    if (path.status == PathStatus::found) return;
-    if (joined == PathStatus::out_of_time) path.status = joined;
-    path.reason = reason_for(query, path, perhaps);
+    PathStatus perhaps = path.status;
+    if (path.status == PathStatus::none) perhaps = search_gaps(query, path, kAny);
+    if (path.status != PathStatus::found) path.reason = reason_for(query, path, perhaps);
+  }
+  /// @param most coarse length that matters, in smallest cells. @returns whether places are connected in
+  /// which the body may be free, by a way that is not longer.
+  PathStatus search_gaps(const Query& query, Path<D>& path, double most) {
+    Guide possible(*possible_, options_.unknown_cost);
+    const PathStatus joined = possible.run(query.from, query.to, query.start / unit(), query.deadline, most);
+    path.expanded += possible.expanded();
+    path.status = joined;
+    if (joined == PathStatus::found) search(*narrow_, possible, query, path);
+    return joined;
   }
   /// @param perhaps whether places are connected in which the body may be free.
   [[nodiscard]] std::string reason_for(const Query& query, const Path<D>& path, PathStatus perhaps) const {
