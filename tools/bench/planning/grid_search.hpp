@@ -54,8 +54,10 @@ class GridSpace {
 };
 
 /// Lazy Theta* as the planner has it, but for the size of cells, and without greed.
-template <class Space>
-GridAnswer lazy_theta_on_grid(Space& space, const Vector<Space::D>& start, const Vector<Space::D>& goal) {
+/// @param visit called with each cell that it looked at.
+template <class Space, class Visit>
+GridAnswer lazy_theta_on_grid(Space& space, const Vector<Space::D>& start, const Vector<Space::D>& goal,
+                              const Visit& visit) {
   constexpr int D = Space::D;
   GridSpace<Space> grid(space);
   detail::PathSearch<GridSpace<Space>> search(grid, 1.0, 1.0);
@@ -67,6 +69,7 @@ GridAnswer lazy_theta_on_grid(Space& space, const Vector<Space::D>& start, const
   GridAnswer answer;
   const PathStatus status = search.run(goal, std::chrono::steady_clock::time_point::max());
   answer.expanded = search.expanded();
+  search.for_each_expanded(visit);
   if (status != PathStatus::found) return answer;
   answer.length = 0.0;
   const auto points = search.path();

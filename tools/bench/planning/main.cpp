@@ -3,14 +3,16 @@
 /// Paths of a ball between random places, beside A* and Lazy Theta* over the grid of smallest cells.
 ///
 /// usage: ndtree-bench-planning MAP [--radius M] [--unknown blocked|free] [--pairs N] [--seed S] [--greed G]
-/// [--no-grid]
+/// [--no-grid] [--expanded FILE]
 ///
-/// MAP is an OctoMap file, or a 2-D adaptive .ndt. Pairs are drawn by volume among the places of one
+/// MAP is an OctoMap file, or an adaptive .ndt. Pairs are drawn by volume among the places of one
 /// connected part of the free space. All searches ask the same free space, which is built before they are
 /// timed, but for the first question of a planner, `cold`. Times are of the processor. Paths of the grids are
-/// not pulled tight.
+/// not pulled tight. FILE gets the cells that the first pair's searches looked at, for a picture: a line
+/// each, of the search, the lower corner and the edge [m].
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
@@ -39,6 +41,7 @@ struct Call {
   std::uint64_t seed = 1;
   double greed = PlannerOptions().greed;
   bool has_grid = true;
+  std::string expanded;
 };
 
 double milliseconds() {
@@ -123,6 +126,59 @@ class Pairs {
   std::vector<double> sums_;
 };
 
+/// Writes cells that searches looked at.
+class CellsFile {
+ public:
+  CellsFile(const std::string& path, double unit)
+      : file_(path.empty() ? nullptr : std::fopen(path.c_str(), "w")), unit_(unit) {}
+  CellsFile(const CellsFile&) = delete;
+  CellsFile& operator=(const CellsFile&) = delete;
+  ~CellsFile() { close(); }
+  template <int D>
+  void add(const char* search, const PlaceCell<D>& cell) {
+    if (file_ == nullptr) return;
+    std::fprintf(file_, "%s", search);
+    for (const std::int64_t x : cell.lower) std::fprintf(file_, " %.9g", static_cast<double>(x) * unit_);
+    std::fprintf(file_, " %.9g\n", static_cast<double>(cell.edge) * unit_);
+  }
+  template <int D>
+  void add(const std::vector<Vector<D>>& path) {
+    for (const Vector<D>& point : path) {
+      if (file_ == nullptr) return;
+      std::fprintf(file_, "path");
+      for (int a = 0; a < D; ++a) std::fprintf(file_, " %.9g", point[a]);
+      std::fprintf(file_, " 0\n");
+    }
+  }
+  void close() {
+    if (file_ != nullptr) std::fclose(file_);
+    file_ = nullptr;
+  }
+
+ private:
+  std::FILE* file_;
+  double unit_;
+};
+
+/// What the planner's search through sure cells looks at.
+template <class Map>
+void add_expanded(CellsFile& file, FreeSpace<Map>& space, const Vector<Map::kDim>& start,
+                  const Vector<Map::kDim>& goal) {
+  constexpr int D = Map::kDim;
+  const auto anchor = [&](const Vector<D>& at) {
+    return detail::Anchor<D>{at, space.cell_at(detail::cell_ahead<D>(at, Vector<D>::Zero()))};
+  };
+  const auto never = std::chrono::steady_clock::time_point::max();
+  detail::CoarseGuide<Map> guide(space, 1.0);
+  (void)guide.run({anchor(start)}, {anchor(goal)}, start, never);
+  detail::PathSearch<FreeSpace<Map>, detail::CoarseGuide<Map>> search(space, 1.0, PlannerOptions().greed,
+                                                                      &guide);
+  search.add_start(anchor(start));
+  search.add_goal(anchor(goal));
+  (void)search.run(goal, never);
+  search.for_each_expanded([&](const PlaceCell<D>& cell) { file.add("planner", cell); });
+}
+
 template <class Map>
 int run(const Map& map, const Call& call) {
   constexpr int D = Map::kDim;
@@ -142,6 +198,7 @@ int run(const Map& map, const Call& call) {
                               {"warm", {}, {}, {}},
                               {"Lazy Theta*, grid", {}, {}, {}},
                               {"A*, grid", {}, {}, {}}};
+  CellsFile cells(call.expanded, unit);
   std::size_t most_bytes = 0;
   std::size_t not_accepted = 0;
   for (int i = 0; i < call.pairs; ++i) {
@@ -168,8 +225,14 @@ int run(const Map& map, const Call& call) {
     }
     if (!call.has_grid) continue;
     begin = milliseconds();
-    const GridAnswer theta = lazy_theta_on_grid(space, Vector<D>(start / unit), Vector<D>(goal / unit));
+    const GridAnswer theta = lazy_theta_on_grid(space, Vector<D>(start / unit), Vector<D>(goal / unit),
+                                                [&](const PlaceCell<D>& cell) { cells.add("grid", cell); });
     add(columns[2], milliseconds() - begin, theta.length * unit, theta.expanded);
+    if (i == 0) {
+      add_expanded(cells, space, Vector<D>(start / unit), Vector<D>(goal / unit));
+      cells.add(path.points);
+      cells.close();
+    }
     begin = milliseconds();
     const GridAnswer star = a_star_on_grid(space, Vector<D>(start / unit), Vector<D>(goal / unit));
     add(columns[3], milliseconds() - begin, star.length * unit, star.expanded);
@@ -207,10 +270,12 @@ int main(int argc, char** argv) {
   app.add_option("--seed", call.seed);
   app.add_option("--greed", call.greed);
   app.add_flag("!--no-grid", call.has_grid);
+  app.add_option("--expanded", call.expanded);
   CLI11_PARSE(app, argc, argv);
   try {
     if (is_octomap_file(read_file(call.map))) return run(load_octomap<FixedMap<2, 3>>(call.map), call);
-    return run(load<AdaptiveMap<2, 2>>(call.map), call);
+    return map_file_header(read_file(call.map)).dim == 2 ? run(load<AdaptiveMap<2, 2>>(call.map), call)
+                                                         : run(load<AdaptiveMap<2, 3>>(call.map), call);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "%s\n", error.what());
     return 1;
