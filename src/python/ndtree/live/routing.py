@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ways through a live map, for whoever asks for them."""
+"""Ways through a live map, for a service."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class Snapshot:
         if m.dim not in (2, 3):
             raise ValueError(f"the map is {m.dim}-D: only 2-D and 3-D maps can be seen")
         self.dim, self.refinement = m.dim, m.refinement
-        #: As it is now, for who asks for ways; None of an OctoMap.
+        #: As it is now, for questions about ways; None of an OctoMap.
         self.map = None if m.refinement == "octomap" else m.snapshot()
         #: Edge [m] of the smallest cells.
         self.unit = m.options["min_cell_size"]
