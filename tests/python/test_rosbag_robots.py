@@ -273,7 +273,7 @@ def test_noise_around_range_max_is_no_surface(is_clipped: bool, ros2: Messages, 
         lengths = np.linalg.norm(scan.endpoints, axis=1)
         assert np.count_nonzero(scan.returned) == 200 and lengths[scan.returned].max() < 3.1
         np.testing.assert_allclose(lengths[~scan.returned], 5.0)
-    assert any("within 0.04" in note and "of range_max are noise" in note for note in log.notes)
+    assert any("within 0.04" in note and "of range_max mean that nothing" in note for note in log.notes)
 
 
 def test_an_infinite_range_max_needs_a_limit(ros2: Messages, tmp_path: Path) -> None:

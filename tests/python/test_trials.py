@@ -245,7 +245,7 @@ def test_the_committed_table_counts_its_rows(name: str) -> None:
 )  # fmt: skip
 def test_a_probability_of_one_half_claims_nothing(of_moving, of_standing, verdict) -> None:
     case = Trial.of("moved", 4, "room", "person").case()
-    r, cell, _ = moving._recorded(case)
+    r, cell, _ = moving.recorded(case)
     outcome = Outcome()
     probability = np.where(r.moving, of_moving, of_standing)
     moving._judge_moved(probability, r, Truth(case.world, r, cell, case.rng), outcome)

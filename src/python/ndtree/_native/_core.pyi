@@ -438,8 +438,9 @@ class ScanHistory:
     smallest cell, or more if it reaches farther than 1024 cells. After any calls, each cell of the map is, bit for
     bit, what mapping the present scans at their present poses in the order in which they came makes of it, and so
     are its layers. Only cubes of max_cell_size are made anew that a moved scan crosses, before or after, and only by
-    the scans that cross them. The map's counters add up the work that was done. A history cannot be pickled (a
-    TypeError says so): save its map, and the scans as `scan` gives them.
+    the scans that cross them. The map's counters add up the work that was done, so that ``==``, which compares them,
+    too, tells it from a map that was made at once. A history cannot be pickled (a TypeError says so): save its map,
+    and the scans as `scan` gives them.
 
     Parameters
     ----------
