@@ -64,3 +64,10 @@ def thinned(points: Floats, size: float) -> Floats:
     cells = np.floor(points / size).astype(np.int64)
     _, first = np.unique(cells, axis=0, return_index=True)
     return points[np.sort(first)]
+
+
+def in_space(poses: Floats) -> tuple[Floats, Floats]:
+    """Places (n, 3) [m] and quaternions (n, 4), as x, y, z, w, of poses (n, 3) in the plane."""
+    half, zero = poses[:, 2] / 2, np.zeros(len(poses))
+    places = np.column_stack((poses[:, :2], zero))
+    return places, np.column_stack((zero, zero, np.sin(half), np.cos(half)))

@@ -12,7 +12,7 @@ import numpy as np
 
 from ndtree.alignment.aligned_log import AlignedLog
 from ndtree.alignment.loops import Loop
-from ndtree.alignment.planar import Floats, between, composed, placed
+from ndtree.alignment.planar import Floats, between, composed, in_space, placed
 from ndtree.alignment.sensor_scans import SensorScan
 from ndtree.alignment.tracking import Step
 from ndtree.alignment.writing import compared, draw_before_and_after, verdict, write_trajectory
@@ -199,11 +199,7 @@ class Alignment:
         path : str or path
             It appears whole or not at all.
         """
-        half = self.poses[:, 2] / 2
-        zero = np.zeros(len(half))
-        places = np.column_stack((self.poses[:, :2], zero))
-        turns = np.column_stack((zero, zero, np.sin(half), np.cos(half)))
-        write_trajectory(path, self.stamps, places, turns)
+        write_trajectory(path, self.stamps, *in_space(self.poses))
 
     def draw(self, path: str | os.PathLike[str]) -> None:
         """Draw what the key scans saw, with the log's poses and with these.

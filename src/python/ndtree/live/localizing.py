@@ -357,8 +357,12 @@ def place_of(text: str) -> Floats:
 
 def quaternion_of(pose: Floats) -> tuple[float, float, float, float]:
     """x, y, z and w of the turn of a (3, 3) pose in the plane."""
-    half = 0.5 * math.atan2(pose[1, 0], pose[0, 0])
-    return 0.0, 0.0, math.sin(half), math.cos(half)
+    return quaternion_of_yaw(math.atan2(pose[1, 0], pose[0, 0]))
+
+
+def quaternion_of_yaw(yaw: float) -> tuple[float, float, float, float]:
+    """x, y, z and w of a turn about z [rad]."""
+    return 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)
 
 
 def _stride(ends: Floats, most: int) -> int:

@@ -48,7 +48,7 @@ class Session:
         }
         poses = []
         for motion, scan in corrections.scans():
-            pose = np.array([*motion.sensor.position[:2], _yaw(motion.sensor)])
+            pose = np.array([*motion.sensor.position[:2], motion.sensor.yaw])
             each = (len(scan), 2)
             rows["counts"].append(len(scan))
             rows["numbers"].append(int(motion.stamp))
@@ -133,8 +133,7 @@ def _scans_of(arrays: dict[str, Any], stamps: list[float]) -> Iterator[tuple[Mot
         ends, arrays["counts"], arrays["numbers"].tolist(), arrays["mapped_at"]
     ):
         part = slice(end - count, end)
-        c, s = np.cos(pose[2]), np.sin(pose[2])
-        sensor = Pose(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array([*pose[:2], 0.0]))
+        sensor = Pose.planar(*pose)
         starts = placed(pose, arrays["starts"][part].astype(np.float64))
         one = len(starts) and (arrays["starts"][part] == arrays["starts"][part][0]).all()
         sigmas = arrays["sigmas"][part]
@@ -147,7 +146,3 @@ def _scans_of(arrays: dict[str, Any], stamps: list[float]) -> Iterator[tuple[Mot
             heading=float(pose[2]),
         )
         yield Motion(float(number), sensor, sensor, Pose.identity()), scan, number
-
-
-def _yaw(pose: Pose) -> float:
-    return float(np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0]))

@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike
 
 from ndtree.alignment.aligned_log import moved
 from ndtree.alignment.online import OnlineAlignment
-from ndtree.alignment.planar import Floats, between, composed, pose_of, seen_from
+from ndtree.alignment.planar import Floats, between, composed, in_space, pose_of, seen_from
+from ndtree.alignment.result import Alignment
 from ndtree.alignment.sensor_scans import pose_in_log
 from ndtree.base.scan import Scan
 from ndtree.live.corrections import Correction, Corrections, Motion
@@ -114,8 +115,8 @@ class Slam:
     def _found(self, scan: Scan, at: Floats) -> Floats | None:
         """The covariance of where the sensor is in the earlier map, if it is found there."""
         assert self._localizer is not None
-        ends = scan.endpoints if scan.returned is None else scan.endpoints[scan.returned]
-        found = self._localizer.track(seen_from(at, ends.astype(np.float64)), at, scan.stamp)
+        ends = scan.returned_only().endpoints.astype(np.float64)
+        found = self._localizer.track(seen_from(at, ends), at, scan.stamp)
         if found.is_lost:
             return None
         self._localizer, self._offset = None, pose_of(found.map_odometry)
@@ -126,9 +127,9 @@ class Slam:
         assert self._online is not None
         number = float(len(self._online.track.poses) - 1)
         map_odometry = composed(pose, between(at, np.zeros(3)))
-        sensor, body = _spatial(pose), Pose.identity()
+        sensor, body = Pose.planar(*pose), Pose.identity()
         if motion is not None:
-            body = (_spatial(map_odometry) @ motion.odometry).inverse() @ sensor
+            body = (Pose.planar(*map_odometry) @ motion.odometry).inverse() @ sensor
         self._motion = Motion(number, sensor, sensor, body)
         robot = (sensor @ body.inverse()).level()
         self._located = Localization(
@@ -156,11 +157,7 @@ class Slam:
         poses = None if self._online is None else self._online.corrected()
         if poses is None:
             return []
-        zero = np.zeros(len(poses))
-        places = np.column_stack((poses[:, :2], zero))
-        half = 0.5 * poses[:, 2]
-        turns = np.column_stack((zero, zero, np.sin(half), np.cos(half)))
-        return [Correction(np.arange(len(poses)), places, turns, of="sensor")]
+        return [Correction(np.arange(len(poses)), *in_space(poses), of="sensor")]
 
     def finish(self) -> None:
         """Look for the last loops: nothing more comes."""
@@ -178,16 +175,22 @@ class Slam:
         """Why not to trust the poses; empty if no reason to doubt them."""
         if self._localizer is not None:
             return [f"{NOT_FOUND}: nothing is mapped"]
-        state = None if self._online is None else self._online.state
-        return [] if state is None else list(state.doubts)
+        return [] if self._state is None else list(self._state.doubts)
+
+    @property
+    def verdict(self) -> str:
+        """Whether poses are to be trusted: "sure", "doubtful", or "too early" to tell."""
+        return "doubtful" if self.doubts else "sure" if self._state is not None else "too early"
 
     def figures(self) -> dict[str, Any]:
         """For a script: the verdict, and what it stands on."""
-        state = None if self._online is None else self._online.state
-        found = {} if state is None else state.figures()
+        found = {} if self._state is None else self._state.figures()
         found.pop("seconds", None)
-        verdict = "doubtful" if self.doubts else "sure" if state is not None else "too early"
-        return {"verdict": verdict, **found, "doubts": self.doubts}
+        return {"verdict": self.verdict, **found, "doubts": self.doubts}
+
+    @property
+    def _state(self) -> Alignment | None:
+        return None if self._online is None else self._online.state
 
     def _drive(self) -> Any:
         if self._online is not None:
@@ -205,8 +208,3 @@ class Slam:
 def scans_beside(path: str | os.PathLike[str]) -> Path:
     """The file with the scans of a map in a file: office.scans.npz of office.ndt."""
     return Path(path).with_suffix(".scans.npz")
-
-
-def _spatial(pose: Floats) -> Pose:
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    return Pose(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array([*pose[:2], 0.0]))

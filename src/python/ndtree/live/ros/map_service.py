@@ -228,7 +228,7 @@ class MapService:
                     Level.warning, "use_sim_time is set, and nothing comes on /clock: no time passes"
                 )
         self._say_failures()
-        self._say_doubts(self._verdict)
+        self._say_doubts()
         for grid in self._grids:
             grid.welcome()
         return chosen
@@ -241,12 +241,13 @@ class MapService:
                 self._node.say(Level.error, f"{sink}: {error}")
         self._failed = failures
 
-    def _say_doubts(self, before: str) -> None:
+    def _say_doubts(self, *, again: bool = False) -> None:
         """Say whether poses are to be trusted where that is another than before."""
-        if self._slam is not None and (said := self._slam.figures())["verdict"] != before:
-            self._verdict = said["verdict"]
-            level = Level.warning if said["doubts"] else Level.info
-            self._node.say(level, "; ".join([f"poses are {self._verdict}", *said["doubts"]]))
+        if self._slam is None or (self._slam.verdict == self._verdict and not again):
+            return
+        self._verdict, doubts = self._slam.verdict, self._slam.doubts
+        level = Level.warning if doubts else Level.info
+        self._node.say(level, "; ".join([f"poses are {self._verdict}", *doubts]))
 
     def close(self, lost: int) -> None:
         """Map what has arrived, publish and save it, and say what became of scans.
@@ -266,7 +267,7 @@ class MapService:
         if self._server is not None:
             self._server.close()
         self._say_failures()
-        self._say_doubts("")
+        self._say_doubts(again=True)
         self.diagnose(lost)
         self._node.say(Level.info, f"{self.mapper.figures.summary()}, {lost} lost by the middleware")
 

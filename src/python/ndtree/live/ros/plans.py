@@ -10,6 +10,7 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped, Quaternion
 from nav_msgs.msg import Path
 
+from ndtree.live.localizing import quaternion_of_yaw
 from ndtree.live.mapper import LiveMapper
 from ndtree.live.ros.messages import header
 from ndtree.live.ros.middleware import Level, Middleware
@@ -59,7 +60,7 @@ def _message(points: Any, path: Any) -> Any:
         pose = PoseStamped(header=path.header)
         for axis, value in zip("xyz", point):
             setattr(pose.pose.position, axis, float(value))
-        yaw = math.atan2(way[1], way[0])
-        pose.pose.orientation = Quaternion(x=0.0, y=0.0, z=math.sin(0.5 * yaw), w=math.cos(0.5 * yaw))
+        x, y, z, w = quaternion_of_yaw(math.atan2(way[1], way[0]))
+        pose.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
         path.poses.append(pose)
     return path

@@ -57,12 +57,21 @@ class Pose:
         """The transform back."""
         return Pose(self.rotation.T, -rotated(self.rotation.T, self.position))
 
-    def level(self) -> Pose:
-        """The pose in the plane below: x, y and yaw of this one."""
-        yaw = math.atan2(self.rotation[1, 0], self.rotation[0, 0])
+    @staticmethod
+    def planar(x: float, y: float, yaw: float) -> Pose:
+        """From a place [m] and a yaw [rad] in the plane z = 0."""
         cos, sin = math.cos(yaw), math.sin(yaw)
         rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        return Pose(rotation, np.array([self.position[0], self.position[1], 0.0]))
+        return Pose(rotation, np.array([x, y, 0.0]))
+
+    @property
+    def yaw(self) -> float:
+        """[rad]"""
+        return math.atan2(self.rotation[1, 0], self.rotation[0, 0])
+
+    def level(self) -> Pose:
+        """The pose in the plane below: x, y and yaw of this one."""
+        return Pose.planar(self.position[0], self.position[1], self.yaw)
 
     def matrix(self, dim: int) -> Floats:
         """(dim + 1, dim + 1), as maps take poses; in 2-D of a level pose."""
