@@ -86,6 +86,14 @@ template <int D>
   return box.center.norm() + box.half_size.norm();
 }
 
+/// The farthest that a point of a body lies from its origin [m], or a little more.
+template <int D>
+[[nodiscard]] double reach_of(const Body<D>& body) {
+  double reach = 0.0;
+  for (const BodyPart<D>& part : body) reach = std::max(reach, reach_of(part));
+  return reach;
+}
+
 /// Squared distance between a segment and a closed box [m²]; 0 if they meet. Along the segment it is convex,
 /// and a parabola between the planes of the box: its slope is 0 where it is least, or changes its sign at an
 /// end.

@@ -228,7 +228,7 @@ class CoarseGuide {
   }
 
   /// Ways through cells that the coarse search has not come to are longer than its own; by how much is not
-  /// known: those that are longer by a twentieth are looked at later than all others.
+  /// known: a twentieth, so that they are looked at after the others.
   static constexpr double kBeyond = 1.05;
 
   CoarseSpace<Map> space_;

@@ -119,8 +119,7 @@ template <class Map>
   RegionStates states;
   states.occupied = true;
   states.unknown = unknown == UnknownSpace::occupied;
-  double extent = 0.0;
-  for (const BodyPart<D>& part : body) extent = std::max(extent, reach_of(part));
+  const double extent = reach_of(body);
   std::vector<std::vector<HalfSpace<D>>> result;
   for (std::size_t i = 0; i + 1 < path.size(); ++i) {
     checkpoint();

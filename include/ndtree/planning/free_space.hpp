@@ -32,6 +32,23 @@ struct PlaceCell {
   std::uint64_t number = 0;  ///< Of this cell alone, as long as nothing changes.
 };
 
+/// What two cells share: a face, if they lie side by side.
+template <int D>
+[[nodiscard]] Box<D> common_box(const PlaceCell<D>& a, const PlaceCell<D>& b) {
+  Box<D> box;
+  for (int k = 0; k < D; ++k) {
+    const auto i = static_cast<std::size_t>(k);
+    box.lower[k] = static_cast<double>(std::max(a.lower[i], b.lower[i]));
+    box.upper[k] = static_cast<double>(std::min(a.lower[i] + a.edge, b.lower[i] + b.edge));
+  }
+  return box;
+}
+/// The nearest point of a closed box.
+template <int D>
+[[nodiscard]] Vector<D> nearest_in(const Box<D>& box, const Vector<D>& point) {
+  return point.cwiseMax(box.lower).cwiseMin(box.upper);
+}
+
 /// The places where a body of one orientation meets no obstacle: a tree over the lattice of a map, divided by
 /// two, whose lower levels are bricks of bits. A cell is free if the body meets nothing from any point of the
 /// closed cell, which is exact for the body (BodyStencil), not for a ball around it. Nothing is built before

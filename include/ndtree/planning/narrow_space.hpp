@@ -130,15 +130,10 @@ class NarrowSpace {
     return !sweep_collides(map_, tested_, Vector<D>(from * unit_), Vector<D>(to * unit_), unknown_);
   }
   /// The nearest point of the side that two cells share.
-  [[nodiscard]] static Vector<D> on_face(const Cell& a, const Cell& b, Vector<D> point) {
-    for (int k = 0; k < D; ++k) {
-      const auto i = static_cast<std::size_t>(k);
-      point[k] = std::clamp(point[k], static_cast<double>(std::max(a.lower[i], b.lower[i])),
-                            static_cast<double>(std::min(a.lower[i] + a.edge, b.lower[i] + b.edge)));
-    }
-    return point;
+  [[nodiscard]] static Vector<D> on_face(const Cell& a, const Cell& b, const Vector<D>& point) {
+    return nearest_in(common_box(a, b), point);
   }
-  /// @param all or only those that are narrow.
+  /// @param all or only narrow cells.
   template <class Visit>
   void at_face(const LatticeBox<D>& face, bool all, const Visit& visit) {
     Lattice<D> at = face.lower;

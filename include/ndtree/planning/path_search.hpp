@@ -224,25 +224,15 @@ class PathSearch {
     return cell.passage == Passage::costly ? unknown_cost_ : 1.0;
   }
 
-  /// The face that two cells share.
-  [[nodiscard]] static Box<D> face_between(const Cell& a, const Cell& b) {
-    Box<D> face;
-    for (int k = 0; k < D; ++k) {
-      const auto i = static_cast<std::size_t>(k);
-      face.lower[k] = static_cast<double>(std::max(a.lower[i], b.lower[i]));
-      face.upper[k] = static_cast<double>(std::min(a.lower[i] + a.edge, b.lower[i] + b.edge));
-    }
-    return face;
-  }
   /// Where a way from a point to the goal goes through a face; to no goal, where it comes nearest.
   [[nodiscard]] Vector<D> point_on(const Box<D>& face, const Vector<D>& from) const {
-    if (!aims_) return from.cwiseMax(face.lower).cwiseMin(face.upper);
+    if (!aims_) return nearest_in(face, from);
     int axis = 0;
     while (axis < D - 1 && face.lower[axis] != face.upper[axis]) ++axis;
     const double before = std::abs(from[axis] - face.lower[axis]);
     const double after = std::abs(goal_[axis] - face.lower[axis]);
     const double fraction = before + after > 0.0 ? before / (before + after) : 0.0;
-    return (from + fraction * (goal_ - from)).cwiseMax(face.lower).cwiseMin(face.upper);
+    return nearest_in(face, Vector<D>(from + fraction * (goal_ - from)));
   }
 
   /// Makes sure that a node's parent is seen. @returns whether the node's turn has come, now that its cost is
@@ -283,7 +273,7 @@ class PathSearch {
   [[nodiscard]] Vector<D> entry(const Cell& from_cell, const Cell& cell, const Vector<D>& from) {
     if constexpr (Space::kTestsWays)
       if (space_.is_tested(from_cell, cell)) return space_.entry(from_cell, cell, from);
-    return point_on(face_between(from_cell, cell), from);
+    return point_on(common_box(from_cell, cell), from);
   }
   [[nodiscard]] double straight_cost(const Cell& cell, const Vector<D>& from, const Vector<D>& to) {
     if constexpr (Space::kTestsWays) {

@@ -80,7 +80,7 @@ class Planner {
     if (body_.empty()) throw std::invalid_argument("body: has no part");
     kept_away_ = inflated(body_, options_.clearance);
     tested_ = inflated(kept_away_, kOnBorder * unit());
-    for (const BodyPart<D>& part : body_) reach_ = std::max(reach_, reach_of(part));
+    reach_ = reach_of(body_);
     asked_ = {Vector<D>::Constant(0.0), Vector<D>::Constant(0.0)};
     rebuild(around(seen_));
   }
@@ -205,6 +205,10 @@ class Planner {
     const SegmentCost cost(*this);
     detail::PathShortener<D, SegmentCost>(cost).shorten(points);
   }
+  /// Why a search that had no more time has found none.
+  [[nodiscard]] static std::string out_of_time_after(std::size_t cells) {
+    return "out of time after " + std::to_string(cells) + " cells: there may be a way";
+  }
   [[nodiscard]] static std::chrono::steady_clock::time_point deadline_after(double seconds) {
     using Clock = std::chrono::steady_clock;
     if (!(seconds < 1e9)) return Clock::time_point::max();
@@ -227,7 +231,7 @@ class Planner {
     for (double reach = 2.0; reach <= kFarthestAnchor && found.empty(); reach *= 2.0) {
       std::vector<Anchor> candidates;
       space_->for_each_in(cells_near(at, reach), [&](const PlaceCell<D>& cell) {
-        const Vector<D> place = nearest_in(cell, at);
+        const Vector<D> place = nearest_in(common_box(cell, cell), at);
         candidates.push_back({place, cell, (place - at).norm()});
       });
       std::sort(candidates.begin(), candidates.end(), [](const Anchor& a, const Anchor& b) {
@@ -364,8 +368,7 @@ class Planner {
   }
   /// @param perhaps whether places are connected in which the body may be free.
   [[nodiscard]] std::string reason_for(const Query& query, const Path<D>& path, PathStatus perhaps) const {
-    if (path.status == PathStatus::out_of_time)
-      return "out of time after " + std::to_string(path.expanded) + " cells: there may be a way";
+    if (path.status == PathStatus::out_of_time) return out_of_time_after(path.expanded);
     for (const bool is_start : {true, false})
       if ((is_start ? query.from : query.to).empty())
         return std::string(is_start ? "the start" : "the goal") +
@@ -375,8 +378,7 @@ class Planner {
                  ? "the goal is in another part of free space than the start: there is no way, proved"
                  : "the goal is in another part of free space than the start, as far as smallest cells tell";
     return "the goal is in another part of free space than the start, but for gaps hardly wider than the "
-           "body, "
-           "in which no way was found";
+           "body, in which no way was found";
   }
 
   /// Makes sure that a place is one of those of interest.
@@ -429,7 +431,7 @@ class Planner {
       double least = reach;
       const LatticeBox<D> box = cells_near(at, reach);
       space_->for_each_in(box, [&](const PlaceCell<D>& cell) {
-        const Vector<D> place = nearest_in(cell, at);
+        const Vector<D> place = nearest_in(common_box(cell, cell), at);
         if (!((place - at).norm() <= least)) return;
         least = (place - at).norm();
         nearest = place;
@@ -449,14 +451,6 @@ class Planner {
       box.upper[a] = static_cast<std::int64_t>(std::ceil(at[static_cast<int>(a)] + reach)) + 1;
     }
     return box;
-  }
-  [[nodiscard]] static Vector<D> nearest_in(const PlaceCell<D>& cell, const Vector<D>& at) {
-    Vector<D> place;
-    for (int a = 0; a < D; ++a) {
-      const auto lower = static_cast<double>(cell.lower[static_cast<std::size_t>(a)]);
-      place[a] = std::clamp(at[a], lower, lower + static_cast<double>(cell.edge));
-    }
-    return place;
   }
 
   static constexpr double kWorthGap = 0.025;  // Of its length, that a way through gaps has to save.

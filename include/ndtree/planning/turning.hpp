@@ -39,9 +39,7 @@ namespace ndtree {
 template <class Map>
 [[nodiscard]] bool turn_collides(const Map& map, const Body<2>& body, const Vector<2>& at, double from,
                                  double to, UnknownSpace unknown = UnknownSpace::free) {
-  double reach = 0.0;
-  for (const BodyPart<2>& part : body) reach = std::max(reach, reach_of(part));
-  const double arc = reach * std::abs(to - from);
+  const double arc = reach_of(body) * std::abs(to - from);
   const double steps = std::max(1.0, std::ceil(4.0 * arc / map.tree().geometry().unit()));
   const Body<2> larger = inflated(body, 0.5 * arc / steps);
   Pose<2> pose;
@@ -52,6 +50,8 @@ template <class Map>
 }
 
 namespace detail {
+
+inline constexpr double kTurn = 2.0 * 3.14159265358979323846;  // [rad]
 
 /// Largest ball around the origin in one of the parts of a body; of radius 0 if the origin is in none.
 template <int D>
@@ -89,9 +89,12 @@ class TurningSpace {
 
   /// @param body kept away from obstacles, at heading 0.
   TurningSpace(const Map& map, std::vector<Layer>& layers, const Body<2>& body, UnknownSpace unknown)
-      : map_(map), layers_(layers), body_(body), unknown_(unknown), unit_(map.tree().geometry().unit()) {
-    for (const BodyPart<2>& part : body_) reach_ = std::max(reach_, reach_of(part) / unit_);
-  }
+      : map_(map),
+        layers_(layers),
+        body_(body),
+        unknown_(unknown),
+        unit_(map.tree().geometry().unit()),
+        reach_(reach_of(body) / unit_) {}
 
   [[nodiscard]] static std::size_t layer_of(const Cell& cell) { return cell.number >> kBits; }
   [[nodiscard]] static Anchor<2> in_layer(Anchor<2> anchor, std::size_t layer) {
@@ -101,13 +104,8 @@ class TurningSpace {
   [[nodiscard]] FreeSpace<Map>& cells_like(const Cell& cell) { return space_at(layer_of(cell)); }
   [[nodiscard]] static bool is_tested(const Cell& a, const Cell& b) { return layer_of(a) != layer_of(b); }
   /// Where it turns: the nearest place in both cells.
-  [[nodiscard]] static Vector<2> entry(const Cell& a, const Cell& b, Vector<2> point) {
-    for (std::size_t k = 0; k < 2; ++k) {
-      double& x = point[static_cast<int>(k)];
-      x = std::clamp(x, static_cast<double>(std::max(a.lower[k], b.lower[k])),
-                     static_cast<double>(std::min(a.lower[k] + a.edge, b.lower[k] + b.edge)));
-    }
-    return point;
+  [[nodiscard]] static Vector<2> entry(const Cell& a, const Cell& b, const Vector<2>& point) {
+    return nearest_in(common_box(a, b), point);
   }
   /// To where it turns, and as far as its outermost point moves then; infinite if it cannot turn.
   [[nodiscard]] double length_between(const Cell& from_cell, const Vector<2>& from, const Cell& cell,
@@ -141,7 +139,6 @@ class TurningSpace {
   }
   /// The smaller angle from one heading to another, in (-pi, pi].
   [[nodiscard]] static double turn_between(double from, double to) {
-    constexpr double kTurn = 2.0 * 3.14159265358979323846;
     const double turn = std::remainder(to - from, kTurn);
     return turn <= -0.5 * kTurn ? turn + kTurn : turn;
   }
@@ -156,7 +153,7 @@ class TurningSpace {
   const Body<2>& body_;
   UnknownSpace unknown_;
   double unit_;
-  double reach_ = 0.0;
+  double reach_;
 };
 
 /// One question of plan_turning().
@@ -203,7 +200,7 @@ class TurningSearch {
     if (path.status != PathStatus::found)
       path.reason =
           path.status == PathStatus::out_of_time
-              ? "out of time after " + std::to_string(path.expanded) + " cells: there may be a way"
+              ? Planner<Map>::out_of_time_after(path.expanded)
               : "no way at these headings through cells in which the body is free wherever it stands";
     return path;
   }
@@ -213,7 +210,6 @@ class TurningSearch {
 
   /// That of the start, and as many at equal angles; and that of the goal among them.
   void make_layers(const Vector<3>& start, const Vector<3>& goal) {
-    constexpr double kTurn = 2.0 * 3.14159265358979323846;
     if (!std::isfinite(start[2]) || !std::isfinite(goal[2]))
       throw std::invalid_argument("yaw: must be finite");
     double ahead = std::fmod(goal[2] - start[2], kTurn);

@@ -267,9 +267,7 @@ template <int D>
 template <class Map>
 [[nodiscard]] bool collides_between(const Map& map, const Body<Map::kDim>& body, const Pose<Map::kDim>& from,
                                     const Pose<Map::kDim>& to, UnknownSpace unknown = UnknownSpace::free) {
-  double reach = 0.0;
-  for (const auto& part : body) reach = std::max(reach, reach_of(part));
-  const double way = (to.translation - from.translation).norm() + reach * angle_between(from, to);
+  const double way = (to.translation - from.translation).norm() + reach_of(body) * angle_between(from, to);
   const double steps = std::max(1.0, std::ceil(2.0 * way / map.tree().geometry().unit()));
   for (double i = 0.0; i <= steps; i += 1.0)
     if (collides(map, body, between(from, to, i / steps), unknown)) return true;

@@ -99,7 +99,7 @@ class Graph:
         return len(self._submaps) - self._looked
 
     def close(self, progress: Progress = no_progress) -> bool:
-        """Look in older submaps for those that were not looked for yet; whether one was found."""
+        """Look for new submaps in older ones; whether one was found."""
         before = len(self.loops)
         for newer in range(self._looked, len(self._submaps)):
             found = [
@@ -237,7 +237,7 @@ class Graph:
 
 
 def _in_rows(way: Floats, is_whole: bool) -> list[range]:
-    """Key scans in submaps; of a way that goes on those that are complete."""
+    """Key scans in submaps; the last may be incomplete if the way `is_whole`."""
     rows: list[range] = []
     first = 0
     for key in range(1, len(way) + is_whole):

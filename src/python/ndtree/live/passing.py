@@ -110,7 +110,7 @@ def hide(
     places: NDArray[np.float64],
     published: tuple[NDArray[np.int8], tuple[float, float]] | None,
 ) -> None:
-    """Let pixels of a grid be free around places, but for those that were published as obstacles before.
+    """Let pixels of a grid be free around places, but for pixels that were published as obstacles.
 
     `values`: The grid, (rows, columns), which is changed.
     `origin`, `size`: Its lower corner and a pixel [m].
