@@ -13,6 +13,7 @@ import ndtree
 from ndtree.base.scan import Scan
 from ndtree.evaluation.sampling import spread
 from ndtree.tuning.agreement import disagreement
+from ndtree.tuning.revisits import surface_of
 
 SCANS, BEGIN = 480, 200
 
@@ -57,6 +58,34 @@ def test_a_robot_that_is_stuck_is_told_of(office: list[Scan]) -> None:
     found = disagreement(spread(standing(office, 0.02))[0])
     assert found is not None and abs(found.since - 0.2 * BEGIN) < 6.0
     assert found.error == pytest.approx(found.moved, rel=0.3)
+
+
+def corridor(step: float, angles: np.ndarray) -> list[Scan]:
+    """Scans on the way through a smooth corridor, 2 m wide, whose ends are out of sight."""
+    reach = 1.0 / np.abs(np.sin(angles))
+    local = np.column_stack((reach * np.cos(angles), np.sign(angles)))[reach < 14.0]
+    origins = [np.array([step * i, 0.0]) for i in range(160)]
+    return [Scan(local + at, at, stamp=0.1 * i, heading=0.0) for i, at in enumerate(origins)]
+
+
+@pytest.mark.parametrize(("beams", "step"), [(91, 0.12), (181, 0.06), (361, 0.17)])
+def test_a_corridor_that_looks_the_same_everywhere_contradicts_no_pose(beams: int, step: float) -> None:
+    """Each scan is the one before, in its sensor's frame, as if the robot had stood."""
+    angles = np.linspace(-1.99, 2.01, beams)
+    assert disagreement(spread(corridor(step, angles))[0]) is None
+
+
+def test_surfaces_are_filled_between_neighbouring_beams_alone() -> None:
+    wall = np.column_stack((3.0 / np.tan(np.linspace(0.3, 1.5, 16)), np.full(16, 3.0)))
+    filled = surface_of(wall)
+    assert np.allclose(filled[:16], wall) and np.allclose(filled[:, 1], 3.0)
+    assert np.diff(np.sort(filled[:, 0])).max() <= 0.2
+    door = np.delete(wall, [6, 7, 8], axis=0)  # Their beams did not return.
+    inside = surface_of(door)[:, 0]
+    assert not ((inside > wall[9, 0] + 0.01) & (inside < wall[5, 0] - 0.01)).any()
+    rods = np.column_stack((np.arange(16.0), np.where(np.arange(16) % 2, 2.0, 4.0)))
+    assert len(surface_of(rods)) == 16
+    assert len(surface_of(wall[:2])) == 2
 
 
 def test_what_a_run_does_not_show_says_nothing(office: list[Scan]) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ndtree._errors import Text, key
 from ndtree.base.scan import Scan
-from ndtree.tuning.revisits import ends_of, is_of_one_place, moved
+from ndtree.tuning.revisits import is_of_one_place, moved
 
 Floats = NDArray[np.float64]
 
@@ -113,5 +113,5 @@ def _error(first: Scan, last: Scan) -> tuple[float, float] | None:
     """How far the last scan has to be moved to fit the first, and how far the sensor went [m]."""
     if not is_of_one_place((first, last)):
         return None
-    error = moved(ends_of(first), last, _WINDOW, _CELL)
+    error = moved((first,), last, _WINDOW, _CELL)
     return None if error is None else (error, float(np.linalg.norm(last.origin - first.origin)))

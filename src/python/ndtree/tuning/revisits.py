@@ -16,8 +16,8 @@ import numpy as np
 
 from ndtree._errors import Text, key
 from ndtree._native._core import Matcher
-from ndtree.alignment.planar import Floats, pose_of, seen_from, wrapped
-from ndtree.alignment.sensor_scans import ends_to_match, pose_in_log, spread_evenly
+from ndtree.alignment.planar import Floats, placed, pose_of, wrapped
+from ndtree.alignment.sensor_scans import pose_in_log, sensor_scan, spread_evenly
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
 
@@ -34,6 +34,11 @@ _POINTS, _FEWEST = 200, 40  # Of a scan that is matched.
 _CELL = 0.1  # Of the grid of poses [m].
 _WINDOW = (1.0, 1.0, 0.2)  # [m, m, rad]; farther ones are not found.
 _SCORE = 0.5
+_AS_WELL = 0.9  # Of the best score: a pose that has it fits nearly as well.
+_BESIDE = 1.5  # Of the usual angle between two beams: they are neighbours.
+_IN_LINE = 0.03  # Off a line, end points are still on it [m].
+_SPARSE = 0.2  # Farther apart than this, end points are lonely, and what lies between them is missed [m].
+_STEP = 0.05  # Between places there [m].
 _KNOWN = 0.15  # Standard deviation [m] of a direction that the surroundings tell.
 
 
@@ -81,7 +86,7 @@ def drift(runs: Sequence[Sequence[Scan]]) -> Drift | None:
             for k in range(max(0, earlier - 1), min(later, earlier + 2))
             if np.linalg.norm(places[k] - places[earlier]) < _NEAR and abs(way[k] - way[earlier]) < 2 * _NEAR
         ]
-        seen = np.concatenate([ends_of(scan) for k in beside for scan in runs[k]])
+        seen = [scan for k in beside for scan in runs[k]]
         error = moved(seen, runs[later][0], _WINDOW, _CELL)
         if error is not None:
             errors.append(error)
@@ -95,23 +100,54 @@ def is_of_one_place(run: Sequence[Scan]) -> bool:
     return all(scan.dim == 2 and scan.origin.ndim == 1 and np.isfinite(scan.origin).all() for scan in run)
 
 
-def ends_of(scan: Scan) -> Floats:
-    """End points [m]."""
-    ends = scan.endpoints.astype(np.float64)
-    result: Floats = ends[ends_to_match(scan, np.linalg.norm(ends - scan.origin, axis=1), _MOST_RANGE)]
-    return result
+def moved(seen: Sequence[Scan], scan: Scan, window: tuple[float, float, float], cell: float) -> float | None:
+    """How far a scan has to be moved to fit what others saw [m], by a grid with cells [m].
 
-
-def moved(surfaces: Floats, scan: Scan, window: tuple[float, float, float], cell: float) -> float | None:
-    """How far a scan has to be moved to fit surfaces [m], by a grid with cells [m]; None if nothing tells."""
-    pose = pose_in_log(scan)
-    points = spread_evenly(seen_from(pose, ends_of(scan)), _POINTS)
-    if min(len(points), len(surfaces)) < _FEWEST:
+    Where it fits nearly as well as it is, it has not to be moved. None if nothing tells.
+    """
+    one = sensor_scan(scan, _MOST_RANGE)
+    points = spread_evenly(one.points, _POINTS)
+    others = [sensor_scan(other, _MOST_RANGE) for other in seen]
+    if min(len(points), sum(len(other.points) for other in others)) < _FEWEST:
         return None
-    match = Matcher(surfaces, cell_size=cell).match(points, pose, window=window)
+    matcher = Matcher(
+        np.concatenate([placed(other.pose, surface_of(other.points)) for other in others]), cell_size=cell
+    )
+    match = matcher.match(points, one.pose, window=window)
     if match.score < _SCORE or not match.is_unique:
         return None
-    error = (pose_of(np.asarray(match.pose)) - pose)[:2]
+    if matcher.score(points, one.pose) >= _AS_WELL * match.score:
+        return 0.0
+    error = (pose_of(np.asarray(match.pose)) - one.pose)[:2]
     variances, axes = np.linalg.eigh(np.asarray(match.covariance)[:2, :2])
     is_known = variances < _KNOWN**2
     return float(np.linalg.norm((axes.T @ error)[is_known])) if is_known.any() else None
+
+
+def surface_of(points: Floats) -> Floats:
+    """End points of one scan in its sensor's frame, in the order of the beams, and what lies between them.
+
+    End points alone are a pattern of the sensor's own, which fits the next scan best where the sensor has not
+    moved. Neighbouring beams whose end points lie in line with a third one's ended on one surface, which is
+    there between them, too.
+    """
+    if len(points) < 3:
+        return points
+    sides = np.diff(points, axis=0)
+    lengths = np.hypot(sides[:, 0], sides[:, 1])
+    turns = np.abs(wrapped(np.diff(np.arctan2(points[:, 1], points[:, 0]))))
+    is_beside = turns < _BESIDE * float(np.median(turns))
+    along = sides / np.maximum(lengths, np.finfo(float).tiny)[:, None]
+    normals = np.column_stack((-along[:, 1], along[:, 0]))
+    is_one = np.zeros(len(sides), dtype=bool)
+    off_before = np.abs((normals[1:] * sides[:-1]).sum(axis=1))
+    off_after = np.abs((normals[:-1] * sides[1:]).sum(axis=1))
+    is_one[1:] |= (off_before < _IN_LINE) & is_beside[:-1]
+    is_one[:-1] |= (off_after < _IN_LINE) & is_beside[1:]
+    counts = np.where(
+        is_one & is_beside & (lengths > _SPARSE), np.ceil(lengths / _STEP).astype(np.int64) - 1, 0
+    ).clip(0)
+    first = np.repeat(np.arange(len(sides)), counts)
+    steps = np.arange(1, len(first) + 1) - np.repeat(np.cumsum(counts) - counts, counts)
+    between = points[first] + sides[first] * (steps / (counts[first] + 1))[:, None]
+    return np.concatenate((points, between))
