@@ -143,3 +143,26 @@ def test_far_walls_in_images_are_as_thick_as_their_noise(tmp_path: Path) -> None
     assert thickness(wall_depth=np.inf) > 0.4
     assert thickness() < 0.3
     assert thickness(wall_depth=0.3) > thickness()
+
+
+@pytest.mark.parametrize("cell", [0.05, 0.1])
+@pytest.mark.parametrize("sigma", [0.001, 0.005])
+@pytest.mark.parametrize("half", [0.78, 0.82, 0.99])
+def test_walls_that_a_precise_sensor_grazes_stand(cell: float, sigma: float, half: float) -> None:
+    """A smooth corridor, seen on a short way: walls are met at 60 to 78 degrees, and passed more often."""
+    rng = np.random.default_rng(5)
+    m = both(cell, sigma)[0]
+    angles = np.radians(np.arange(-89.75, 90.0, 0.5))
+    directions = np.c_[np.cos(angles), np.sin(angles)]
+    ranges = half / np.abs(directions[:, 1])
+    met = []
+    for x in np.linspace(0.0, 1.5, 60):
+        near = ranges < 12.0
+        told = (ranges + rng.normal(0, sigma, len(ranges)))[near, None]
+        origin = np.array([x, 0.0])
+        m.insert(origin + directions[near] * told, origin)
+        met.append(origin + directions[near] * ranges[near, None])
+    wall = np.concatenate(met)
+    wall = wall[(wall[:, 0] > 2.5) & (wall[:, 0] < 3.8 * half + 1.0)]
+    lost = np.asarray(m.nearest_occupied(wall, max_distance=1.0).distance) > 1.5 * cell
+    assert len(wall) > 300 and np.mean(lost) < 0.02

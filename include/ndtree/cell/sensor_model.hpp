@@ -22,6 +22,10 @@ namespace ndtree {
 /// Standard deviations of a range that can be mapped.
 inline constexpr OptionBounds kRangeSigmaBounds{1e-9, 1e6, " m"};
 
+/// A surface is at least this thick, in standard deviations of a range, and as thick as a smallest cell: what
+/// passes a smallest cell within that before its end says nothing, as the surface may be anywhere in its row.
+inline constexpr double kThinnestSurface = 5.0 / 3.0;
+
 struct SensorOptions {
   double range_sigma = 0.03;           ///< Standard deviation of a range at the sensor [m].
   double range_sigma_quadratic = 0.0;  ///< Its growth with the squared range, for depth cameras [1/m].
@@ -57,8 +61,10 @@ class BeamSensorModel {
   /// The traversal goes on to range + kReachSigmas * sigma.
   static constexpr double kReachSigmas = 3.0;
 
-  explicit BeamSensorModel(const SensorOptions& options)
+  /// @param least_sigma a smaller standard deviation counts as this [m]; see kThinnestSurface.
+  explicit BeamSensorModel(const SensorOptions& options, double least_sigma = 0.0)
       : options_(options),
+        least_sigma_(least_sigma),
         cone_per_range_(static_cast<float>(2.0 * std::tan(0.5 * options.beam_divergence))),
         z_min_(normal_quantile(options.probability_min)),
         probability_min_(static_cast<float>(options.probability_min)),
@@ -71,7 +77,12 @@ class BeamSensorModel {
   /// Standard deviation of a measured range [m].
   template <class Doubles>
   [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles sigma(const Doubles& range) const {
-    return options_.range_sigma + unfused(options_.range_sigma_quadratic * range * range);
+    return at_least(Doubles(options_.range_sigma + unfused(options_.range_sigma_quadratic * range * range)));
+  }
+  /// A standard deviation [m], but not less than a surface in smallest cells has.
+  template <class Doubles>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles at_least(const Doubles& sigma) const {
+    return max_of(sigma, Doubles(least_sigma_));
   }
   /// Whether beams are cones: see cone_width().
   [[nodiscard]] bool has_cone() const { return cone_per_range_ > 0.0f; }
@@ -136,6 +147,7 @@ class BeamSensorModel {
   }
 
   SensorOptions options_;
+  double least_sigma_;
   float cone_per_range_;
   double z_min_;
   float probability_min_;

@@ -469,7 +469,7 @@ OccupancyMap<N, D, Refinement, Sensor>::OccupancyMap(const MapOptions& options, 
     : Cells(valid(options), std::move(tree), counters,
             Refinement::coarsest_level(-valid(options).num_levels(N))),
       refinement_(options),
-      sensor_(options) {
+      sensor_(options, Refinement::least_sigma(options)) {
   summarise_stale(tree_, *tree_.root().node, saturated());
 }
 

@@ -36,6 +36,7 @@ struct PaperRefinement {
   SameStateMergeRule merge_rule;
 
   explicit PaperRefinement(const MapOptions& options) : split_test(options), merge_rule(options) {}
+  [[nodiscard]] static double least_sigma(const MapOptions&) { return 0.0; }
 
   /// The level of the largest cells that beams update: 0 where cells adapt, the finest of a fixed map. Larger
   /// leaves are unknown space, and are divided before a beam updates what is in them, which is no split.
@@ -69,6 +70,10 @@ struct EvidenceRefinement {
   explicit EvidenceRefinement(const MapOptions& options)
       : model(options, options), coverage(options), split_test(options), merge_rule(options, model) {
     if (options.partial_probability > 0.0) partial_log_odds = log_odds(options.partial_probability);
+  }
+  /// Surfaces are as thick as a smallest cell, at least: see kThinnestSurface.
+  [[nodiscard]] static double least_sigma(const MapOptions& options) {
+    return options.min_cell_size / kThinnestSurface;
   }
 
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
@@ -170,6 +175,7 @@ struct FixedRefinement {
   using Update = FixedUpdate<Tree, FixedRefinement, Sensor>;
 
   explicit FixedRefinement(const MapOptions&) {}
+  [[nodiscard]] static double least_sigma(const MapOptions&) { return 0.0; }
 
   [[nodiscard]] static int coarsest_level(int finest_level) { return finest_level; }
   [[nodiscard]] static bool splits(const OccupancyCell&) { return false; }

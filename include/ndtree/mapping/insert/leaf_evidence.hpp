@@ -59,7 +59,7 @@ class LeafEvidence {
   /// Least distance from a hit's end point to the exit of its cell [standard deviations]. Without it a
   /// surface near the far border of its cell would give no evidence in any scan, as F(exit) is 1/2 there.
   static constexpr float kLeastBehindHit = 0.5f;
-  static constexpr float kWidestSigma = static_cast<float>(1.0 / ScanBeams<D>::kThinnestSurface);
+  static constexpr float kWidestSigma = static_cast<float>(1.0 / kThinnestSurface);
   static constexpr float kSmallCell = 2.0f;  // Standard deviations up to which a cell is small.
   static constexpr double kMeanChord = mean_chord_of_unit_cube(D);
   struct Size;

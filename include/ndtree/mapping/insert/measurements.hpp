@@ -58,7 +58,7 @@ class Measurements {
   }
   /// Standard deviation of the i-th beam's range [m]: the scan's own, else that of the sensor at this range.
   [[nodiscard]] double sigma(Eigen::Index i, double range) const {
-    return scan_.range_sigma == nullptr ? sensor_->sigma(range) : scan_.range_sigma[i];
+    return scan_.range_sigma == nullptr ? sensor_->sigma(range) : sensor_->at_least(scan_.range_sigma[i]);
   }
   /// Of the i-th beam at its length after the cut at max_range.
   [[nodiscard]] double sigma(Eigen::Index i, const Beam<D>& beam) const {
@@ -112,7 +112,9 @@ ScanSurvey<D> survey_exactly(const Geometry& geometry, const Measurements<D, Sen
     ++survey.count(beam.outcome);
     if (beam.outcome == BeamOutcome::invalid) continue;
     const double sigma = measurements.sigma(i, beam);
-    require_within(("range_sigma of beam " + std::to_string(i)).c_str(), sigma, kRangeSigmaBounds);
+    const auto* const own = measurements.scan().range_sigma;
+    require_within(("range_sigma of beam " + std::to_string(i)).c_str(), own == nullptr ? sigma : own[i],
+                   kRangeSigmaBounds);
     const double t_end = Sensor::t_end(beam, sigma);
     for (const Vector<D>& point : {beam.origin, beam.point(t_end), beam.free_end()}) {
       if (!geometry.in_reach(point))

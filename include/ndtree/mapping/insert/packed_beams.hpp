@@ -59,7 +59,6 @@ template <int D>
 class ScanBeams {
  public:
   static constexpr std::size_t kColumnsOfRay = sizeof(BeamRay<D>) / sizeof(float);
-  static constexpr double kThinnestSurface = 5.0 / 3.0;  ///< In standard deviations; see LeafEvidence.
 
   [[nodiscard]] std::size_t size() const { return size_; }
   /// Number of beams that loops take at a time: 1 if there are more beams than vectors of int32 can number.

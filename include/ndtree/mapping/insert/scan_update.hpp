@@ -184,7 +184,7 @@ class ScanUpdate {
     const auto margin = [&](double r) {
       const double sigma = sensor_.sigma(r);
       return Sensor::kReachSigmas * sigma + r - sensor_.clearly_free_until(r, sigma) +
-             ScanBeams<D>::kThinnestSurface * sigma;
+             kThinnestSurface * sigma;
     };
     return static_cast<float>(std::max(0.0, (margin(range) - margin(0.0)) / (range * range)));
   }
