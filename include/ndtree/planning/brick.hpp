@@ -86,6 +86,59 @@ class Brick {
   std::array<Row, std::size_t{kFirstRows[kLevels + 1]}> rows_{};
 };
 
+/// What a brick says of its cubes of kEdge^D smallest cells, a bit each, the first axis fastest.
+template <int D>
+struct CubeBits {
+  static constexpr int kLevel = 2;
+  static constexpr int kEdge = 1 << kLevel;
+  static constexpr int kPerAxis = Brick<D>::kEdge / kEdge;
+  using Place = std::array<int, std::size_t{D}>;
+
+  std::uint64_t any = 0;   ///< Some place in it is passable.
+  std::uint64_t free = 0;  ///< Some place in it is free.
+  /// Places are passable on both sides of its upper face on an axis, somewhere; 0 at the side of the brick.
+  std::array<std::uint64_t, std::size_t{D}> joined{};
+
+  [[nodiscard]] static std::uint64_t bit(const Place& cube) {
+    int number = 0;
+    for (std::size_t a = D; a-- > 0;) number = number * kPerAxis + cube[a];
+    return std::uint64_t{1} << number;
+  }
+  /// @param passable places, free or at a cost.
+  [[nodiscard]] static CubeBits of(const Brick<D>& free, const Brick<D>& passable) {
+    CubeBits bits;
+    for (int r = 0; r < Brick<D>::rows_of(0); ++r) {
+      const std::uint32_t row = passable.row(r);
+      const int shift = shift_of(r);
+      bits.any |= gathered(row) << shift;
+      bits.free |= gathered(free.row(r)) << shift;
+      bits.joined[0] |= gathered(row & row >> 1 & kLasts) << shift;
+      for (int a = 1, step = 1; a < D; ++a, step *= Brick<D>::kEdge) {
+        const int at = r / step % Brick<D>::kEdge;
+        if (at % kEdge == kEdge - 1 && at < Brick<D>::kEdge - 1)
+          bits.joined[static_cast<std::size_t>(a)] |= gathered(row & passable.row(r + step)) << shift;
+      }
+    }
+    return bits;
+  }
+
+ private:
+  static constexpr std::uint32_t kLasts = 0x88888888u;
+
+  /// Of the first cube in a row of places.
+  [[nodiscard]] static int shift_of(int row) {
+    constexpr int kBrick = Brick<D>::kEdge;
+    return kPerAxis * (row % kBrick / kEdge + (D == 3 ? kPerAxis * (row / kBrick / kEdge) : 0));
+  }
+  /// For each four bits, whether one of them is set.
+  [[nodiscard]] static std::uint64_t gathered(std::uint32_t row) {
+    row = (row | row >> 1 | row >> 2 | row >> 3) & 0x11111111u;
+    row = (row | row >> 3) & 0x03030303u;
+    row = (row | row >> 6) & 0x000f000fu;
+    return (row | row >> 12) & 0xffu;
+  }
+};
+
 /// Obstacles in a brick and as far around it as a stencil reaches: a bit for each smallest cell, in rows
 /// along the first axis.
 template <int D>

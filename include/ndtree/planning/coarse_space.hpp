@@ -31,8 +31,9 @@ class CoarseSpace {
   using Cell = PlaceCell<D>;
   static constexpr bool kHasWalls = true;
   static constexpr bool kTestsWays = false;
-  static constexpr int kLevel = 2;
-  static constexpr int kEdge = 1 << kLevel;
+  static constexpr Sight kSight = Sight::cells;
+  static constexpr int kLevel = CubeBits<D>::kLevel;
+  static constexpr int kEdge = CubeBits<D>::kEdge;
 
   explicit CoarseSpace(Space& space) : space_(space) {}
 
@@ -47,6 +48,7 @@ class CoarseSpace {
     const int level = Space::level_of(cell.edge);
     for (std::size_t a = 0; a < D; ++a)
       for (const int side : {0, 1}) {
+        if (level == kLevel && at_cube(cell, a, side, visit)) continue;
         Lattice<D> at = cell.lower;
         at[a] += side == 0 ? -cell.edge : cell.edge;
         if (!Space::is_in(at, space_.root_)) continue;
@@ -64,11 +66,14 @@ class CoarseSpace {
   /// Whether a way may lead from one cell to the next through a face.
   [[nodiscard]] bool are_joined(const Cell& from, const Cell& to, int axis, bool upwards) const {
     const auto a = static_cast<std::size_t>(axis);
+    if (from.edge == kEdge && to.edge == kEdge && node_of(from) == node_of(to))
+      return (cubes_of(node_of(from)).joined[a] & Cubes::bit(place_of(upwards ? from : to))) != 0;
     return (face_of(from, a, upwards ? 1 : 0) & face_of(to, a, upwards ? 0 : 1)) != 0;
   }
 
  private:
   using Brick = typename Space::Brick;
+  using Cubes = typename Space::Cubes;
   using State = typename Space::State;
   using Face = typename Space::Face;
   struct Found {
@@ -76,6 +81,19 @@ class CoarseSpace {
     CellIndex<D> index;
   };
 
+  /// The cube beside one in the same brick. @returns whether it is in it.
+  template <class Visit>
+  bool at_cube(const Cell& cell, std::size_t axis, int side, const Visit& visit) const {
+    typename Brick::Place cube = place_of(cell);
+    typename Brick::Place lower = cube;
+    cube[axis] += side == 0 ? -1 : 1;
+    if (cube[axis] < 0 || cube[axis] >= Cubes::kPerAxis) return false;
+    lower[axis] = std::min(lower[axis], cube[axis]);
+    const std::uint32_t number = node_of(cell);
+    if ((cubes_of(number).joined[axis] & Cubes::bit(lower)) == 0) return true;
+    visit(cube_of(number, Space::brick_index(cell.lower), cube));
+    return true;
+  }
   /// The node that is not divided, or of a level, and holds a place.
   [[nodiscard]] Found node_towards(const Lattice<D>& at, int level) {
     std::uint32_t& last = space_.last_brick_;
@@ -103,18 +121,24 @@ class CoarseSpace {
   }
   [[nodiscard]] Cell cube_of(std::uint32_t number, const CellIndex<D>& index,
                              const typename Brick::Place& cube) const {
-    const std::uint32_t brick = space_.nodes_[number].below;
-    Passage passage = Passage::blocked;
-    if (has_place(space_.free_[brick], cube))
-      passage = Passage::free;
-    else if (space_.has_costs_ && has_place(space_.costly_[brick], cube))
-      passage = Passage::costly;
+    const Cubes& cubes = cubes_of(number);
+    const std::uint64_t bit = Cubes::bit(cube);
+    const Passage passage = (cubes.free & bit) != 0  ? Passage::free
+                            : (cubes.any & bit) != 0 ? Passage::costly
+                                                     : Passage::blocked;
     return Space::brick_cell(number, index, kLevel, cube, passage);
   }
-  [[nodiscard]] static bool has_place(const Brick& brick, const typename Brick::Place& cube) {
-    std::uint32_t any = 0;
-    for_each_row(cube, [&](int row, const auto&) { any |= brick.row(row); });
-    return (any >> (cube[0] * kEdge) & kNibble) != 0;
+  [[nodiscard]] const Cubes& cubes_of(std::uint32_t number) const {
+    return space_.cubes_[space_.nodes_[number].below];
+  }
+  [[nodiscard]] static std::uint32_t node_of(const Cell& cell) {
+    return static_cast<std::uint32_t>(cell.number >> (Space::kBrickLevels * D));
+  }
+  [[nodiscard]] static typename Brick::Place place_of(const Cell& cell) {
+    typename Brick::Place cube;
+    for (std::size_t a = 0; a < D; ++a)
+      cube[a] = static_cast<int>(cell.lower[a] & (Brick::kEdge - 1)) >> kLevel;
+    return cube;
   }
   /// Calls `visit(row, offsets)` for each row of a cube, with its offset in the cube on axes 1 and 2.
   template <class Visit>
@@ -132,10 +156,8 @@ class CoarseSpace {
   /// Which places on a side of a cell are passable, a bit each; all of them in what is no cube of a brick.
   [[nodiscard]] std::uint32_t face_of(const Cell& cell, std::size_t axis, int side) const {
     if (cell.edge != kEdge) return ~std::uint32_t{0};
-    const auto& node = space_.nodes_[cell.number >> (Space::kBrickLevels * D)];
-    typename Brick::Place cube;
-    for (std::size_t a = 0; a < D; ++a)
-      cube[a] = static_cast<int>(cell.lower[a] & (Brick::kEdge - 1)) >> kLevel;
+    const auto& node = space_.nodes_[node_of(cell)];
+    const typename Brick::Place cube = place_of(cell);
     const int at = side == 0 ? 0 : kEdge - 1;
     std::uint32_t face = 0;
     for_each_row(cube, [&](int row, const typename Brick::Place& offset) {
@@ -190,14 +212,12 @@ class CoarseGuide {
   CoarseGuide(FreeSpace<Map>& space, double unknown_cost)
       : space_(space), search_(space_, unknown_cost, 1.0), has_costs_(space.has_costs()) {}
 
-  /// Points in smallest cells. @param most length that matters.
+  /// Points in smallest cells.
   PathStatus run(const std::vector<Anchor<D>>& from, const std::vector<Anchor<D>>& to, const Vector<D>& start,
-                 std::chrono::steady_clock::time_point deadline,
-                 double most = std::numeric_limits<double>::infinity()) {
+                 std::chrono::steady_clock::time_point deadline) {
     start_ = start;
     for (const Anchor<D>& anchor : to) search_.add_start(coarse(anchor));
     for (const Anchor<D>& anchor : from) search_.add_goal(coarse(anchor));
-    search_.forget_above(most);
     const PathStatus status = search_.run(start, deadline);
     if (status == PathStatus::found) length_ = search_.length();
     return status;
@@ -206,6 +226,11 @@ class CoarseGuide {
   [[nodiscard]] double length() const { return length_; }
   [[nodiscard]] std::size_t expanded() const { return search_.expanded(); }
   [[nodiscard]] std::size_t memory_bytes() const { return search_.memory_bytes(); }
+  /// As PathSearch's.
+  template <class Visit>
+  void for_each_expanded(const Visit& visit) const {
+    search_.for_each_expanded(visit);
+  }
   /// An estimate of what is left of the way from a point in a cell.
   [[nodiscard]] double left_from(const Cell& cell, const Vector<D>& point) {
     const std::uint64_t number = space_.cell_at(place_in(cell, point)).number;

@@ -13,6 +13,7 @@
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/planning/brick.hpp"
+#include "ndtree/planning/place_cell.hpp"
 #include "ndtree/planning/place_finder.hpp"
 #include "ndtree/tree/lattice.hpp"
 
@@ -22,32 +23,6 @@ namespace detail {
 template <class Map>
 class CoarseSpace;
 }  // namespace detail
-
-/// A cube of places of one passage, on the lattice of smallest cells.
-template <int D>
-struct PlaceCell {
-  Lattice<D> lower{};
-  std::int64_t edge = 0;
-  Passage passage = Passage::blocked;
-  std::uint64_t number = 0;  ///< Of this cell alone, as long as nothing changes.
-};
-
-/// What two cells share: a face, if they lie side by side.
-template <int D>
-[[nodiscard]] Box<D> common_box(const PlaceCell<D>& a, const PlaceCell<D>& b) {
-  Box<D> box;
-  for (int k = 0; k < D; ++k) {
-    const auto i = static_cast<std::size_t>(k);
-    box.lower[k] = static_cast<double>(std::max(a.lower[i], b.lower[i]));
-    box.upper[k] = static_cast<double>(std::min(a.lower[i] + a.edge, b.lower[i] + b.edge));
-  }
-  return box;
-}
-/// The nearest point of a closed box.
-template <int D>
-[[nodiscard]] Vector<D> nearest_in(const Box<D>& box, const Vector<D>& point) {
-  return point.cwiseMax(box.lower).cwiseMin(box.upper);
-}
 
 /// The places where a body of one orientation meets no obstacle: a tree over the lattice of a map, divided by
 /// two, whose lower levels are bricks of bits. A cell is free if the body meets nothing from any point of the
@@ -62,6 +37,7 @@ class FreeSpace {
   using Cell = PlaceCell<D>;
   static constexpr bool kHasWalls = false;   ///< Cells that share a face are always joined.
   static constexpr bool kTestsWays = false;  ///< A way through a side that cells share is free.
+  static constexpr detail::Sight kSight = detail::Sight::cells_and_walk;
 
   /// @param map outlives this, see set_map(). @param body in its orientation. @param unknown_cost of a metre
   /// in unknown space: infinite if it is an obstacle, 1 if it is free. @param around box that holds all
@@ -82,7 +58,7 @@ class FreeSpace {
   [[nodiscard]] const LatticeBox<D>& limits() const { return limits_; }
   [[nodiscard]] std::size_t memory_bytes() const {
     return nodes_.capacity() * sizeof(Node) + free_.capacity() * sizeof(Brick) +
-           costly_.capacity() * sizeof(Brick);
+           costly_.capacity() * sizeof(Brick) + cubes_.capacity() * sizeof(Cubes);
   }
   [[nodiscard]] bool has_costs() const { return has_costs_; }
 
@@ -133,13 +109,13 @@ class FreeSpace {
         if (nodes_[number].state == State::brick && level < kBrickLevels)
           at_face_in_brick(number, index, level, other.lower, face, visit);
         else
-          at_face(number, index, face, visit);
+          descend(number, index, face, visit);
       }
   }
   /// Calls `visit(cell)` for each cell that is not blocked and overlaps a box.
   template <class Visit>
   void for_each_in(const LatticeBox<D>& box, const Visit& visit) {
-    for_each_in(0, root_, box, visit);
+    if (box.overlaps(root_, std::int64_t{1} << root_.level)) descend(0, root_, Within{box}, visit);
   }
 
   /// Obstacles, or what was none, came or went in a box: what depends on it is looked at again when it is
@@ -155,6 +131,7 @@ class FreeSpace {
     last_brick_ = kNoNode;
     free_.clear();
     costly_.clear();
+    cubes_.clear();
     unused_nodes_.clear();
     unused_bricks_.clear();
     // Two halves that lie where they would for any limits: so do all cells below.
@@ -170,6 +147,7 @@ class FreeSpace {
  private:
   friend class detail::CoarseSpace<Map>;
   using Brick = detail::Brick<D>;
+  using Cubes = detail::CubeBits<D>;
   using Place = typename Brick::Place;
   static constexpr int kBrickLevels = Brick::kLevels;
   static constexpr std::uint64_t kOutside = ~std::uint64_t{0};
@@ -248,6 +226,15 @@ class FreeSpace {
   struct Face {
     std::size_t axis;
     int side;
+    [[nodiscard]] bool keeps(const CellIndex<D>&, unsigned j) const {
+      return static_cast<int>(j >> axis & 1u) == side;
+    }
+  };
+  struct Within {
+    const LatticeBox<D>& box;
+    [[nodiscard]] bool keeps(const CellIndex<D>& part, unsigned) const {
+      return box.overlaps(part, std::int64_t{1} << part.level);
+    }
   };
   [[nodiscard]] static int level_of(std::int64_t edge) {
     int level = 0;
@@ -263,17 +250,18 @@ class FreeSpace {
       if (at[a] < index.lower[a] || at[a] >= index.lower[a] + (std::int64_t{1} << index.level)) return false;
     return true;
   }
-  /// Cells that are not blocked in a node, at one side of it.
-  template <class Visit>
-  void at_face(std::uint32_t number, const CellIndex<D>& index, const Face& face, const Visit& visit) {
+  /// Calls `visit(cell)` for each cell that is not blocked, in a node and those parts of it that a filter
+  /// keeps: `keeps(part, its child number)`.
+  template <class Filter, class Visit>
+  void descend(std::uint32_t number, const CellIndex<D>& index, const Filter& filter, const Visit& visit) {
     this->visit(number, index);
     const Node node = nodes_[number];
     if (node.state == State::divided) {
       for (unsigned j = 0; j < 1u << D; ++j)
-        if (static_cast<int>(j >> face.axis & 1u) == face.side)
-          at_face(node.below + j, child(index, j), face, visit);
+        if (const CellIndex<D> below = child(index, j); filter.keeps(below, j))
+          descend(node.below + j, below, filter, visit);
     } else if (node.state == State::brick) {
-      within_brick(number, node.below, index, kBrickLevels, Place{}, face, visit);
+      within_brick(number, node.below, index, kBrickLevels, Place{}, filter, visit);
     } else if (node.state != State::blocked) {
       visit(node_cell(number, index, node.state));
     }
@@ -298,60 +286,23 @@ class FreeSpace {
     }
     within_brick(number, brick, index, level, place, face, visit);
   }
-  template <class Visit>
+  template <class Filter, class Visit>
   void within_brick(std::uint32_t number, std::uint32_t brick, const CellIndex<D>& index, int level,
-                    const Place& place, const Face& face, const Visit& visit) const {
+                    const Place& place, const Filter& filter, const Visit& visit) const {
     if (free_[brick].get(level, place)) {
       visit(brick_cell(number, index, level, place, Passage::free));
     } else if (has_costs_ && costly_[brick].get(level, place)) {
       visit(brick_cell(number, index, level, place, Passage::costly));
     } else if (level > 0) {
       for (unsigned j = 0; j < 1u << D; ++j) {
-        if (static_cast<int>(j >> face.axis & 1u) != face.side) continue;
         Place below;
         for (std::size_t a = 0; a < D; ++a) below[a] = 2 * place[a] + static_cast<int>(j >> a & 1u);
-        within_brick(number, brick, index, level - 1, below, face, visit);
+        const CellIndex<D> part{brick_cell(number, index, level - 1, below, Passage::free).lower, level - 1};
+        if (filter.keeps(part, j)) within_brick(number, brick, index, level - 1, below, filter, visit);
       }
     }
   }
 
-  template <class Visit>
-  void for_each_in(std::uint32_t number, const CellIndex<D>& index, const LatticeBox<D>& box,
-                   const Visit& visit) {
-    if (!box.overlaps(index, std::int64_t{1} << index.level)) return;
-    this->visit(number, index);
-    const Node node = nodes_[number];
-    if (node.state == State::divided) {
-      for (unsigned j = 0; j < 1u << D; ++j) for_each_in(node.below + j, child(index, j), box, visit);
-    } else if (node.state == State::brick) {
-      Place lower, upper;
-      for (std::size_t a = 0; a < D; ++a) {
-        lower[a] = static_cast<int>(std::max<std::int64_t>(box.lower[a] - index.lower[a], 0));
-        upper[a] = static_cast<int>(std::min<std::int64_t>(box.upper[a] - index.lower[a], Brick::kEdge)) - 1;
-      }
-      for_each_in_brick(number, node.below, index, kBrickLevels, Place{}, lower, upper, visit);
-    } else if (node.state != State::blocked) {
-      visit(node_cell(number, index, node.state));
-    }
-  }
-  template <class Visit>
-  void for_each_in_brick(std::uint32_t number, std::uint32_t brick, const CellIndex<D>& index, int level,
-                         const Place& place, const Place& lower, const Place& upper,
-                         const Visit& visit) const {
-    for (std::size_t a = 0; a < D; ++a)
-      if (place[a] < lower[a] >> level || place[a] > upper[a] >> level) return;
-    if (free_[brick].get(level, place)) {
-      visit(brick_cell(number, index, level, place, Passage::free));
-    } else if (has_costs_ && costly_[brick].get(level, place)) {
-      visit(brick_cell(number, index, level, place, Passage::costly));
-    } else if (level > 0) {
-      for (unsigned j = 0; j < 1u << D; ++j) {
-        Place below;
-        for (std::size_t a = 0; a < D; ++a) below[a] = 2 * place[a] + static_cast<int>(j >> a & 1u);
-        for_each_in_brick(number, brick, index, level - 1, below, lower, upper, visit);
-      }
-    }
-  }
   [[nodiscard]] static CellIndex<D> child(CellIndex<D> index, unsigned j) {
     --index.level;
     for (std::size_t a = 0; a < D; ++a) index.lower[a] += std::int64_t{j >> a & 1u} << index.level;
@@ -394,10 +345,15 @@ class FreeSpace {
       unused_bricks_.pop_back();
     } else {
       free_.emplace_back();
+      cubes_.emplace_back();
       if (has_costs_) costly_.emplace_back();
     }
     free_[brick] = free;
-    if (has_costs_) costly_[brick] = costly;
+    if (has_costs_) {
+      costly_[brick] = costly;
+      for (int r = 0; r < Brick::rows_of(0); ++r) costly.row(r) |= free.row(r);
+    }
+    cubes_[brick] = Cubes::of(free, has_costs_ ? costly : free);
     nodes_[number] = {brick, State::brick};
   }
   void forget(std::uint32_t number, const CellIndex<D>& index, const LatticeBox<D>& places) {
@@ -425,6 +381,7 @@ class FreeSpace {
   std::vector<Node> nodes_;
   std::vector<Brick> free_;
   std::vector<Brick> costly_;
+  std::vector<Cubes> cubes_;
   std::uint32_t last_brick_ = kNoNode;  // Where the last cell was looked for: the next is likely there.
   CellIndex<D> last_index_;
   std::vector<std::uint32_t> unused_nodes_;

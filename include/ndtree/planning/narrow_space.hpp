@@ -49,6 +49,7 @@ class NarrowSpace {
   using Cell = PlaceCell<D>;
   static constexpr bool kHasWalls = false;
   static constexpr bool kTestsWays = true;
+  static constexpr Sight kSight = Sight::cells_and_walk;
 
   /// @param sure cells that are free wherever the body stands. @param possible all that may be free.
   /// @param tested the body, as much larger as it shall stay away from obstacles.

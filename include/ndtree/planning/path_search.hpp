@@ -17,39 +17,27 @@
 
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/planning/cone.hpp"
 #include "ndtree/planning/free_space.hpp"
+#include "ndtree/planning/goal_flood.hpp"
 #include "ndtree/planning/number_table.hpp"
+#include "ndtree/planning/path.hpp"
 #include "ndtree/planning/place_walk.hpp"
 
-namespace ndtree {
-
-/// How a search for a path ended: with one; without, as all that can be reached was looked at; without, as
-/// there was no time left.
-enum class PathStatus { found, none, out_of_time };
-
-namespace detail {
+namespace ndtree::detail {
 
 /// Straight to the goal: what a search without a guide takes for what is left of the way.
 struct NoGuide {};
 
-/// A place in a cell of free space where a path may begin or end, and the way from there to the pose itself,
-/// which may lie in a cell that is not free as a whole.
-template <int D>
-struct Anchor {
-  Vector<D> point;  ///< In smallest cells.
-  PlaceCell<D> cell;
-  double way = 0.0;      ///< To the pose, in smallest cells.
-  std::size_t goal = 0;  ///< Of several, which one it belongs to.
-};
-
 /// Lazy Theta* (Nash, Koenig, Tovey, AAAI 2010) over the cells of a free space. A node is a cell, and a point
 /// on the face through which it was entered: where the straight way from the node's parent to the goal, or
 /// its reflection, meets the face. A new node takes the parent of the node that it was reached from, as if
-/// one saw the other; whether it does is looked at when the node is expanded. If not, the best of the
-/// expanded cells beside takes its place: a cell is convex, so its own point sees every point of its faces,
-/// and no edge needs a test, but between cells of which the space says so. Invariant: the way from an
-/// expanded node to its parent is free. Points and costs are in smallest cells. A guide tells what is left of
-/// the way, else it is the straight line. O(cells expanded · (cells beside + cells on a straight way)).
+/// one saw the other; whether it does is looked at when the node is expanded, first through the faces on the
+/// way here (Cone), then, as the space says, by a walk. If not, the best of the expanded cells beside takes
+/// its place: a cell is convex, so its own point sees every point of its faces, and no edge needs a test, but
+/// between cells of which the space says so. Invariant: the way from an expanded node to its parent is free.
+/// Points and costs are in smallest cells. A guide tells what is left of the way, else it is the straight
+/// line. O(cells expanded · (cells beside + cells on a straight way)).
 template <class Space, class Guide = NoGuide>
 class PathSearch {
  public:
@@ -58,9 +46,9 @@ class PathSearch {
 
   /// @param greed factor of what is left of the way, >= 1: above 1, fewer cells are expanded.
   PathSearch(Space& space, double unknown_cost, double greed, Guide* guide = nullptr)
-      : space_(space), unknown_cost_(unknown_cost), greed_(greed), guide_(guide) {}
-  /// Ways that are longer do not matter.
-  void forget_above(double most) { most_ = most; }
+      : space_(space), flood_(space), unknown_cost_(unknown_cost), greed_(greed), guide_(guide) {}
+  /// As if there was no way, once it has looked at this many cells.
+  void end_after(std::size_t most_cells) { most_cells_ = most_cells; }
 
   void add_start(const Anchor<D>& anchor) {
     std::uint32_t& number = numbers_[anchor.cell.number];
@@ -84,10 +72,7 @@ class PathSearch {
   PathStatus run(const Vector<D>& goal, std::chrono::steady_clock::time_point deadline) {
     goal_ = goal;
     aims_ = true;
-    for (const Anchor<D>& anchor : goals_) {
-      flood_.push_back(anchor.cell);
-      flooded_[anchor.cell.number] = 0;
-    }
+    for (const Anchor<D>& anchor : goals_) flood_.add(anchor.cell);
     return run(deadline, [](std::size_t) { return true; });
   }
   /// Searches for all of `count` goals, without a direction. @param found called with the number of each goal
@@ -96,7 +81,7 @@ class PathSearch {
   PathStatus run_to_all(std::size_t count, std::chrono::steady_clock::time_point deadline,
                         const Found& found) {
     aims_ = false;
-    next_flood_ = 0;
+    next_flood_ = 0;  // Never.
     std::vector<bool> is_left(count, false);
     for (const Anchor<D>& anchor : goals_) is_left[anchor.goal] = true;
     auto left = std::count(is_left.begin(), is_left.end(), true);
@@ -135,20 +120,17 @@ class PathSearch {
   template <class Visit>
   void for_each_back(const Visit& visit) const {
     for (std::uint32_t number = end_;; number = nodes_[number].parent) {
-      visit(nodes_[number].point, nodes_[number].cell);
-      if (nodes_[number].parent == number) return;
+      const Node& node = nodes_[number];
+      visit(node.point, node.cell);
+      if constexpr (Space::kTestsWays)
+        if (node.bend) visit(*node.bend, node.cell);
+      if (node.parent == number) return;
     }
   }
   /// From the first anchor to the last, in smallest cells. @pre the search has found a path.
   [[nodiscard]] std::vector<Vector<D>> path() const {
     std::vector<Vector<D>> points;
-    std::uint32_t number = end_;
-    for (;; number = nodes_[number].parent) {
-      points.push_back(nodes_[number].point);
-      if constexpr (Space::kTestsWays)
-        if (nodes_[number].bend) points.push_back(*nodes_[number].bend);
-      if (nodes_[number].parent == number) break;
-    }
+    for_each_back([&](const Vector<D>& point, const Cell&) { points.push_back(point); });
     std::reverse(points.begin(), points.end());
     return points;
   }
@@ -170,6 +152,7 @@ class PathSearch {
     bool is_certain = false;
     bool is_expanded = false;
     Bend bend{};
+    Cone<D> seen;  // What the parent sees through the cells on the way here.
   };
   struct Entry {
     double total;
@@ -197,10 +180,16 @@ class PathSearch {
         if (is_last(goals_[node.goal].goal)) return PathStatus::found;
         continue;
       }
+      if (expanded_ == most_cells_) return PathStatus::none;
       expand(entry.number);
       if ((++expanded_ & 63u) == 0 && std::chrono::steady_clock::now() > deadline)
         return PathStatus::out_of_time;
-      if (expanded_ == next_flood_ && !may_be_reached()) return PathStatus::none;
+      if (expanded_ == next_flood_) {
+        const auto met = [&](const Cell& cell) { return numbers_.find(cell.number) != NumberTable::kNone; };
+        const Joined joined = flood_.run(expanded_ / 4, met);
+        if (joined == Joined::no) return PathStatus::none;
+        next_flood_ = joined == Joined::yes ? 0 : 2 * next_flood_;
+      }
     }
     return PathStatus::none;
   }
@@ -218,7 +207,7 @@ class PathSearch {
   void push(std::uint32_t number) {
     Node& node = nodes_[number];
     node.total = node.cost + left_from(node, node.point);
-    if (node.total < most_) open_.push({node.total, number});
+    open_.push({node.total, number});
   }
   [[nodiscard]] double rate(const Cell& cell) const {
     return cell.passage == Passage::costly ? unknown_cost_ : 1.0;
@@ -241,9 +230,14 @@ class PathSearch {
     Node& node = nodes_[number];
     const Node& parent = nodes_[node.parent];
     node.bend = {};
-    double best = is_tested(node.cell, parent.cell)
-                      ? std::numeric_limits<double>::infinity()
-                      : parent.cost + straight_cost(node.cell, node.point, parent.point);
+    const Vector<D> way = node.point - parent.point;
+    const bool is_seen = looks_through_cells() && node.seen.contains(way);
+    double best =
+        is_seen ? parent.cost + way.norm()
+        : (looks_through_cells() && Space::kSight == Sight::cells) || is_tested(node.cell, parent.cell)
+            ? std::numeric_limits<double>::infinity()
+            : parent.cost + straight_cost(node.cell, node.point, parent.point);
+    if (!is_seen) node.seen = Cone<D>::empty();  // Only the point may be.
     if (!(best <= node.cost + kEqual)) {
       const double through = cost_through(node.cell, node.point, nodes_[node.via], node.bend);
       if (through < best) {
@@ -251,6 +245,7 @@ class PathSearch {
         node.parent = node.via;
       }
       if (node.goal == kNoGoal) best = try_beside(node, best);
+      look(node);
       if (!std::isfinite(best)) {  // It may still be reached through another cell.
         node.cost = node.total = best;
         return false;
@@ -263,6 +258,18 @@ class PathSearch {
     if (total <= before + kEqual || open_.empty() || total <= open_.top().total) return true;
     push(number);
     return false;
+  }
+  /// Costs on a way are only known from a walk along it.
+  [[nodiscard]] bool looks_through_cells() const {
+    return Space::kSight != Sight::walk && (unknown_cost_ == 1.0 || !std::isfinite(unknown_cost_));
+  }
+  /// What is seen from the cell beside that a node was reached from, if that is its parent.
+  void look(Node& node) {
+    const Node& parent = nodes_[node.parent];
+    node.seen = Cone<D>::empty();
+    if (node.parent != node.via || is_tested(node.cell, parent.cell) || node.goal != kNoGoal) return;
+    node.seen = Cone<D>();
+    node.seen.narrow(common_box(parent.cell, node.cell), parent.point);
   }
   /// Whether a way from one cell to another is only free if the space says so.
   [[nodiscard]] bool is_tested(const Cell& a, const Cell& b) const {
@@ -327,7 +334,14 @@ class PathSearch {
         nodes_.back().cell = beside;
       }
       if (nodes_[found].is_expanded) return;
-      offer(found, number, parent, cost, from, entry(node.cell, beside, from));
+      const Box<D> face = common_box(node.cell, beside);
+      Cone<D> seen = node.seen;
+      if (is_tested(node.cell, beside))
+        seen = Cone<D>::empty();
+      else
+        seen.narrow(face, from);
+      offer(found, {number, parent, cost, from}, seen.moved_into(entry(node.cell, beside, from), face, from),
+            seen);
     });
     if (goal_numbers_.find(node.cell.number) == NumberTable::kNone) return;
     for (std::size_t i = 0; i < goals_.size(); ++i) {
@@ -336,53 +350,37 @@ class PathSearch {
       nodes_.emplace_back();
       nodes_.back().cell = node.cell;
       nodes_.back().goal = static_cast<std::uint32_t>(i);
-      offer(goal, number, parent, cost, from, goals_[i].point);
+      offer(goal, {number, parent, cost, from}, goals_[i].point, node.seen);
     }
   }
-  void offer(std::uint32_t number, std::uint32_t via, std::uint32_t parent, double parent_cost,
-             const Vector<D>& from, const Vector<D>& point) {
+  /// Through a node, straight on from its parent.
+  struct Way {
+    std::uint32_t via, parent;
+    double cost;     // As far as the parent.
+    Vector<D> from;  // Where that is.
+  };
+  void offer(std::uint32_t number, const Way& way, const Vector<D>& point, const Cone<D>& seen) {
     Node& node = nodes_[number];
-    const double cost = parent_cost + (point - from).norm();
+    const double cost = way.cost + (point - way.from).norm();
     const double total = cost + left_from(node, point);
     if (!(total < node.total - kEqual)) return;
     node.point = point;
     node.cost = cost;
-    node.parent = parent;
-    node.via = via;
+    node.parent = way.parent;
+    node.via = way.via;
+    node.seen = seen;
     node.is_certain = false;
     push(number);
-  }
-
-  /// Goes on from the goal's side, as far as the search has come from the other: if that ends, nothing leads
-  /// to the goal. @returns whether something may.
-  bool may_be_reached() {
-    next_flood_ *= 2;
-    while (flood_at_ < flood_.size() && flood_at_ < expanded_) {
-      const Cell cell = flood_[flood_at_++];
-      pace_.spend(20);
-      const std::uint32_t found = numbers_.find(cell.number);
-      if (found != NumberTable::kNone) {
-        next_flood_ = 0;  // It is connected: never again.
-        flood_.clear();
-        return true;
-      }
-      space_.for_each_beside(cell, [&](const Cell& beside) {
-        std::uint32_t& seen = flooded_[beside.number];
-        if (seen != NumberTable::kNone) return;
-        seen = 0;
-        flood_.push_back(beside);
-      });
-    }
-    return flood_at_ < flood_.size();
   }
 
   static constexpr double kEqual = 1e-9;  // Costs nearer than this, in smallest cells, are the same.
 
   Space& space_;
+  GoalFlood<Space> flood_;
   double unknown_cost_;
   double greed_;
   Guide* guide_;
-  double most_ = std::numeric_limits<double>::infinity();
+  std::size_t most_cells_ = ~std::size_t{0};
   Vector<D> goal_ = Vector<D>::Zero();
   bool aims_ = false;  // At one goal.
   std::vector<Node> nodes_;
@@ -391,14 +389,10 @@ class PathSearch {
   std::vector<std::uint32_t> starts_;
   std::vector<Anchor<D>> goals_;
   NumberTable goal_numbers_;
-  std::vector<Cell> flood_;  // From the goal on.
-  std::size_t flood_at_ = 0;
-  NumberTable flooded_;
   std::size_t next_flood_ = 512;
   std::size_t expanded_ = 0;
   std::uint32_t end_ = 0;
   Pace pace_;
 };
 
-}  // namespace detail
-}  // namespace ndtree
+}  // namespace ndtree::detail

@@ -15,13 +15,10 @@
 #include "ndtree/core/types.hpp"
 #include "ndtree/planning/body_stencil.hpp"
 #include "ndtree/planning/brick.hpp"
+#include "ndtree/planning/place_cell.hpp"
 #include "ndtree/tree/lattice.hpp"
 
 namespace ndtree {
-
-/// What a body may do at a place: not be there, be there at a cost because it may touch unknown space, or be
-/// there.
-enum class Passage : std::uint8_t { blocked, costly, free };
 
 namespace detail {
 

@@ -22,49 +22,16 @@
 #include "ndtree/planning/corridor.hpp"
 #include "ndtree/planning/free_space.hpp"
 #include "ndtree/planning/narrow_space.hpp"
+#include "ndtree/planning/path.hpp"
 #include "ndtree/planning/path_search.hpp"
 #include "ndtree/planning/place_walk.hpp"
+#include "ndtree/planning/places_near.hpp"
 #include "ndtree/planning/shorten.hpp"
 #include "ndtree/planning/sweep.hpp"
-#include "ndtree/query/cells.hpp"
 #include "ndtree/query/changes.hpp"
 #include "ndtree/query/collision.hpp"
 
 namespace ndtree {
-
-/// How a path is searched for.
-struct PlannerOptions {
-  double clearance = 0.0;  ///< That the body keeps from obstacles, at least [m].
-  double unknown_cost =
-      std::numeric_limits<double>::infinity();  ///< Of a metre where the body may touch unknown
-                                                ///< space; infinite: it is an obstacle, 1: free.
-  double greed =
-      1.03;  ///< Factor of the way that is left, >= 1: how much sooner the search heads for the goal.
-
-  /// @throws std::invalid_argument naming the value.
-  void validate() const {
-    const auto require = [](bool holds, const char* name, double value, const char* what) {
-      if (!holds)
-        throw std::invalid_argument(std::string(name) + " = " + describe_number(value) + ": " + what);
-    };
-    require(clearance >= 0.0 && std::isfinite(clearance), "clearance", clearance,
-            "must be >= 0 m and finite");
-    require(unknown_cost >= 1.0, "unknown", unknown_cost, "a cost must be >= 1");
-    require(greed >= 1.0 && std::isfinite(greed), "greed", greed, "must be >= 1 and finite");
-  }
-};
-
-/// A way for a body that keeps its orientation, or why there is none.
-template <int D>
-struct Path {
-  PathStatus status = PathStatus::none;
-  std::vector<Vector<D>> points;  ///< From start to goal [m]; empty if none was found.
-  double length = std::numeric_limits<double>::infinity();  ///< [m]
-  double clearance =
-      std::numeric_limits<double>::quiet_NaN();  ///< Least distance of the body to an obstacle [m].
-  std::size_t expanded = 0;                      ///< Cells that the search looked at.
-  std::string reason;  ///< Why there is none, and whether that is proved; empty if there is one.
-};
 
 /// Finds paths for one body of fixed orientation in one map, as it was when the planner was made or last
 /// updated. What was found out about free space is kept for the next question.
@@ -142,12 +109,8 @@ class Planner {
         search.add_goal(anchor);
       }
     }
-    const SegmentCost cost_of(*this);
-    (void)search.run_to_all(goals.size(), deadline_after(max_seconds), [&](std::size_t i) {
-      const std::vector<Vector<D>> points = tightened(search, start, goals[i]);
-      costs[i] = 0.0;
-      for (std::size_t k = 0; k + 1 < points.size(); ++k) costs[i] += cost_of(points[k], points[k + 1]);
-    });
+    (void)search.run_to_all(goals.size(), deadline_after(max_seconds),
+                            [&](std::size_t i) { costs[i] = cost_of(tightened(search, start, goals[i])); });
     search_bytes_ = search.memory_bytes();
     return costs;
   }
@@ -224,25 +187,8 @@ class Planner {
   /// Where a search may begin or end: at the pose, or, if its cell is not free as a whole, at the nearest
   /// places in cells that are, to which the body can go straight.
   [[nodiscard]] std::vector<Anchor> anchors(const Vector<D>& pose) {
-    const Vector<D> at = pose / unit();
-    const PlaceCell<D> own = space_->cell_at(detail::cell_ahead<D>(at, Vector<D>::Zero()));
-    if (own.passage != Passage::blocked) return {{at, own, 0.0}};
-    std::vector<Anchor> found;
-    for (double reach = 2.0; reach <= kFarthestAnchor && found.empty(); reach *= 2.0) {
-      std::vector<Anchor> candidates;
-      space_->for_each_in(cells_near(at, reach), [&](const PlaceCell<D>& cell) {
-        const Vector<D> place = nearest_in(common_box(cell, cell), at);
-        candidates.push_back({place, cell, (place - at).norm()});
-      });
-      std::sort(candidates.begin(), candidates.end(), [](const Anchor& a, const Anchor& b) {
-        return a.way != b.way ? a.way < b.way : a.cell.number < b.cell.number;
-      });
-      for (const Anchor& anchor : candidates) {
-        if (found.size() == kMostAnchors) break;
-        if (is_free(pose, anchor.point * unit())) found.push_back(anchor);
-      }
-    }
-    return found;
+    return detail::anchors_at(*space_, Vector<D>(pose / unit()),
+                              [&](const Vector<D>& place) { return is_free(pose, place * unit()); });
   }
 
  private:
@@ -308,6 +254,15 @@ class Planner {
     pull_tight(points);
     return points;
   }
+  /// Of a path that is free [m].
+  [[nodiscard]] double cost_of(const std::vector<Vector<D>>& points) const {
+    const SegmentCost cost_between(*this);
+    double cost = 0.0;
+    for (std::size_t i = 0; i + 1 < points.size(); ++i)
+      cost +=
+          space_->has_costs() ? cost_between(points[i], points[i + 1]) : (points[i + 1] - points[i]).norm();
+    return cost;
+  }
   void finish(Path<D>& path, std::vector<Vector<D>> points) const {
     path.status = PathStatus::found;
     path.length = 0.0;
@@ -328,43 +283,37 @@ class Planner {
   };
   using Guide = detail::CoarseGuide<Map>;
 
-  /// A path in a space, by a guide. It replaces one that is longer.
+  /// Looks for a way in a space, by a guide, at no more than this many cells; the shorter one of it and that
+  /// of the path stays. @returns what it costs, in smallest cells.
   template <class Space>
-  void search(Space& space, Guide& guide, const Query& query, Path<D>& path) {
+  double search(Space& space, Guide& guide, const Query& query, std::size_t most_cells, Path<D>& path) {
     detail::PathSearch<Space, Guide> search(space, options_.unknown_cost, options_.greed, &guide);
-    search.forget_above(path.length / unit());
+    search.end_after(most_cells);
     for (const Anchor& anchor : query.from) search.add_start(anchor);
     for (const Anchor& anchor : query.to) search.add_goal(anchor);
     path.status = search.run(query.goal / unit(), query.deadline);
     path.expanded += search.expanded();
     search_bytes_ = std::max(search_bytes_, search.memory_bytes() + guide.memory_bytes());
-    if (path.status == PathStatus::found) path.points = tightened(search, query.start, query.goal);
+    if (path.status != PathStatus::found) return std::numeric_limits<double>::infinity();
+    std::vector<Vector<D>> points = tightened(search, query.start, query.goal);
+    const double cost = cost_of(points);
+    if (path.points.empty() || cost < cost_of(path.points)) path.points = std::move(points);
+    return cost / unit();
   }
-  /// Through cells in which the body is free wherever it stands; and if a way may be much shorter, or there
-  /// is none, also through gaps that are narrower.
+  /// Through cells in which the body is free wherever it stands; if that takes a way that is longer than the
+  /// coarse one through all places where it may be free, also through gaps that are narrower.
   void search_in_all(const Query& query, Path<D>& path) {
-    constexpr double kAny = std::numeric_limits<double>::infinity();
-    Guide sure(*space_, options_.unknown_cost);
-    const PathStatus joined = sure.run(query.from, query.to, query.start / unit(), query.deadline);
-    path.expanded = sure.expanded();
+    Guide guide(*possible_, options_.unknown_cost);
+    const PathStatus joined = guide.run(query.from, query.to, query.start / unit(), query.deadline);
+    path.expanded = guide.expanded();
     path.status = joined;
     if (joined == PathStatus::found) {
-      (void)search_gaps(query, path, sure.length() * (1.0 - kWorthGap));
-      if (path.status != PathStatus::found) search(*space_, sure, query, path);
+      const double found = search(*space_, guide, query, guide.expanded() + kFewCells, path);
+      if (path.status != PathStatus::out_of_time && !(found < guide.length() * (1.0 + kWorthGap)))
+        (void)search(*narrow_, guide, query, kAllCells, path);
+      if (!path.points.empty()) path.status = PathStatus::found;
     }
-    PathStatus perhaps = path.status;
-    if (path.status == PathStatus::none) perhaps = search_gaps(query, path, kAny);
-    if (path.status != PathStatus::found) path.reason = reason_for(query, path, perhaps);
-  }
-  /// @param most coarse length that matters, in smallest cells. @returns whether places are connected in
-  /// which the body may be free, by a way that is not longer.
-  PathStatus search_gaps(const Query& query, Path<D>& path, double most) {
-    Guide possible(*possible_, options_.unknown_cost);
-    const PathStatus joined = possible.run(query.from, query.to, query.start / unit(), query.deadline, most);
-    path.expanded += possible.expanded();
-    path.status = joined;
-    if (joined == PathStatus::found) search(*narrow_, possible, query, path);
-    return joined;
+    if (path.status != PathStatus::found) path.reason = reason_for(query, path, joined);
   }
   /// @param perhaps whether places are connected in which the body may be free.
   [[nodiscard]] std::string reason_for(const Query& query, const Path<D>& path, PathStatus perhaps) const {
@@ -393,69 +342,20 @@ class Planner {
                                   ": must be finite, and on the map's lattice");
     include(point);
     if (is_free(point, point)) return;
-    std::string message =
-        std::string(name) + " = " + describe_point(point) + ": there the body meets " + obstacle_at(point);
-    if (const auto nearest = nearest_place(point))
+    std::string message = std::string(name) + " = " + describe_point(point) + ": there the body meets " +
+                          detail::obstacle_in_words(seen_, tested_, point, unknown());
+    if (auto nearest = detail::nearest_place(*space_, Vector<D>(point / unit()))) {
+      *nearest *= unit();
       message += "; the nearest place where it fits is " + describe_number((*nearest - point).norm()) +
                  " m away, at " + describe_point(*nearest);
-    else
+    } else {
       message += "; it fits nowhere";
+    }
     throw std::invalid_argument(message);
   }
-  /// In words.
-  [[nodiscard]] std::string obstacle_at(const Vector<D>& point) const {
-    Pose<D> pose;
-    pose.translation = point;
-    RegionStates states;
-    states.occupied = true;
-    states.unknown = unknown() == UnknownSpace::occupied;
-    std::optional<std::pair<Box<D>, CellState>> found;
-    double least = std::numeric_limits<double>::infinity();
-    for (const BodyPart<D>& part : moved(tested_, pose))
-      for_each_leaf_of(seen_, bounds_of(part), states, [&](const auto& leaf) {
-        const Box<D> box = seen_.tree().box(leaf.index);
-        const double squared = box.squared_distance(point);
-        if (squared >= least || !touch(part, box)) return;
-        least = squared;
-        found = {box, leaf.cell().state()};
-      });
-    if (!found) return "unknown space outside the map";
-    return std::string(found->second == CellState::occupied ? "the occupied" : "the unknown") +
-           " cell from " + describe_point(found->first.lower) + " to " + describe_point(found->first.upper);
-  }
-  /// Nearest point of a free cell [m]; none if there is no such cell.
-  [[nodiscard]] std::optional<Vector<D>> nearest_place(const Vector<D>& point) {
-    const Vector<D> at = point / unit();
-    for (double reach = 8.0;; reach *= 2.0) {
-      std::optional<Vector<D>> nearest;
-      double least = reach;
-      const LatticeBox<D> box = cells_near(at, reach);
-      space_->for_each_in(box, [&](const PlaceCell<D>& cell) {
-        const Vector<D> place = nearest_in(common_box(cell, cell), at);
-        if (!((place - at).norm() <= least)) return;
-        least = (place - at).norm();
-        nearest = place;
-      });
-      if (nearest) return *nearest * unit();
-      bool is_all = true;
-      for (std::size_t a = 0; a < D; ++a)
-        is_all =
-            is_all && box.lower[a] < space_->limits().lower[a] && box.upper[a] > space_->limits().upper[a];
-      if (is_all) return std::nullopt;
-    }
-  }
-  [[nodiscard]] static LatticeBox<D> cells_near(const Vector<D>& at, double reach) {
-    LatticeBox<D> box;
-    for (std::size_t a = 0; a < D; ++a) {
-      box.lower[a] = static_cast<std::int64_t>(std::floor(at[static_cast<int>(a)] - reach)) - 1;
-      box.upper[a] = static_cast<std::int64_t>(std::ceil(at[static_cast<int>(a)] + reach)) + 1;
-    }
-    return box;
-  }
-
-  static constexpr double kWorthGap = 0.025;  // Of its length, that a way through gaps has to save.
-  static constexpr std::size_t kMostAnchors = 16;
-  static constexpr double kFarthestAnchor = 16.0;  // Smallest cells.
+  static constexpr double kWorthGap = 0.015;    // Longer than the coarse way, that gaps are looked for.
+  static constexpr std::size_t kFewCells = 64;  // More than the guide's, at which a search is misled by it.
+  static constexpr std::size_t kAllCells = ~std::size_t{0};
 
   Map seen_;
   PlannerOptions options_;

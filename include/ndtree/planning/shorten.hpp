@@ -50,17 +50,19 @@ class PathShortener {
   void skip(std::vector<Vector<D>>& points) {
     std::vector<Vector<D>> kept{points.front()};
     for (std::size_t i = 0; i + 1 < points.size();) {
-      std::size_t next = std::min(points.size() - 1, i + kFarthest);
-      for (; next > i + 1; --next) {
+      std::size_t next = i + 1;
+      double through = 0.0;
+      const auto add = [&] {  // What is free is shorter, where all costs the same.
+        through = cost_.is_uniform() ? std::numeric_limits<double>::max()
+                                     : through + (1.0 + 1e-9) * cost_(points[next - 1], points[next]);
+      };
+      for (add(); next + 1 < points.size();) {
         pace_.spend(200);
-        double through = 0.0;
-        if (cost_.is_uniform()) {
-          through = std::numeric_limits<double>::max();  // What is free is shorter.
-        } else {
-          for (std::size_t k = i; k < next; ++k) through += cost_(points[k], points[k + 1]);
-          through *= 1.0 + 1e-9;
-        }
-        if (cost_(points[i], points[next]) <= through) break;
+        ++next;
+        add();
+        if (cost_(points[i], points[next]) <= through) continue;
+        --next;
+        break;
       }
       kept.push_back(points[next]);
       i = next;

@@ -80,6 +80,7 @@ class TurningSpace {
   using Cell = PlaceCell<2>;
   static constexpr bool kHasWalls = false;
   static constexpr bool kTestsWays = true;
+  static constexpr Sight kSight = Sight::cells_and_walk;
 
   /// A heading [rad], and a planner of the body that has it.
   struct Layer {

@@ -29,6 +29,7 @@ class GridSpace {
   static constexpr int D = Space::D;
   static constexpr bool kHasWalls = false;
   static constexpr bool kTestsWays = false;
+  static constexpr detail::Sight kSight = detail::Sight::walk;
 
   explicit GridSpace(Space& space) : space_(space) {}
   [[nodiscard]] PlaceCell<D> cell_at(const Lattice<D>& at) {
