@@ -9,7 +9,7 @@
 /// connected part of the free space. All searches ask the same free space, which is built before they are
 /// timed, but for the first question of a planner, `cold`. Times are of the processor. Paths of the grids are
 /// not pulled tight. FILE gets the cells that the first pair's searches looked at, for a picture: a line
-/// each, of the search, the lower corner and the edge [m].
+/// each, of the search, the lower corner and the edge [m]: draw_expanded.py draws them.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
@@ -160,18 +160,22 @@ class CellsFile {
   double unit_;
 };
 
-/// What the planner's search through sure cells looks at.
+/// What the planner's first two searches look at: coarse cells of all places where the body may be free, from
+/// the goal, and those in which it is free wherever it stands.
 template <class Map>
-void add_expanded(CellsFile& file, FreeSpace<Map>& space, const Vector<Map::kDim>& start,
-                  const Vector<Map::kDim>& goal) {
+void add_expanded(CellsFile& file, const Map& map, const Body<Map::kDim>& body, FreeSpace<Map>& sure,
+                  double unknown_cost, const Vector<Map::kDim>& start, const Vector<Map::kDim>& goal) {
   constexpr int D = Map::kDim;
+  FreeSpace<Map> possible(map, body, unknown_cost, *bounds(map),
+                          D == 2 ? detail::Touches::from_each : detail::Touches::from_centre);
   const auto anchor = [&](const Vector<D>& at) {
-    return detail::Anchor<D>{at, space.cell_at(detail::cell_ahead<D>(at, Vector<D>::Zero()))};
+    return detail::Anchor<D>{at, sure.cell_at(detail::cell_ahead<D>(at, Vector<D>::Zero()))};
   };
   const auto never = std::chrono::steady_clock::time_point::max();
-  detail::CoarseGuide<Map> guide(space, 1.0);
+  detail::CoarseGuide<Map> guide(possible, 1.0);
   (void)guide.run({anchor(start)}, {anchor(goal)}, start, never);
-  detail::PathSearch<FreeSpace<Map>, detail::CoarseGuide<Map>> search(space, 1.0, PlannerOptions().greed,
+  guide.for_each_expanded([&](const PlaceCell<D>& cell) { file.add("coarse", cell); });
+  detail::PathSearch<FreeSpace<Map>, detail::CoarseGuide<Map>> search(sure, 1.0, PlannerOptions().greed,
                                                                       &guide);
   search.add_start(anchor(start));
   search.add_goal(anchor(goal));
@@ -229,7 +233,8 @@ int run(const Map& map, const Call& call) {
                                                 [&](const PlaceCell<D>& cell) { cells.add("grid", cell); });
     add(columns[2], milliseconds() - begin, theta.length * unit, theta.expanded);
     if (i == 0) {
-      add_expanded(cells, space, Vector<D>(start / unit), Vector<D>(goal / unit));
+      add_expanded(cells, map, body, space, options.unknown_cost, Vector<D>(start / unit),
+                   Vector<D>(goal / unit));
       cells.add(path.points);
       cells.close();
     }
