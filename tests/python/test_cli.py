@@ -552,28 +552,6 @@ def test_without_matplotlib_maps_are_made_and_pictures_refused(log: Path, tmp_pa
     assert [path.name for path in tmp_path.iterdir()] == ["a.ndt"]
 
 
-def test_pictures_of_commands_are_in_ros_colors_unless_asked_otherwise(log: Path, tmp_path: Path) -> None:
-    from matplotlib.image import imread
-
-    def greys(path: Path) -> tuple[float, float]:
-        """Shares of nearly white and of black pixels, in the middle of the picture."""
-        picture = imread(path)[..., 0]
-        rows, columns = (slice(n // 4, -n // 4) for n in picture.shape)
-        return float((picture[rows, columns] > 0.98).mean()), float((picture[rows, columns] < 0.02).mean())
-
-    ndt, png = tmp_path / "a.ndt", tmp_path / "a.png"
-    assert run("map", log, "-o", ndt, "--picture", png).exit_code == 0
-    white, black = greys(png)
-    assert white > 0.3 and black < 0.1, "free space is most of an office"
-    for more, is_ros in (((), True), (("--style", "paper"), False), (("--color", "probability"), False)):
-        assert run("view", ndt, "--png", png, *more).exit_code == 0
-        white, black = greys(png)
-        assert (white > 0.3) == is_ros and (black > 0.3) != is_ros
-    for call in (("map", log, "-o", ndt), ("view", ndt)):
-        done = run(*call, "--style", "ros")
-        assert done.exit_code == 2 and "--style: is for --p" in plain(done.output)
-
-
 def test_the_map_is_there_when_its_picture_fails(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

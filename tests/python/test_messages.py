@@ -90,7 +90,6 @@ CALLS: tuple[tuple[str, int, str], ...] = (
     ("map office.npz -o o.ndt --stride 0", 2, "--stride 0: must be"),
     ("map office.npz -o o.ndt --min-range -1", 2, "--min-range -1"),
     ("map office.npz -o o.ndt --from 100", 1, "its scans have no times, expected neither --from nor --to"),
-    ("map office.npz -o o.ndt --style paper", 2, "--style: is for --picture"),
     ("map office.npz -o o.ndt --port 99", 2, "--port: is for the page of --watch"),
     ("map office.npz -o o.ndt --format foo", 2, "--format foo: must be one of"),
     ("map office.npz -o o.ndt --refinement foo", 2, "--refinement foo: must be 'evidence' or 'paper'"),

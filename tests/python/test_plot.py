@@ -113,8 +113,8 @@ def test_an_occupied_cell_marks_its_pixel_however_small(tmp_path: Path) -> None:
         shown = imread(tmp_path / "vast.png")[::-1, :, 0]
         for x, y in ends[is_occupied]:
             column, row = (np.array([x, y]) / 900 * size).astype(int)
-            assert shown[row - 1 : row + 2, column - 1 : column + 2].max() > 0.505, (size, x, y)
-        assert np.count_nonzero(shown > 0.6) < 9 * len(ends)
+            assert shown[row - 1 : row + 2, column - 1 : column + 2].min() < 0.5, (size, x, y)
+        assert np.count_nonzero(shown < 0.7) < 9 * len(ends)
     ax.figure.savefig(tmp_path / "vast.pdf")
     assert (tmp_path / "vast.pdf").stat().st_size < 1_000_000
     assert ax.images[0].get_array().size > 4_000_000, "drawing changed the image"
@@ -344,7 +344,7 @@ def test_wrong_maps_are_refused(flat: Any, solid: Any, tmp_path: Path) -> None:
         plot.slice(solid, "w", 0.0)
     with pytest.raises(ValueError, match="color = 'taste': must be one of height, size, probability"):
         plot.occupied(solid, color="taste")
-    with pytest.raises(ValueError, match="color = 'height': must be probability or size"):
+    with pytest.raises(ValueError, match="color = .height.: must be state, probability or size"):
         plot.overview(flat, tmp_path / "a.png", color="height")
     with pytest.raises(ValueError, match=r"[Ff]ormat"):
         plot.overview(flat, tmp_path / "a.doc")
@@ -460,7 +460,7 @@ def test_overviews_say_what_axes_and_greys_mean(flat: Any, solid: Any) -> None:
             text.get_text(): patch.get_facecolor()[0]
             for text, patch in zip(legend.get_texts(), legend.get_patches())
         }
-        assert shown == {"occupied": 1.0, "free": 0.0, "unknown": 0.5}
+        assert shown == {"occupied": 0.0, "free": 254 / 255, "unknown": 205 / 255}
     assert plot.overview(flat).axes[0].get_title("left").startswith("adaptive, ")
 
 
@@ -556,25 +556,20 @@ def test_one_row_of_cells_is_an_image_of_bounded_size() -> None:
     assert image.size <= MAX_IMAGE_CELLS
 
 
-# --- Styles -----------------------------------------------------------------------------------------
-
-
-def test_the_ros_style_has_the_colors_of_map_server(flat: Any, tmp_path: Path) -> None:
+def test_occupancy_has_the_colors_of_map_server(flat: Any, tmp_path: Path) -> None:
     """Each pixel is black, 254 or 205 as the map's state there is, whatever the probability."""
-    ax = plot.occupancy(flat, style="ros")
+    ax = plot.occupancy(flat)
     image, extent = shown_image(ax)
     states = flat.state(centres(image, extent)).reshape(image.shape)
     drawn = ax.images[0].to_rgba(image, bytes=True)[..., :3]
     for state, grey in ((1, 0), (0, 254), (-1, 205)):
         assert (states == state).any() and (drawn[states == state] == grey).all()
-    legend = plot.overview(flat, style="ros").axes[0].get_legend()
-    shown = {
-        text.get_text(): round(255 * patch.get_facecolor()[0])
-        for text, patch in zip(legend.get_texts(), legend.get_patches())
-    }
-    assert shown == {"occupied": 0, "free": 254, "unknown": 205}
-    with pytest.raises(ValueError, match="style = 'rviz': must be paper or ros"):
-        plot.overview(flat, style="rviz")
+    levels, extent = shown_image(plot.occupancy(flat, color="probability"))
+    between = (levels > 0) & (levels < 1) & (levels != 0.5)
+    np.testing.assert_array_equal(states_of(levels), flat.state(centres(levels, extent)))
+    assert between.any() and levels.min() == 0 and levels.max() == 1
+    with pytest.raises(ValueError, match="color = 'size': must be state or probability"):
+        plot.occupancy(flat, color="size")
 
 
 def test_titles_say_how_many_cells_of_which_sizes_in_metres(flat: Any) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pictures of maps in the paper's style (Figs. 4 to 6): leaves, occupancy, slices, occupied cells in 3-D.
+"""Pictures of maps as in the paper's Figs. 4 to 6: leaves, occupancy, slices, occupied cells in 3-D.
 
 What draws into one ``Axes`` takes it as ``ax``, makes a figure if it is left out, and returns it. What draws
 several panels returns its ``Figure``, and writes it if there is a path, in the format of its ending.
@@ -15,7 +15,7 @@ with needs("ndtree.plot needs matplotlib", "plot"):
 from ndtree.plot.close_ups import close_up
 from ndtree.plot.colors import COLORS, Coloring, coloring
 from ndtree.plot.cubes import occupied, projected
-from ndtree.plot.figures import FORMATS, STYLES
+from ndtree.plot.figures import FORMATS
 from ndtree.plot.flat import cell_sizes, cells, occupancy, slice
 from ndtree.plot.pages import overview, overview_3d, side_by_side, side_by_side_3d
 from ndtree.plot.reliability import reliability
@@ -24,7 +24,6 @@ from ndtree.plot.truth import truth_against_cells, truth_by_cell_size
 __all__ = [
     "COLORS",
     "FORMATS",
-    "STYLES",
     "Coloring",
     "cell_sizes",
     "cells",

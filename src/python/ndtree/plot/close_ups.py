@@ -67,17 +67,17 @@ def close_up(
     )
     for column, (one, title) in enumerate(maps):
         top, bottom = axes[column], axes[2 + column]
-        draw_occupancy(one, top, whole, "ros")
+        draw_occupancy(one, top, whole)
         top.set_title(title, loc="left", fontsize=13)
         frame = ((close[0], close[2]), close[1] - close[0], close[3] - close[2])
         top.add_patch(Rectangle(*frame, fill=False, edgecolor=_MARK, linewidth=1.8, zorder=9))
-        draw_occupancy(one, bottom, close, "ros")
+        draw_occupancy(one, bottom, close)
         draw_borders(one, bottom, close, linewidth=0.6)
         for edge in bottom.spines.values():
             edge.set(edgecolor=_MARK, linewidth=1.8)
         scale_bar(top)
         scale_bar(bottom)
-    explain_states(axes[0], "ros")
+    explain_states(axes[0])
     return written(figure, path, dpi)
 
 

@@ -129,11 +129,11 @@ def name_axes(ax: Axes, names: str = "xy") -> None:
         ax.set_ylabel(f"{names[1]} [m]")
 
 
-def explain_states(ax: Axes, style: str = "paper") -> None:
+def explain_states(ax: Axes) -> None:
     """A legend above the picture: what is white, black and grey."""
     patches = [
         Patch(facecolor=color, edgecolor="0.4", linewidth=0.6, label=state)
-        for state, color in STATE_COLORS[style].items()
+        for state, color in STATE_COLORS.items()
     ]
     ax.legend(
         handles=patches,

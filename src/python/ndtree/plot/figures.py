@@ -25,13 +25,8 @@ CutAbove = Union[float, str, None]
 #: Endings of picture files.
 FORMATS = tuple(f".{ending}" for ending in sorted(FigureCanvasBase.get_supported_filetypes()))
 UNKNOWN = 0.5
-#: How states are drawn: as the paper does, with grey levels of the probability, or as ROS's map_server.
-STYLES = ("paper", "ros")
-#: Grey of what is occupied, free and unknown, 0 to 1.
-STATE_COLORS = {
-    "paper": {"occupied": "1.0", "free": "0.0", "unknown": str(UNKNOWN)},
-    "ros": {"occupied": "0.0", "free": str(254 / 255), "unknown": str(205 / 255)},
-}
+#: Grey of each state, 0 to 1, as ROS's map_server and RViz have it.
+STATE_COLORS = {"occupied": "0.0", "free": str(254 / 255), "unknown": str(205 / 255)}
 BORDER_COLOR = "#2b5c8a"
 SIZE_COLORS = "viridis_r"
 _NOTEBOOK_DPI = 72
@@ -49,11 +44,6 @@ _KINDS = {"evidence": "adaptive", "paper": "adaptive, by the paper's rules", "oc
 def kind_of(refinement: str) -> str:
     """What a map is called in pictures and on pages."""
     return _KINDS.get(refinement, refinement)
-
-
-def require_style(style: str) -> None:
-    if style not in STYLES:
-        raise ValueError(f"style = {style!r}: must be {' or '.join(STYLES)}")
 
 
 def require_dim(m: OccupancyMap, dim: int) -> None:

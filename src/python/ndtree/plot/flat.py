@@ -61,9 +61,9 @@ def occupancy(
     *,
     region: Region | None = None,
     borders: bool = False,
-    style: str = "paper",
+    color: str = "state",
 ) -> Axes:
-    """Draw a 2-D map: occupied white, free black, unknown grey, as in the paper's Figs. 4b and 4c.
+    """Draw a 2-D map: occupied black, free white, unknown grey, as map_server and RViz do.
 
     A pixel of the picture that has an occupied cell in it is drawn occupied, however small the cell.
 
@@ -77,13 +77,12 @@ def occupancy(
         What to show [m]; left out, what was observed.
     borders : bool
         Draw the leaves' borders, too.
-    style : {"paper", "ros"}
-        "paper": occupied white, free black, unknown grey, in grey levels of the probability; "ros", as
-        map_server and RViz have it: occupied black, free white, unknown grey, by the state alone.
+    color : {"state", "probability"}
+        What greys say: the state alone, or the probability, in levels between these three.
     """
     require_dim(m, 2)
     every = Cells.of(m)
-    drawn = draw_occupancy(every, axes_or_new(ax), region, style)
+    drawn = draw_occupancy(every, axes_or_new(ax), region, color)
     if borders:
         draw_borders(every, drawn, (*drawn.get_xlim(), *drawn.get_ylim()))
     return _named(drawn, ax)
@@ -139,7 +138,6 @@ def slice(
     z: float | None = None,
     region: Region | None = None,
     borders: bool = False,
-    style: str = "paper",
 ) -> Axes:
     """Draw the plane through a 3-D map where one coordinate has a value.
 
@@ -159,8 +157,6 @@ def slice(
         What to show of the other two coordinates [m]; left out, what was observed.
     borders : bool
         Draw the leaves' borders, too, but not of leaves so small that nothing else would be seen.
-    style : {"paper", "ros"}
-        As for `occupancy`.
     """
     require_dim(m, 3)
     held, value = _held(axis, value, {"x": x, "y": y, "z": z})
@@ -168,7 +164,7 @@ def slice(
     flat = cells_through(m, held, value).along(others)
     if not flat.observed.any():
         raise ValueError(f"{'xyz'[held]} = {value:g} m: the map was not observed there")
-    ax = draw_occupancy(flat, axes_or_new(ax), region, style)
+    ax = draw_occupancy(flat, axes_or_new(ax), region)
     if borders:
         shown = (*ax.get_xlim(), *ax.get_ylim())
         span = max(shown[1] - shown[0], shown[3] - shown[2])

@@ -11,20 +11,23 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from ndtree.cells.lattice import Cells, Floats, Integers
 from ndtree.cells.raster import pixel_parts
 from ndtree.cells.regions import picture_region
-from ndtree.plot.figures import BORDER_COLOR, STATE_COLORS, UNKNOWN, Region, framed, require_style
+from ndtree.plot.figures import BORDER_COLOR, STATE_COLORS, UNKNOWN, Region, framed
 
 MAX_IMAGE_CELLS = 16_000_000
+_GREYS = LinearSegmentedColormap.from_list(
+    "states", [STATE_COLORS[state] for state in ("free", "unknown", "occupied")], N=257
+)
 
 
-def _brightness(probability: Floats) -> Floats:
-    """0 for the freest cells, 1 for the most surely occupied, 0.5 for unknown: no clamp leaves white grey."""
+def _levels(probability: Floats) -> Floats:
+    """0 for the freest cells, 1 for the most surely occupied, 0.5 for unknown: no clamp leaves black grey."""
     low, high = min(probability.min(), 0.499), max(probability.max(), 0.501)
     return np.interp(probability, (low, UNKNOWN, high), (0.0, UNKNOWN, 1.0))
 
@@ -63,18 +66,17 @@ def _joined(lines: Integers) -> Integers:
     return np.stack([at[begins], start[begins], reach[ends] - line[begins] * span + start.min()], axis=1)
 
 
-def draw_occupancy(every: Cells, ax: Axes, region: Region | None, style: str = "paper") -> Axes:
-    require_style(style)
+def draw_occupancy(every: Cells, ax: Axes, region: Region | None, color: str = "state") -> Axes:
+    """Occupied black, free white, unknown grey; with the color "probability", what is between in between."""
+    if color not in ("state", "probability"):
+        raise ValueError(f"color = {color!r}: must be state or probability")
     region = tuple(region) if region is not None else picture_region(every)
     seen = every.where(every.observed)
-    level = _brightness(seen.probability) if style == "paper" else 0.5 * (1 + _signs(seen))
+    level = _levels(seen.probability) if color == "probability" else 0.5 * (1 + _signs(seen))
     seen = replace(seen, probability=level)
     image, extent = image_of(seen.inside(region), region)
-    colors = STATE_COLORS[style]
-    ax.set_facecolor(colors["unknown"])
-    in_order = [colors[state] for state in ("free", "unknown", "occupied")]
-    cmap = "gray" if style == "paper" else ListedColormap(in_order)
-    drawn = PooledImage(ax, _most_occupied, cmap=cmap, norm=Normalize(0.0, 1.0), extent=extent)
+    ax.set_facecolor(STATE_COLORS["unknown"])
+    drawn = PooledImage(ax, _most_occupied, cmap=_GREYS, norm=Normalize(0.0, 1.0), extent=extent)
     drawn.set_data(image)
     ax.add_image(drawn)
     return framed(ax, region)

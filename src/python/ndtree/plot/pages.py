@@ -26,7 +26,6 @@ from ndtree.plot.figures import (
     kind_of,
     panels,
     require_dim,
-    require_style,
     shape_of,
     title_of,
     title_of_map,
@@ -83,7 +82,7 @@ def side_by_side(
     draw_occupancy(even, axes[2], shown)
     axes[0].set_title(title_of(fine, "adaptive"))
     scale_bar(axes[0])
-    axes[1].set_title("the same map: occupied white, free black, unknown grey")
+    axes[1].set_title("the same map: occupied black, free white, unknown grey")
     axes[2].set_title(title_of(even, "fixed"))
     return written(figure, path, dpi)
 
@@ -94,8 +93,7 @@ def overview(
     *,
     region: Region | None = None,
     track: ArrayLike | None = None,
-    color: str = "probability",
-    style: str = "paper",
+    color: str = "state",
     width: float = 12.0,
     dpi: float = 150.0,
 ) -> Figure:
@@ -111,19 +109,16 @@ def overview(
         What to show [m]; left out, what was observed.
     track : array_like, (n, 2), optional
         Where the robot drove [m]: that is shown, too, if `region` is left out.
-    color : {"probability", "size"}
-        What the colors say.
-    style : {"paper", "ros"}
-        Of the occupancy, as for `occupancy`.
+    color : {"state", "probability", "size"}
+        What the colors say; the first two as for `occupancy`.
     width : float
         Of the picture [inches].
     dpi : float
         Pixels an inch.
     """
     require_dim(m, 2)
-    require_style(style)
-    if color not in ("probability", "size"):
-        raise ValueError(f"color = {color!r}: must be probability or size where the map is 2-D")
+    if color not in ("state", "probability", "size"):
+        raise ValueError(f"color = {color!r}: must be state, probability or size where the map is 2-D")
     every = Cells.of(m)
     shown = tuple(region) if region is not None else picture_region(every, track)
     shape = shape_of(shown)
@@ -133,12 +128,12 @@ def overview(
     if color == "size":
         cell_sizes(m, ax, region=shown)
     else:
-        occupancy(m, ax, region=shown, style=style)
+        occupancy(m, ax, region=shown, color=color)
     ax.set_title(title_of(every, kind_of(m.refinement)), loc="left")
     name_axes(ax)
     scale_bar(ax)
-    if color == "probability":
-        explain_states(ax, style)
+    if color != "size":
+        explain_states(ax)
     return written(figure, path, dpi)
 
 
@@ -147,7 +142,6 @@ class PageOptions(ViewOptions, total=False):
 
     slice_axis: str | int
     slice_at: float | None
-    style: str
 
 
 @dataclass(frozen=True)
@@ -156,7 +150,6 @@ class _Page(View):
 
     slice_axis: str | int = "z"
     slice_at: float | None = None
-    style: str = "paper"
 
 
 def side_by_side_3d(
@@ -182,8 +175,6 @@ def side_by_side_3d(
         The coordinate that is held in the slices.
     slice_at : float, optional
         Its value [m]; left out, half-way through what the cubes show.
-    style : {"paper", "ros"}
-        Of the slices, as for `occupancy`.
     width : float
         Of the picture [inches].
     dpi : float
@@ -212,7 +203,7 @@ def overview_3d(
     ----------
     m : AdaptiveMap, FixedMap or OctoMap
         With ``dim`` 3.
-    path, azimuth, elevation, cut_above, region, color, slice_axis, slice_at, style, width, dpi
+    path, azimuth, elevation, cut_above, region, color, slice_axis, slice_at, width, dpi
         As for `side_by_side_3d`.
 
     Returns
@@ -256,8 +247,8 @@ def _draw_3d(maps: dict[str, OccupancyMap], shown: _Page, width: float, dpi: flo
         framed(draw_cubes(*one, above, shown.angles, colors, pixel), corners)
         above.set_title(title)
         scale_bar(above)
-        slice(m, held, at, below, region=flat_region, borders=kind != "fixed", style=shown.style)
+        slice(m, held, at, below, region=flat_region, borders=kind != "fixed")
         below.set_title(f"slice at {'xyz'[held]} = {at:.2f} m", loc="left")
-        explain_states(below, shown.style)
+        explain_states(below)
     add_bar(colors.legend(), list(axes[0]), colors.label, colors.ticks, shrink=0.7)
     return figure

@@ -17,7 +17,7 @@ from ndtree.cli.commands.logs import inspected, made, skipped, warn_of_skipped
 from ndtree.cli.commands.map_tiles import is_tiled, map_into_tiles, print_tiled
 from ndtree.cli.commands.mapping import Mapped, mapped, written
 from ndtree.cli.commands.messages import in_words
-from ndtree.cli.commands.options import GivenLogs, Json, Port, StyleOption, WriteConfig, flag
+from ndtree.cli.commands.options import GivenLogs, Json, Port, WriteConfig, flag
 from ndtree.cli.commands.output import check_output, check_picture, fits_map, is_stdout, write_json
 from ndtree.cli.commands.pictures import observers_of, plotting, stay
 from ndtree.cli.commands.shows import FoxgloveOption, RerunOption, showing, wait_at
@@ -46,7 +46,6 @@ class _Call:
     )
     align: bool = flag(False, "Find the poses of a 2-D log first: its own drift.", "--align")
     picture: Optional[Path] = flag(None, "Draw the map, too.", metavar="FILE")
-    style: StyleOption = None
     watch: bool = flag(False, "Show it on a page while it grows.", "--watch")
     port: Port = None
     foxglove: FoxgloveOption = None
@@ -84,8 +83,6 @@ def map_(call: _Call, given: Any = None) -> None:
     A map in tiles may be larger than memory, and one that was killed goes on where it was.
     """
     output = call.output
-    if call.style is not None and call.picture is None:
-        raise WrongCall("--style: is for --picture")
     given = given.overridden(Config.of(fixed=call.fixed or None).values)
     wanted = _Wanted(given, call.static, call.align, call.write_config)
     if call.align and call.merge:
@@ -123,7 +120,7 @@ def map_(call: _Call, given: Any = None) -> None:
             done = wanted.map(log, read_seconds, [*observers, *filter(None, [shown])])
         if shown is not None:
             shown.end(done.target)
-        written(done, output, plot, call.picture, call.style)
+        written(done, output, plot, call.picture)
         figures = done.figures()
         if not is_stdout(call.json_file):
             done.print(output, call.picture, call.record)

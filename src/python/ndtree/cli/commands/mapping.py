@@ -18,7 +18,6 @@ from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
 from ndtree.cli.commands.figures import counted, indented, map_figures, print_map
 from ndtree.cli.commands.logs import skipped, timed
-from ndtree.cli.commands.options import PictureStyle
 from ndtree.cli.commands.pictures import draw
 from ndtree.cli.commands.progress import mapping_progress, progress
 from ndtree.evaluation.moved import MovedPoints
@@ -48,8 +47,7 @@ class StaticScans:
     def take(self, scan: Scan) -> Scan:
         cut = self.points.without(scan)
         if cut is not scan:
-            before = len(scan) if scan.returned is None else int(np.count_nonzero(scan.returned))
-            self.moved += before - int(np.count_nonzero(cut.returned))
+            self.moved += int(np.count_nonzero(scan.did_return)) - int(np.count_nonzero(cut.returned))
         return cut
 
     def finish(self, target: OccupancyMap) -> None:
@@ -211,14 +209,8 @@ def mapped(
     )
 
 
-def written(
-    done: Mapped,
-    output: Path,
-    plot: Any = None,
-    picture: Optional[Path] = None,
-    style: Optional[PictureStyle] = None,
-) -> None:
+def written(done: Mapped, output: Path, plot: Any = None, picture: Optional[Path] = None) -> None:
     """Write the map, and then its picture: where that fails, the map is there."""
     done.target.save(output)
     if plot and picture:
-        draw(done.target, picture, track=done.track, style=style)
+        draw(done.target, picture, track=done.track)

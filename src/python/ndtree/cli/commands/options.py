@@ -49,21 +49,6 @@ class CellColor(str, Enum):
     probability = "probability"
 
 
-class PictureStyle(str, Enum):
-    """How pictures show states."""
-
-    ros = "ros"
-    paper = "paper"
-
-
-StyleOption = Annotated[
-    Optional[PictureStyle],
-    typer.Option(
-        "--style",
-        help="Of pictures: ros, occupied black and free white; paper, the inverse in grey levels; else ros.",
-        show_default=False,
-    ),
-]
 LogArgument = Annotated[
     Optional[Path],
     typer.Argument(metavar="LOG", help=f"File or folder: {', '.join(FORMATS)}.", show_default=False),

@@ -11,7 +11,7 @@ from typing import Any, Optional
 from ndtree._native._core import OccupancyMap
 from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.logs import made
-from ndtree.cli.commands.options import CellColor, PictureStyle
+from ndtree.cli.commands.options import CellColor
 from ndtree.cli.commands.output import is_stdout
 
 
@@ -92,17 +92,11 @@ def draw(
     cut: tuple[Optional[int], Optional[float]] = (None, None),
     *,
     track: Any = None,
-    style: Optional[PictureStyle] = None,
 ) -> None:
-    """Draws a map, cut at a slice if there is one; a flat one with the robot's track in the frame.
-
-    In ROS's colors, unless its probabilities were asked for, which only the paper's grey levels show.
-    """
+    """Draws a map, cut at a slice if there is one; a flat one with the robot's track in the frame."""
     axis, at = cut
     plot = plotting()
     more: dict[str, Any] = {} if color is None else {"color": color.value}
-    usual = PictureStyle.paper if m.dim == 2 and color is CellColor.probability else PictureStyle.ros
-    more["style"] = (style or usual).value
     if m.dim == 2:
         plot.overview(m, path, track=track, **more)
         return

@@ -50,7 +50,6 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("map_file", "MAP", "none", "the map of the poses that were found, too"),
         Row("merge", "", "a map each", "several logs in one frame, one map"),
         Row("picture", "FILE", "none", "to see the map at once"),
-        Row("style", "ros|paper", "ros", "the paper's grey levels in pictures"),
         Row("json_file", "[FILE]", "none", "figures for a script; alone, it prints them"),
         Row("csv_file", "FILE", "none", "a table for a spreadsheet; - prints it"),
         Row("record", "FILE", "none", "a film, .mp4 or .gif"),

@@ -13,7 +13,7 @@ from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import opened, reading_options, require_none, takes
 from ndtree.cli.commands.logs import length_of, load_map
-from ndtree.cli.commands.options import CellColor, Port, StyleOption, argument, flag
+from ndtree.cli.commands.options import CellColor, Port, argument, flag
 from ndtree.cli.commands.output import check_picture
 from ndtree.cli.commands.pictures import draw, parsed_slice, plotting, suited
 from ndtree.cli.commands.progress import progress
@@ -31,7 +31,6 @@ class _Call:
     color: Optional[CellColor] = flag(None, "What colors say; else height, in 2-D probability.")
     slice_: Optional[str] = flag(None, "Cut a 3-D map, as at z=1.2.", "--slice", metavar="AXIS=M")
     png: Optional[Path] = flag(None, "Draw it into this file instead of a page.", metavar="FILE")
-    style: StyleOption = None
     free: Optional[bool] = flag(None, "Show free cells.", "--free/--no-free")
     unknown: Optional[bool] = flag(None, "Show unknown cells by free ones.", "--unknown")
     log: Optional[Path] = flag(None, "Show where its scans were taken.", metavar="LOG")
@@ -68,11 +67,9 @@ def view(call: _Call, given: Any = None) -> None:
         plot = plotting()
         check_picture(plot, call.png, "--png")
         m = suited(_loaded(call.map_name), call.color, axis)
-        draw(m, call.png, call.color, (axis, at), style=call.style)
+        draw(m, call.png, call.color, (axis, at))
         print(f"wrote {call.png}")
         return
-    if call.style is not None:
-        raise WrongCall("--style: is for --png")
     from ndtree.viewer import PORT, Look, Viewer
 
     m = suited(_loaded(call.map_name), call.color, axis)
