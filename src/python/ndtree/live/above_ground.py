@@ -41,6 +41,9 @@ class GroundFollower(GridFollower):
         # Whatever changes, may change the ground.
         self._band, self._height, self._slope = height, None, slope
 
+    def _is_image(self, m: OccupancyMap) -> bool:
+        return False
+
     def follow(self, m: OccupancyMap) -> GridPart | None:
         self._reach = math.ceil(REACH / (self._wanted or m.options["min_cell_size"]))
         return super().follow(m)

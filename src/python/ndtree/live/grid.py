@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A grid in the plane that follows a map: what has changed since the last look is drawn anew, and no more.
 
-Strategy: a map tells which regions have another state than at the last look. Of a 2-D map whose smallest
-cells are the pixels, these are the pixels. Of a 3-D map each pixel counts the free and the occupied cells
-above it, and a changed region moves its cells from one count to the other, so that no column is looked
-through again. Pixels of another size, and those of a map in the plane whose far walls are drawn as thick as
-their noise, are drawn anew within the box around all that has changed.
+Strategy: a map in the plane is drawn as a whole by `OccupancyMap.map_server_image`, as is one in space whose
+pixels are not as large as its smallest cells. Of others each pixel counts the free and the occupied cells
+above it; the map tells which regions have another state than at the last look, and these move their cells
+from one count to the other, so that no column is looked through again.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,14 +34,9 @@ SHRINKS = 4.0
 _WHOLE = 1e-6
 #: No map reaches so far [m].
 _EVERYWHERE = 1e12
-
-
-#: What OccupancyMap.changes() is asked for, of a 2-D and of a 3-D map.
-_COUNTED: tuple[Literal["states"], Literal["columns"]] = ("states", "columns")
-#: State of an occupied cell of a map in the plane that is larger than the smallest; its value while drawing.
-_LARGE, _LARGE_VALUE = 2, 101
-#: Of a state 0, 1 or _LARGE, and of -1, which is the last.
-_VALUES = np.array([FREE, OCCUPIED, _LARGE_VALUE, UNKNOWN], dtype=np.int8)
+#: By the grey of an image of map_server.
+_VALUES = np.full(256, UNKNOWN, dtype=np.int8)
+_VALUES[[254, 0]] = FREE, OCCUPIED
 
 
 class _Boxes(NamedTuple):
@@ -130,8 +124,6 @@ class GridFollower:
         if wall_depth is not None and not wall_depth > 0:
             raise WrongValue.of("wall_depth", f"{wall_depth:g} m", "> 0")
         self._wanted, self._height, self._wall_depth = cell_size, height, wall_depth
-        #: How far behind free pixels large occupied cells are drawn [pixels]; None: all of each.
-        self._walls: int | None = None
         self.values: NDArray[np.int8] | None = None
         self._lower = np.zeros(2, dtype=np.int64)  # In pixels from 0.
         #: Of 3-D maps: free and occupied cells above each pixel, (2, rows, columns), in smallest cells.
@@ -153,15 +145,16 @@ class GridFollower:
             A snapshot, which is kept.
         """
         unit = m.options["min_cell_size"]
+        is_same = self.cell_size == (self._wanted or unit)
         self.cell_size = self._wanted or unit
-        walls, self._walls = self._walls, self._depth_of_walls(m)
+        if self._is_image(m):
+            self._counts = self._seen = None
+            return self._become(*self._image(m), is_same)
         changes = self._changes(m)
         self._seen = m
-        if changes is None or self.values is None or walls != self._walls:
+        if changes is None or self.values is None or (self._counts_cells and self._counts is None):
             return self._drawn_anew(m)
         cells = self._cells_in_band(changes.lower, changes.size, unit)
-        if self._walls is not None:  # Else more evidence changes nothing that is drawn.
-            cells *= (changes.before != changes.after) | (changes.after == 1)
         if not cells.any():
             return None
         changed = self._boxes(changes.lower, changes.size, changes.after, cells > 0)
@@ -172,9 +165,10 @@ class GridFollower:
             return self._drawn_anew(m)
         if is_whole:
             self._grow(changed)
-        reach = self._reach + (self._walls or 0)
-        lower = np.maximum(changed.first.min(axis=0) - reach, self._lower)
-        upper = np.minimum(changed.last.max(axis=0) + reach, self._lower + np.array(self.values.shape)[::-1])
+        lower = np.maximum(changed.first.min(axis=0) - self._reach, self._lower)
+        upper = np.minimum(
+            changed.last.max(axis=0) + self._reach, self._lower + np.array(self.values.shape)[::-1]
+        )
         column, row = (lower - self._lower).tolist()
         rows, columns = slice(row, row + upper[1] - lower[1]), slice(column, column + upper[0] - lower[0])
         before = self.values[rows, columns]
@@ -183,40 +177,60 @@ class GridFollower:
             states = changes.before[cells > 0], changed.state
             _count(counts, changed, lower, states, cells[cells > 0])
             part = _seen_from_above(counts)
-        elif (
-            m.dim == 2 and self.cell_size == unit and self._walls is None
-        ):  # Each pixel is one cell, and the changes tell all.
-            part = before.copy()
-            _fill(part, changed.first - lower, changed.last - lower, _VALUES[changed.state])
         else:
             part = self._drawn(m, lower, upper)
         found = GridPart(0, 0, self.values, True) if is_whole else difference(before, part, column, row)
         before[:] = part
         return found
 
-    def _depth_of_walls(self, m: OccupancyMap) -> int | None:
-        """How far behind free pixels large occupied cells are drawn; None: all of each is.
+    def _is_image(self, m: OccupancyMap) -> bool:
+        """Whether a map is drawn as a whole."""
+        return m.dim == 2 or self.cell_size != m.options["min_cell_size"]
 
-        As in `OccupancyMap.save_map_server`, all is drawn of a map in which no beam has ended.
+    def _image(self, m: OccupancyMap) -> tuple[NDArray[np.int8], Ints]:
+        """The smallest grid of all that is known, and its first pixel."""
+        depth = (noise_depth(m) if self._wall_depth is None else self._wall_depth) if m.dim == 2 else None
+        height = None if m.dim == 2 else self._height
+        try:
+            image, corner, _ = m.map_server_image(cell_size=self._wanted, height=height, wall_depth=depth)
+        except ValueError:  # Nothing is known there.
+            return np.zeros((0, 0), np.int8), self._lower
+        return _VALUES[image[::-1]], np.rint(np.array(corner) / self.cell_size).astype(np.int64)
+
+    def _become(self, image: NDArray[np.int8], first: Ints, is_same: bool) -> GridPart | None:
+        """Become an image that begins at a pixel, with room around it; what of that is new.
+
+        `is_same`: Pixels are as large as before.
         """
-        depth = noise_depth(m) if self._wall_depth is None else self._wall_depth
-        if m.dim != 2 or m.refinement == "fixed" or depth is None or depth == math.inf:
+        before, extent = self.values, np.array(image.shape)[::-1]
+        if before is not None and is_same and (not image.size or self._has_room(first, first + extent)):
+            self.values = np.full_like(before, UNKNOWN)
+        elif image.size or before is not None:
+            self._lower = first // GROWS * GROWS
+            upper = -(-(first + extent) // GROWS) * GROWS
+            self.values, before = np.full((upper - self._lower)[::-1], UNKNOWN, dtype=np.int8), None
+        else:
             return None
-        if self._walls is None and not (m.leaves(states=["occupied"]).hits > 0).any():
-            return None
-        return max(1, math.floor(depth / self.cell_size * (1 + 1e-9)))
+        column, row = first - self._lower
+        self.values[row : row + extent[1], column : column + extent[0]] = image
+        return GridPart(0, 0, self.values, True) if before is None else difference(before, self.values)
+
+    def _has_room(self, first: Ints, last: Ints) -> bool:
+        """Whether pixels from the first to before the last are in the grid, and much of it is needed."""
+        assert self.values is not None
+        is_inside = (first >= self._lower).all() and (last <= self._lower + self.values.shape[::-1]).all()
+        return bool(is_inside) and self.values.size <= SHRINKS * float(np.prod(last - first + 2 * GROWS))
 
     def _changes(self, m: OccupancyMap) -> Changes | None:
         """What is another than at the last look; None if that was at no map, or at one of another kind."""
         box = None
-        if self._height is not None and m.dim == 3:  # And a cell more, for rounding.
+        if self._height is not None:  # And a cell more, for rounding.
             low, high = self._height[0] - self.cell_size, self._height[1] + self.cell_size
             box = np.array([[-_EVERYWHERE, -_EVERYWHERE, low], [_EVERYWHERE, _EVERYWHERE, high]])
         try:
             if self._seen is None:
                 return None
-            of = _COUNTED[m.dim == 3] if self._walls is None else "cells"  # Whose sizes count.
-            return m.changes(since=self._seen, of=of, box=box)
+            return m.changes(since=self._seen, of="columns", box=box)
         except ValueError:
             return None
 
@@ -243,8 +257,6 @@ class GridFollower:
     def _cells_in_band(self, lower: Floats, size: Floats, unit: float) -> Ints:
         """How many smallest cells high boxes are, between the heights that count."""
         height = np.rint(size / unit).astype(np.int64)
-        if lower.shape[1] < 3:
-            return np.ones(len(lower), dtype=np.int64)
         if self._height is None:
             return height
         low, high = (value / unit for value in self._height)
@@ -253,38 +265,20 @@ class GridFollower:
         z = np.rint(lower[:, 2] / unit).astype(np.int64)
         return np.maximum(np.minimum(z + height, last) - np.maximum(z, first), 0)
 
-    def _known(self, m: OccupancyMap, box: Floats | None = None) -> tuple[_Boxes, Ints]:
+    def _known(self, m: OccupancyMap) -> tuple[_Boxes, Ints]:
         """Of leaves that are known, and how many smallest cells high they are."""
-        leaves = m.leaves(box, states=["free", "occupied"])
+        leaves = m.leaves(states=["free", "occupied"])
         unit = m.options["min_cell_size"]
         cells = self._cells_in_band(leaves.lower, leaves.size, unit)
-        state = state_in_column(leaves)
-        if self._walls is not None:
-            state = np.where((state == 1) & (leaves.size > 1.5 * unit), _LARGE, state).astype(np.int8)
-        return self._boxes(leaves.lower, leaves.size, state, cells > 0), cells[cells > 0]
+        return self._boxes(leaves.lower, leaves.size, state_in_column(leaves), cells > 0), cells[cells > 0]
 
     def _boxes(self, lower: Floats, size: Floats, state: NDArray[np.int8], use: NDArray[np.bool_]) -> _Boxes:
         lower = lower[use, :2]
         return _Boxes(*self._pixels(lower, lower + size[use, None]), state[use])
 
     def _drawn(self, m: OccupancyMap, lower: Ints, upper: Ints) -> NDArray[np.int8]:
-        """The pixels from lower to before upper."""
-        if self._walls is not None:
-            reach = self._walls
-            lower, upper = lower - reach, upper + reach
-            values = _painted(self._known(m, np.stack([lower, upper]) * self.cell_size)[0], lower, upper)
-            _draw_walls(values, reach)
-            return values[reach:-reach, reach:-reach]
-        box = np.stack([lower, upper]) * self.cell_size
-        if m.dim == 3:
-            bounds = m.bounds()
-            z = (0.0, 0.0) if bounds is None else (bounds[0][2], bounds[1][2])
-            if self._height is not None:
-                z = max(z[0], self._height[0]), min(z[1], self._height[1])
-            if z[0] > z[1]:
-                return np.full((upper - lower)[::-1], UNKNOWN, dtype=np.int8)
-            box = np.column_stack([box, z])
-        return _painted(self._known(m, box)[0], lower, upper)
+        """The pixels from lower to before upper, of a follower that does not count cells."""
+        raise NotImplementedError
 
     def _drawn_anew(self, m: OccupancyMap) -> GridPart | None:
         known, cells = self._known(m)
@@ -297,7 +291,7 @@ class GridFollower:
         lower = known.first.min(axis=0) // GROWS * GROWS
         upper = -(-known.last.max(axis=0) // GROWS) * GROWS
         self._lower = lower
-        if m.dim == 3 and self._counts_cells and self.cell_size == m.options["min_cell_size"]:
+        if self._counts_cells:
             self._counts = np.zeros((2, *(upper - lower)[::-1]), dtype=np.int32)
             _count(self._counts, known, lower, (np.full_like(known.state, -1), known.state), cells)
             self.values = _seen_from_above(self._counts)
@@ -322,33 +316,8 @@ class GridFollower:
 
 
 def state_in_column(leaves: Leaves) -> NDArray[np.int8]:
-    """(n,) the state of leaves, which are part of a column if the map is a 3-D one."""
-    if leaves.lower.shape[1] < 3:
-        return leaves.state
+    """(n,) the state of leaves of a 3-D map as parts of a column."""
     return np.where(leaves.thin, 1, leaves.state).astype(np.int8)
-
-
-def _painted(boxes: _Boxes, lower: Ints, upper: Ints) -> NDArray[np.int8]:
-    """The pixels from lower to before upper, with boxes drawn in them; occupied ones cover free ones."""
-    size = upper - lower
-    values = np.full(size[::-1], UNKNOWN, dtype=np.int8)
-    first, last = np.clip(boxes.first - lower, 0, size), np.clip(boxes.last - lower, 0, size)
-    for state in (0, _LARGE, 1):
-        use = (boxes.state == state) & (first < last).all(axis=1)
-        _fill(values, first[use], last[use], _VALUES[boxes.state[use]])
-    return values
-
-
-def _draw_walls(values: NDArray[np.int8], reach: int) -> None:
-    """Pixels of large cells become occupied within reach of a free one along both axes, others unknown."""
-    row, column = np.nonzero(values == _LARGE_VALUE)
-    if not len(row):
-        return
-    free = np.pad(values == FREE, ((reach + 1, reach), (reach + 1, reach)))
-    sums = free.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
-    bottom, right = row + 2 * reach + 1, column + 2 * reach + 1
-    near = sums[bottom, right] - sums[row, right] - sums[bottom, column] + sums[row, column]
-    values[row, column] = np.where(near > 0, OCCUPIED, UNKNOWN)
 
 
 def _count(
@@ -387,9 +356,3 @@ def _seen_from_above(counts: NDArray[np.int32]) -> NDArray[np.int8]:
     values[counts[0] > 0] = FREE
     values[counts[1] > 0] = OCCUPIED
     return values
-
-
-def _fill(values: NDArray[np.int8], first: Ints, last: Ints, what: NDArray[np.int8]) -> None:
-    """Write values into boxes of pixels, which do not overlap unless their values are the same."""
-    at, which = pixels_in(first, last, values.shape[1])
-    values.reshape(-1)[at] = what[which]
