@@ -82,7 +82,7 @@ def test_evidence_finds_what_moves_and_one_scan_finds_nothing(office):
         assert probability.shape == (len(scan),)
         assert ((probability >= 0) & (probability <= 1)).all()
         assert (probability[~scan.returned] == 0.5).all()
-        returned = points.returned(scan)
+        returned = scan.hits(points.max_range)
         removed.append(points.moved(scan)[returned])
         truth.append(office.moved(i)[returned])
     scores = moved_scores(np.concatenate(removed), np.concatenate(truth))

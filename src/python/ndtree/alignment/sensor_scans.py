@@ -45,8 +45,7 @@ def pose_in_log(scan: Scan) -> Floats:
 
 def ends_to_match(scan: Scan, ranges: Floats, max_range: float) -> NDArray[np.bool_]:
     """Whether each end point of a scan is a surface to match: not the robot's own, nor farther."""
-    hits: NDArray[np.bool_] = np.isfinite(ranges) & (ranges > _LEAST_RANGE) & (ranges <= max_range)
-    return hits if scan.returned is None else hits & scan.returned
+    return scan.did_return & np.isfinite(ranges) & (ranges > _LEAST_RANGE) & (ranges <= max_range)
 
 
 def spread_evenly(points: Floats, most: int) -> Floats:

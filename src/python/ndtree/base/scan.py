@@ -117,13 +117,23 @@ class Scan:
         return True
 
     def __repr__(self) -> str:
-        silent = 0 if self.returned is None else int(np.count_nonzero(~self.returned))
+        silent = np.count_nonzero(~self.did_return)
         return f"Scan({len(self)} beams in {self.dim}-D, {silent} not returned, stamp={self.stamp!r})"
 
     @property
     def dim(self) -> int:
         """Number of coordinates of a point."""
         return self.endpoints.shape[1]
+
+    @property
+    def did_return(self) -> NDArray[np.bool_]:
+        """(n,) bool: `returned`; all True where that was left out."""
+        return np.ones(len(self), dtype=bool) if self.returned is None else self.returned
+
+    def hits(self, max_range: float = math.inf) -> NDArray[np.bool_]:
+        """(n,) bool: which beams met a surface within `max_range` [m]; those of no length met none."""
+        length = np.linalg.norm(self.endpoints - self.origin, axis=1)
+        return self.did_return & np.isfinite(length) & (length > 0) & (length <= max_range)
 
     def require_sensor(self, what: str) -> None:
         """Refuse points without a sensor for something that needs beams.
@@ -141,9 +151,7 @@ class Scan:
 
         For sensors whose missing returns say nothing: glass, dark surfaces and the sky cause them alike.
         """
-        if self.returned is None:
-            return self
-        return replace(self.only(self.returned), returned=None)
+        return self if self.returned is None else replace(self.only(self.returned), returned=None)
 
     def only(self, which: NDArray[np.bool_] | slice) -> Scan:
         """The same scan with only some beams, in their order.
@@ -210,9 +218,7 @@ class Scan:
         ranges : (n,) float64
             Their lengths [m].
         """
-        use = np.isfinite(self.endpoints).all(axis=1)
-        if self.returned is not None:
-            use &= self.returned
+        use = self.did_return & np.isfinite(self.endpoints).all(axis=1)
         start = np.broadcast_to(self.origin, self.endpoints.shape)[use].astype(np.float64)
         way = self.endpoints[use] - start
         length = np.linalg.norm(way, axis=1)

@@ -104,9 +104,7 @@ class _OneCloud(Writer):
                         self._fields[name] = _small(values)
 
     def take(self, scan: Scan, moved: Floats, keep: Bools) -> None:
-        use = keep & np.isfinite(scan.endpoints).all(axis=1)
-        if scan.returned is not None:
-            use &= scan.returned
+        use = keep & scan.did_return & np.isfinite(scan.endpoints).all(axis=1)
         points = scan.endpoints[use]
         small = points.dtype == np.float32 or np.abs(points).max(initial=0.0) < 1e4
         kind = np.float32 if small else np.float64
@@ -203,7 +201,7 @@ class Cleaned:
         first = 0
         for scan in log if isinstance(self._writer, _Folder) else self._points.again:  # A folder has files.
             moved = self._points.probability(scan)
-            returned = self._points.returned(scan)
+            returned = scan.hits(self._points.max_range)
             went = returned & (moved > THRESHOLD)
             self._writer.take(scan, moved, np.ones(len(scan), bool) if self._writer.mark else ~went)
             self.scans += 1

@@ -86,9 +86,5 @@ class DelayedMoved:
 
     def _probability(self, evidence: _core.MovedEvidence, scan: Scan) -> NDArray[np.float32]:
         told = np.asarray(evidence.probability(scan.endpoints))
-        length = np.linalg.norm(scan.endpoints - scan.origin, axis=1)
-        returned = (length > 0) & (length <= self._max_range)
-        if scan.returned is not None:
-            returned &= scan.returned
-        told[~returned] = 0.5
+        told[~scan.hits(self._max_range)] = 0.5
         return told

@@ -104,7 +104,7 @@ class MovedPoints:
         """That each point of a scan moved; 0.5 for beams that returned from nowhere."""
         answer = np.asarray(self._evidence.probability(scan.endpoints))
         if scan.returned is not None or self.max_range < np.inf:  # Else what did not return is in no cell.
-            answer[~self.returned(scan)] = 0.5
+            answer[~scan.hits(self.max_range)] = 0.5
         return answer
 
     def moved(self, scan: Scan) -> NDArray[np.bool_]:
@@ -123,9 +123,7 @@ class MovedPoints:
         way = scan.endpoints[moved].astype(np.float64) - origin
         length = np.linalg.norm(way, axis=1)
         # Of the few alone: what did not return did not move, though it may end in a cell of what did.
-        did_return = (length > 0) & (length <= self.max_range)
-        if scan.returned is not None:
-            did_return &= scan.returned[moved]
+        did_return = (length > 0) & (length <= self.max_range) & scan.did_return[moved]
         if not did_return.all():
             moved[moved] = did_return
             if not moved.any():
@@ -138,9 +136,7 @@ class MovedPoints:
         kept = 1 - (self._margin + 2 * sigma) / length
         ends = scan.endpoints.copy()
         ends[moved] = np.where((kept > 0)[:, None], origin + kept[:, None] * way, np.nan)
-        returned = np.ones(len(scan), dtype=bool) if scan.returned is None else scan.returned.copy()
-        returned[moved] = False
-        return replace(scan, endpoints=ends, returned=returned)
+        return replace(scan, endpoints=ends, returned=scan.did_return & ~moved)
 
     def keep_standing(self, target: OccupancyMap) -> int:
         """Mark the cells of what stands in a map of the scans without what moved; returns how many.
@@ -162,12 +158,6 @@ class MovedPoints:
         """Each scan of the log with the probabilities of its points."""
         for scan in self.again:
             yield scan, self.probability(scan)
-
-    def returned(self, scan: Scan) -> NDArray[np.bool_]:
-        """Which beams of a scan met a surface within the maximum range."""
-        length = np.linalg.norm(scan.endpoints - scan.origin, axis=1)
-        returned = np.isfinite(length) & (length > 0) & (length <= self.max_range)
-        return returned if scan.returned is None else returned & scan.returned
 
 
 @dataclass(frozen=True)

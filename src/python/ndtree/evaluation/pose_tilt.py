@@ -77,7 +77,7 @@ def _differences(scans: Iterable[Scan]) -> Iterator[NDArray[np.float64]]:
 
 def _ground(scan: Scan) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Keys of columns, ascending, and the lowest point in each."""
-    ends = scan.endpoints if scan.returned is None else scan.endpoints[scan.returned]
+    ends = scan.endpoints[scan.did_return]
     ends = np.asarray(ends, np.float64)[:: max(1, len(ends) // _MOST_POINTS)]
     ends = ends[np.isfinite(ends).all(axis=1)]
     cells = np.floor(ends[:, :2] / _COLUMN).astype(np.int64)

@@ -614,7 +614,7 @@ class LiveMapper:
         if motion is None or scan.dim != 2:
             figures.leave_out("scans without odometry" if motion is None else "scans that are not 2-D")
             return
-        ends = scan.endpoints if scan.returned is None else scan.endpoints[scan.returned]
+        ends = scan.endpoints[scan.did_return]
         sensor, body = (pose.level().matrix(2) for pose in (motion.sensor, motion.odometry))
         ends = (ends - sensor[:2, 2]) @ sensor[:2, :2]
         found = localizer.track(ends, sensor, motion.stamp, body=body)

@@ -58,11 +58,10 @@ class Passing:
             self.begin()
             return
         self._size = m.options["min_cell_size"]
-        ends = scan.endpoints if scan.returned is None else scan.endpoints[scan.returned]
+        ends = scan.endpoints[scan.hits()]
         if self._height is not None and m.dim == 3:
             low, high = self._height()
             ends = ends[(ends[:, 2] >= low) & (ends[:, 2] < high)]
-        ends = ends[np.isfinite(ends).all(axis=1)]
         columns, since = self._marks
         young = scan.stamp - since <= _FORGOTTEN * stays
         columns, since = columns[young & (since <= scan.stamp)], since[young & (since <= scan.stamp)]

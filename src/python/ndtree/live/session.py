@@ -54,9 +54,7 @@ class Session:
             rows["numbers"].append(int(motion.stamp))
             rows["points"].append(seen_from(pose, scan.endpoints.astype(np.float64)))
             rows["starts"].append(seen_from(pose, np.broadcast_to(scan.origin, each).astype(np.float64)))
-            rows["returned"].append(
-                np.broadcast_to(True if scan.returned is None else scan.returned, len(scan))
-            )
+            rows["returned"].append(scan.did_return)
             sigma = np.nan if scan.range_sigma is None else scan.range_sigma
             rows["sigmas"].append(np.broadcast_to(sigma, len(scan)))
             poses.append(pose)

@@ -97,7 +97,7 @@ def log_figures(log: Log, *, most: int | None = None) -> dict[str, Any]:
             first, last = min(first, scan.stamp), max(last, scan.stamp)
             distance = np.linalg.norm(scan.endpoints - scan.origin, axis=1)
             valid = np.isfinite(distance) & ((distance > 0) | scan.points_only)
-            returned = valid if scan.returned is None else valid & scan.returned
+            returned = valid & scan.did_return
             beams["beams"] += len(scan)
             beams["invalid"] += int(np.count_nonzero(~valid))
             beams["returned"] += int(np.count_nonzero(returned))

@@ -51,7 +51,7 @@ def save_archive(
         covariances.append(scan.pose_covariance)
         points.append(scan.endpoints)
         origins.append(scan.origin)
-        returned.append(np.ones(len(scan), dtype=bool) if scan.returned is None else scan.returned)
+        returned.append(scan.did_return)
         stamps.append(scan.stamp)
         for field, values in (fields(i) if fields else {}).items():
             more.setdefault(field, []).append(values)

@@ -170,8 +170,7 @@ def _cropped(scan: Scan, lower: Floats, upper: Floats) -> Scan:
     keep = ends_inside | touches
     cut = keep & ~ends_inside & (leave < 1)
     end[cut] = start[cut] + leave[cut, None] * way[cut]
-    returned = np.ones(len(scan), dtype=bool) if scan.returned is None else scan.returned
-    cropped = replace(scan, endpoints=end, returned=returned & ends_inside)
+    cropped = replace(scan, endpoints=end, returned=scan.did_return & ends_inside)
     return cropped.only(keep)
 
 

@@ -67,8 +67,7 @@ class CutOff:
         there = _ranges(scan) >= self.at - max(self.tolerance, _exact(scan))
         if np.count_nonzero(there) < LEAST_CUT_OFF:
             return scan
-        returned = ~there if scan.returned is None else scan.returned & ~there
-        return replace(scan, returned=returned)
+        return replace(scan, returned=scan.did_return & ~there)
 
 
 class CutOffSearch:
@@ -89,7 +88,7 @@ class CutOffSearch:
 
     def add(self, scan: Scan) -> None:
         """Look at the next scan."""
-        if self._says_itself and scan.returned is not None and not scan.returned.all():
+        if self._says_itself and not scan.did_return.all():
             self.is_said = True
         if self.is_said:
             return
@@ -130,10 +129,7 @@ def _ranges(scan: Scan) -> NDArray[np.float64]:
     """Of the beams that returned [m]; -1 for the others."""
     way = scan.endpoints - scan.origin
     ranges = np.sqrt(np.einsum("ij,ij->i", way, way, dtype=np.float64))
-    use = np.isfinite(ranges)
-    if scan.returned is not None:
-        use &= scan.returned
-    return np.where(use, ranges, -1.0)
+    return np.where(scan.did_return & np.isfinite(ranges), ranges, -1.0)
 
 
 def _rounding(scan: Scan) -> float:

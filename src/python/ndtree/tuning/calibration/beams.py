@@ -89,8 +89,7 @@ class Beams:
             )
         self.origin = origin[use]
         self.direction = way[use] / length[use, None]
-        self.hit = np.ones(len(use), dtype=bool) if scan.returned is None else scan.returned
-        self.hit = self.hit[use] & (length[use] <= max_range)
+        self.hit = scan.did_return[use] & (length[use] <= max_range)
         self.length = np.minimum(length[use], max_range)
 
     def at(self, distance: Floats) -> Floats:
