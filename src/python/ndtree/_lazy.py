@@ -6,7 +6,8 @@ This module imports nothing of the package, so every folder may use it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
@@ -25,6 +26,31 @@ METHODS = {
 def method(name: str) -> Any:
     """The function of `METHODS` with this name; its module is loaded."""
     return getattr(import_module(METHODS[name]), name)
+
+
+def names(
+    package: str, modules: Mapping[str, str], *, folders: tuple[str, ...] = ()
+) -> tuple[list[str], Callable[[str], Any], Callable[[], list[str]]]:
+    """``__all__``, ``__getattr__`` and ``__dir__`` of a package whose names load when they are asked for.
+
+    `modules`: Of each module in the package, the names that it has, with blanks between.
+    `folders`: Modules that are attributes of the package, too.
+    """
+    scope = vars(sys.modules[package])
+    module_of = {name: module for module, held in modules.items() for name in held.split()}
+
+    def get(name: str) -> Any:
+        if name in folders:
+            return import_module(f"{package}.{name}")
+        if name not in module_of:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        scope[name] = getattr(import_module(f"{package}.{module_of[name]}"), name)
+        return scope[name]
+
+    def names_of() -> list[str]:
+        return sorted({*module_of, *folders, *(name for name in scope if name.startswith("__"))})
+
+    return sorted(module_of), get, names_of
 
 
 @contextmanager

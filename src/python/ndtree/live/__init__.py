@@ -7,104 +7,61 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ndtree import _lazy
 
 if TYPE_CHECKING:
-    from ndtree.live.corrections import Correction, Corrections
-    from ndtree.live.fading import Fading
-    from ndtree.live.figures import LiveFigures
-    from ndtree.live.frames import FramesIntake, Reading, Transform
-    from ndtree.live.grid import GridFollower, GridPart
-    from ndtree.live.intake import Intake, ScansIntake, Verdict
-    from ndtree.live.localizing import Localization, Localizer
-    from ndtree.live.mapper import LiveMapper, Sink
-    from ndtree.live.messages import MessagesIntake
-    from ndtree.live.obstacles import ObstacleDistance, ObstacleSink, obstacle_distance
-    from ndtree.live.playing import play
-    from ndtree.live.saver import Saver
-    from ndtree.live.serving import MapServer
-    from ndtree.live.session import Session
-    from ndtree.live.slam import Slam
-    from ndtree.live.to_foxglove import FoxgloveSink
-    from ndtree.live.to_rerun import RerunSink
-    from ndtree.live.way import Way
-    from ndtree.live.window import Window
+    from ndtree.live.corrections import Correction as Correction
+    from ndtree.live.corrections import Corrections as Corrections
+    from ndtree.live.fading import Fading as Fading
+    from ndtree.live.figures import LiveFigures as LiveFigures
+    from ndtree.live.frames import FramesIntake as FramesIntake
+    from ndtree.live.frames import Reading as Reading
+    from ndtree.live.frames import Transform as Transform
+    from ndtree.live.grid import GridFollower as GridFollower
+    from ndtree.live.grid import GridPart as GridPart
+    from ndtree.live.intake import Intake as Intake
+    from ndtree.live.intake import ScansIntake as ScansIntake
+    from ndtree.live.intake import Verdict as Verdict
+    from ndtree.live.localizing import Localization as Localization
+    from ndtree.live.localizing import Localizer as Localizer
+    from ndtree.live.mapper import LiveMapper as LiveMapper
+    from ndtree.live.mapper import Sink as Sink
+    from ndtree.live.messages import MessagesIntake as MessagesIntake
+    from ndtree.live.obstacles import ObstacleDistance as ObstacleDistance
+    from ndtree.live.obstacles import ObstacleSink as ObstacleSink
+    from ndtree.live.obstacles import obstacle_distance as obstacle_distance
+    from ndtree.live.playing import play as play
+    from ndtree.live.saver import Saver as Saver
+    from ndtree.live.serving import MapServer as MapServer
+    from ndtree.live.session import Session as Session
+    from ndtree.live.slam import Slam as Slam
+    from ndtree.live.to_foxglove import FoxgloveSink as FoxgloveSink
+    from ndtree.live.to_rerun import RerunSink as RerunSink
+    from ndtree.live.way import Way as Way
+    from ndtree.live.window import Window as Window
 
-#: Where each public name is; its module loads when it is asked for.
-_MODULES = {
-    "Correction": "corrections",
-    "Corrections": "corrections",
-    "Fading": "fading",
-    "FoxgloveSink": "to_foxglove",
-    "FramesIntake": "frames",
-    "GridFollower": "grid",
-    "GridPart": "grid",
-    "Intake": "intake",
-    "LiveFigures": "figures",
-    "LiveMapper": "mapper",
-    "Localization": "localizing",
-    "Localizer": "localizing",
-    "MapServer": "serving",
-    "MessagesIntake": "messages",
-    "ObstacleDistance": "obstacles",
-    "ObstacleSink": "obstacles",
-    "Reading": "frames",
-    "RerunSink": "to_rerun",
-    "Saver": "saver",
-    "ScansIntake": "intake",
-    "Session": "session",
-    "Sink": "mapper",
-    "Slam": "slam",
-    "Transform": "frames",
-    "Verdict": "intake",
-    "Way": "way",
-    "Window": "window",
-    "obstacle_distance": "obstacles",
-    "play": "playing",
+#: The public names, by the module that has them; it loads when one is asked for.
+_NAMES = {
+    "corrections": "Correction Corrections",
+    "fading": "Fading",
+    "figures": "LiveFigures",
+    "frames": "FramesIntake Reading Transform",
+    "grid": "GridFollower GridPart",
+    "intake": "Intake ScansIntake Verdict",
+    "localizing": "Localization Localizer",
+    "mapper": "LiveMapper Sink",
+    "messages": "MessagesIntake",
+    "obstacles": "ObstacleDistance ObstacleSink obstacle_distance",
+    "playing": "play",
+    "saver": "Saver",
+    "serving": "MapServer",
+    "session": "Session",
+    "slam": "Slam",
+    "to_foxglove": "FoxgloveSink",
+    "to_rerun": "RerunSink",
+    "way": "Way",
+    "window": "Window",
 }
-
-__all__ = [
-    "Correction",
-    "Corrections",
-    "Fading",
-    "FoxgloveSink",
-    "FramesIntake",
-    "GridFollower",
-    "GridPart",
-    "Intake",
-    "LiveFigures",
-    "LiveMapper",
-    "Localization",
-    "Localizer",
-    "MapServer",
-    "MessagesIntake",
-    "ObstacleDistance",
-    "ObstacleSink",
-    "Reading",
-    "RerunSink",
-    "Saver",
-    "ScansIntake",
-    "Session",
-    "Sink",
-    "Slam",
-    "Transform",
-    "Verdict",
-    "Way",
-    "Window",
-    "obstacle_distance",
-    "play",
-]
-
-
-def __getattr__(name: str) -> Any:
-    """A name of the package."""
-    if name not in _MODULES:
-        raise AttributeError(f"module 'ndtree.live' has no attribute {name!r}")
-    value = getattr(import_module(f"ndtree.live.{_MODULES[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__all__, __getattr__, __dir__ = _lazy.names(__name__, _NAMES)
