@@ -344,7 +344,7 @@ def test_wrong_maps_are_refused(flat: Any, solid: Any, tmp_path: Path) -> None:
         plot.slice(solid, "w", 0.0)
     with pytest.raises(ValueError, match="color = 'taste': must be one of height, size, probability"):
         plot.occupied(solid, color="taste")
-    with pytest.raises(ValueError, match="color = .height.: must be state, probability or size"):
+    with pytest.raises(ValueError, match=r"color = .height.: must be state, probability or size"):
         plot.overview(flat, tmp_path / "a.png", color="height")
     with pytest.raises(ValueError, match=r"[Ff]ormat"):
         plot.overview(flat, tmp_path / "a.doc")
