@@ -306,15 +306,6 @@ def test_what_cannot_be_done_is_said_in_one_line(
     assert expected in " ".join(done.stderr.split())
 
 
-@pytest.mark.parametrize(
-    "arguments", [(), ("LOG", "--limit", 0), ("LOG", "--no-return", "maybe"), ("LOG", "x")]
-)
-def test_what_is_no_call_has_status_2(arguments: tuple[object, ...], log: Path) -> None:
-    done = run(*(log if argument == "LOG" else argument for argument in arguments))
-    assert done.exit_code == 2
-    assert "ndtree calibrate --help" in done.output
-
-
 # --- Real recordings --------------------------------------------------------------------------------
 
 

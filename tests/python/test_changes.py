@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import threading
-import time
 from typing import Any
 
 import numpy as np
@@ -103,51 +101,3 @@ def test_what_cannot_be_compared_is_told() -> None:
     if ndtree.has_octomap:
         with pytest.raises(ValueError, match="must be a map of ndtree's own"):
             ndtree.OctoMap(min_cell_size=0.1).snapshot()
-
-
-@pytest.mark.parametrize("make", MAKERS)
-def test_a_map_moves(make: Any) -> None:
-    m = grown(make(), range(3))
-    angle, move = 0.7, np.linspace(3.0, 1.0, m.dim)
-    pose = np.eye(m.dim + 1)
-    pose[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    pose[:-1, -1] = move
-    moved = m.transformed(pose)
-    points = points_around(m.dim)
-    there = points @ pose[:-1, :-1].T + move
-    assert (moved.state(there) == m.state(points)).mean() > 0.9  # But at borders.
-    if m.dim == 2:
-        assert moved == m.transformed([*move, angle])
-
-
-def test_readers_and_a_writer_do_not_wait_for_each_other() -> None:
-    m = ndtree.AdaptiveMap(dim=2)
-    finished = threading.Event()
-    asked = 0
-    longest = 0.0
-    points = points_around(2, 200_000)
-
-    def ask() -> None:
-        nonlocal asked, longest
-        while not finished.is_set():
-            start = time.perf_counter()
-            m.state(points[:2000])
-            longest = max(longest, time.perf_counter() - start)
-            m.nearest_occupied(points[:5000])
-            asked += 1
-
-    readers = [threading.Thread(target=ask) for _ in range(3)]
-    for reader in readers:
-        reader.start()
-    try:
-        for seed in range(60):
-            m.insert(*room_scan(2, seed % 40))
-    finally:
-        finished.set()
-        for reader in readers:
-            reader.join()
-    assert asked > 0
-    alone = ndtree.AdaptiveMap(dim=2)
-    for seed in range(60):
-        alone.insert(*room_scan(2, seed % 40))
-    assert m.to_bytes() == alone.to_bytes()

@@ -12,48 +12,6 @@ import pytest
 
 import ndtree
 
-spatial = pytest.importorskip("scipy.spatial")
-
-
-def hand_made_log(dim: int) -> list[ndtree.Scan]:
-    """Half-open views, beams that did not return or are invalid, several origins, and single beams."""
-    random = np.random.default_rng(3)
-    scans = []
-    for s in range(15):
-        n = 1 if s == 0 else int(random.integers(2, 200))
-        ways = random.normal(size=(n, dim))
-        if s % 2:
-            ways[:, 0] = np.abs(ways[:, 0]) + 0.5
-        ways *= (random.uniform(0.5, 4.0, n) / np.linalg.norm(ways, axis=1))[:, None]
-        origins = random.uniform(-1.0, 1.0, (3, dim))
-        origin = origins[random.integers(0, 3, n)] if s % 3 == 2 else origins[0]
-        ends = origin + ways
-        ends[random.random(n) < 0.1] = np.nan
-        returned = None if s % 4 == 0 else random.random(n) < 0.7
-        scans.append(ndtree.Scan(ends.astype(np.float32) if s % 5 == 0 else ends, origin, returned))
-    return scans
-
-
-def test_claims_are_a_plain_count() -> None:
-    scans = hand_made_log(2)
-    space = ndtree.SeenSpace(scans, samples=5000)
-    m = ndtree.FixedMap(dim=2, min_cell_size=0.1)
-    nothing = m.claims(space)
-    assert (nothing.points, nothing.free, nothing.free_and_unseen) == (5000, 0, 0)
-    assert math.isnan(nothing.free_unseen)
-    assert nothing.seen_unknown == nothing.wrong_volume == 1.0
-    for scan in scans:
-        scan.insert_into(m)
-    free, unknown = (m.state(space.points) == value for value in (0, -1))
-    claims = m.claims(space)
-    assert (claims.points, claims.seen) == (5000, np.count_nonzero(space.seen))
-    assert claims.free == np.count_nonzero(free) > 500
-    assert claims.free_and_unseen == np.count_nonzero(free & ~space.seen) > 50
-    assert claims.unknown_and_seen == np.count_nonzero(unknown & space.seen) > 50
-    assert claims.free_unseen == claims.free_and_unseen / claims.free
-    assert claims.seen_unknown == claims.unknown_and_seen / claims.seen
-    assert claims.wrong_volume == (claims.free_and_unseen + claims.unknown_and_seen) / claims.seen
-
 
 @pytest.mark.parametrize("simulated", [True, False])
 def test_a_comparison_says_what_its_maps_claim(simulated: bool) -> None:

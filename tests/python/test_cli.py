@@ -105,16 +105,6 @@ def test_a_map_without_a_name_gets_that_of_its_log(
     assert run("map", packed, "--every", 5, "-o", "a.b.ndt").exit_code == 0
 
 
-def test_map_fixed_and_3d(log_3d: Path, tmp_path: Path) -> None:
-    target, picture = tmp_path / "a.ndt", tmp_path / "a.png"
-    done = run("map", log_3d, "-o", target, "--fixed", "--min-cell-size", 0.2, "--picture", picture)
-    assert done.exit_code == 0, done.output
-    m = ndtree.load(target)
-    assert (m.dim, m.refinement) == (3, "fixed")
-    assert set(m.leaves().size[m.leaves().observed]) == {0.2}
-    assert picture.stat().st_size > 10_000
-
-
 def test_compare_prints_and_writes_the_figures(log: Path, tmp_path: Path) -> None:
     figures, table, picture = tmp_path / "a.json", tmp_path / "a.csv", tmp_path / "a.png"
     done = run(
@@ -137,26 +127,6 @@ def test_compare_prints_and_writes_the_figures(log: Path, tmp_path: Path) -> Non
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_compare_simulates_and_writes_json_to_standard_output() -> None:
-    done = run("compare", "--world", "apartment", "--scans", 3, "--held-out", 3, "--maps", "fixed",
-               "--min-cell-size", 0.2, "--json", "-")  # fmt: skip
-    assert done.exit_code == 0, done.output
-    written = json.loads(done.stdout)
-    assert (written["log"], written["dim"]) == ("world apartment", 3)
-    assert set(written["maps"][0]["exact"]) == {"free", "near", "inside", "thin", "floor", "auc"}
-
-
-def test_demo_draws_and_names_its_pictures(log: Path, tmp_path: Path) -> None:
-    for given in ((log,), ("--scans", 20)):
-        folder = tmp_path / "new" / str(len(given))
-        done = run("demo", *given, "--output", folder)
-        assert done.exit_code == 0, done.output
-        for name in ("adaptive-fixed.png", "adaptive-fixed-0.1.png"):
-            assert str(folder / name) in done.output
-            assert (folder / name).read_bytes().startswith(b"\x89PNG")
-        assert "ray casts within 0.1 m" in done.output
-
-
 @pytest.mark.long
 def test_demo_takes_beams_without_return_as_map_and_compare_do(tmp_path: Path) -> None:
     """Whole rooms would be free outside of the walls if the simulated laser's no-returns were believed."""
@@ -173,24 +143,6 @@ def test_demo_takes_beams_without_return_as_map_and_compare_do(tmp_path: Path) -
         assert done.exit_code == 0, done.output
         (chosen[name],) = re.findall(r"--no-return (\w+)", done.output)
     assert chosen == dict.fromkeys(chosen, "ignore")
-
-
-def test_demo_shows_the_maps_before_it_judges_them(
-    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def judged(self: Any, progress: Any, **options: Any) -> None:
-        assert (tmp_path / "adaptive-fixed.png").read_bytes().startswith(b"\x89PNG")
-        raise ValueError("judging comes last")
-
-    monkeypatch.setattr("ndtree.evaluation.comparison.Trial.judged", judged)
-    done = run("demo", log, "--output", tmp_path, "--no-return", "free")
-    assert done.exit_code == 1 and "judging comes last" in done.output
-    cells = ndtree.AdaptiveMap(dim=2)
-    for number, scan in enumerate(ndtree.read(log)):
-        if number % 10 != 9:
-            scan.insert_into(cells)
-    assert re.search(rf"^adaptive +{cells.stats().observed_leaves:,} cells", done.output, re.M)
-    assert f"See {tmp_path / 'adaptive-fixed.png'}." in done.output
 
 
 def test_demo_ends_with_three_calls_that_work(log: Path, tmp_path: Path, monkeypatch: Any) -> None:
@@ -395,14 +347,6 @@ def test_a_scan_that_cannot_be_mapped_is_named(tmp_path: Path) -> None:
     for arguments in (("map", log, "-o", tmp_path / "a.ndt"), ("compare", log, "--held-out", 0)):
         refused(run(*arguments), 1, f"{log}: scan 1: beam 0 reaches")
     assert [path.name for path in tmp_path.iterdir()] == ["far.txt"]
-
-
-def test_damaged_maps_are_named(tmp_path: Path) -> None:
-    m = ndtree.AdaptiveMap(dim=2)
-    m.insert(np.ones((3, 2)), np.zeros(2))
-    damaged = tmp_path / "a.ndt"
-    damaged.write_bytes(m.to_bytes()[:-9])
-    refused(run("info", damaged), 1, str(damaged))
 
 
 @pytest.mark.parametrize("option", ["-o", "--picture", "--json"])

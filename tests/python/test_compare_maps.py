@@ -100,17 +100,6 @@ def test_large_occupied_cells_are_measured_at_their_border() -> None:
     assert 50 < few["points"] < 150 and few["mean"] == pytest.approx(result["a_to_b"]["mean"], rel=0.2)
 
 
-def test_a_shifted_map_is_as_far_as_it_was_shifted() -> None:
-    grid = np.full((40, 40), 0)
-    grid[:, 20] = 1
-    a = ndtree.from_grid(grid, [0, 0], 0.1)
-    b = ndtree.from_grid(np.roll(grid, 5, axis=1), [0, 0], 0.1)
-    result = ndtree.compare_maps(a, b)
-    assert result["distances"]["hausdorff"] == pytest.approx(0.45)  # From a centre to the next border.
-    assert result["cells"]["occupied"] == {"unknown": 0, "free": 40, "occupied": 0}
-    assert result["cells"]["free"] == {"unknown": 0, "free": 1520, "occupied": 40}
-
-
 def test_shifted_frames_are_compared_where_they_lie() -> None:
     random = np.random.default_rng(3)
     grid = random.integers(-1, 2, (20, 30))

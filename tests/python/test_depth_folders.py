@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 import json
-import shutil
 import struct
-import sys
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -333,39 +331,4 @@ def test_a_camera_can_have_a_scale_of_its_own() -> None:
     assert camera_of("1,2,3,4,5", scale=7) == Camera(1, 2, 3, 4, 5)
 
 
-def test_without_pillow_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seven_scenes(tmp_path)
-    monkeypatch.setitem(sys.modules, "PIL", None)
-    with pytest.raises(ImportError, match=r"pip install 'ndtree-mapping\[clouds\]'"):
-        list(read(tmp_path, keep_going=True))
-
-
 # --- Real recordings --------------------------------------------------------------------------------
-
-
-def test_kinect_recording_is_the_same_as_png_and_npz(recordings: Path) -> None:
-    folder = recordings / "kinect_7scenes"
-    log = read(folder / "seven_scenes_format", pixel_stride=5)
-    with np.load(folder / "kinect_7scenes.npz") as archive:
-        arrays = {name: archive[name] for name in ("frame_ids", "offsets", "points", "world_from_original")}
-    turn = arrays["world_from_original"][:3, :3]
-    compared = 0
-    for i in range(0, len(log), 8):
-        number = 25 * i
-        k = int(np.flatnonzero(arrays["frame_ids"] == number)[0])
-        points = arrays["points"][arrays["offsets"][k] : arrays["offsets"][k + 1]]
-        one = log._in_map(log._points(i), log._pose(i))
-        np.testing.assert_allclose(one @ turn.T + arrays["world_from_original"][:3, 3], points, atol=1e-6)
-        compared += len(points)
-    assert compared > 50_000
-
-
-def test_tum_recording_has_its_images(recordings: Path, tmp_path: Path) -> None:
-    folder = recordings / "kinect_tum_fr1_rpy" / "tum_format"
-    log = read(folder, pixel_stride=8, time_offset=-0.025)
-    beams = [len(scan) for scan in log]
-    assert len(log) == len(beams) == 30 and min(beams) > 1000
-    shutil.copytree(folder, tmp_path / "copy")
-    (tmp_path / "copy" / "depth" / log._files[3].rsplit("/", 1)[1]).unlink()
-    with pytest.raises(FileNotFoundError):
-        list(read(tmp_path / "copy"))

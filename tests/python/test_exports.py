@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,44 +49,6 @@ def test_grids_of_cells_no_larger_than_the_maps_hold_what_it_says_at_their_centr
     assert m.to_grid([[1.0] * dim, [1.0] * dim]).size == 0
 
 
-@pytest.mark.parametrize(
-    "call, message",
-    [
-        (lambda m, f: m.to_grid([[0, 0, 0]]), r"box has shape \(1, 3\): must be \(2, 3\)"),
-        (lambda m, f: m.to_grid([[1, 0, 0], [0, 1, 1]]), "box: axis 0 is from 1.0"),
-        (lambda m, f: m.to_grid([[0, 0, 0], [1, 1, np.inf]]), "box: axis 2"),
-        (lambda m, f: m.to_grid([[0, 0, 0], [1, 1, 1]], 0), "cell_size = 0.0"),
-        (lambda m, f: m.to_grid([[0, 0, 0], [1, 1, 1]], 1e-300), "more cells than"),
-        (lambda m, f: m.to_grid([[0, 0, 0], [1, 1, 1]], values="colour"), "values = 'colour'"),
-        (lambda m, f: m.states_in([[0, 0, 0]], [[0, 0, -1]]), "box 0: must be from low to high"),
-        (lambda m, f: m.states_in([[0, 0, 0]], np.zeros((2, 3))), "must be the same"),
-        (lambda m, f: m.distance_to_occupied([[0, 0]]), r"points has shape \(1, 2\)"),
-        (lambda m, f: m.save_octomap(f / "a.txt"), "must end in .bt or .ot"),
-        (lambda m, f: m.save_octomap(f / "a.bt", cell_size=-1), "cell_size = -1.0"),
-        (lambda m, f: m.save_octomap(f / "a.bt", cell_size=1e-5), "16 levels end"),
-        (lambda m, f: m.save_map_server(f / "a.png"), "must end in .yaml"),
-        (lambda m, f: m.save_map_server(f / "a.yaml", height=(1, 0)), "from low to high"),
-        (lambda m, f: m.save_ply(f / "a.ply", leaves=[True]), "leaves"),
-        (lambda m, f: room(2).save_octomap(f / "a.bt"), "2-D map: OctoMap has three"),
-        (lambda m, f: ndtree.AdaptiveMap(dim=4).save_ply(f / "a.ply"), "4-D map"),
-        (lambda m, f: ndtree.AdaptiveMap(dim=4).save_map_server(f / "a.yaml"), "4-D map"),
-        (lambda m, f: ndtree.AdaptiveMap(dim=2).save_map_server(f / "a.yaml"), "the map is empty"),
-        (lambda m, f: ndtree.from_grid(np.zeros(3, int), [0], 0.1), "two or three axes"),
-        (lambda m, f: ndtree.from_grid(np.full((2, 2), 300), [0, 0], 0.1), "states holds 300"),
-        (lambda m, f: ndtree.from_grid(np.zeros((2, 2), int), [0, 0, 0], 0.1), r"must be \(2,\)"),
-        (lambda m, f: ndtree.from_grid(np.zeros((2, 2), int), [0.03, 0], 0.1), "whole number of cells"),
-        (lambda m, f: ndtree.from_grid(np.zeros((2, 2), int), [0, 0], 0.1, refinement="x"), "'evidence'"),
-        (lambda m, f: ndtree.load_octomap(__file__), "test_exports.py: not an OctoMap file"),
-    ],
-)
-def test_what_cannot_be_done_is_refused_and_writes_nothing(
-    tmp_path: Path, call: Callable[[Any, Path], Any], message: str
-) -> None:
-    with pytest.raises(ValueError, match=message):
-        call(room(3), tmp_path)
-    assert not list(tmp_path.iterdir())
-
-
 def test_files_that_cannot_be_opened_say_so(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"none\.bt"):
         ndtree.load_octomap(tmp_path / "none.bt")
@@ -94,10 +56,3 @@ def test_files_that_cannot_be_opened_say_so(tmp_path: Path) -> None:
         room(3).save_octomap(tmp_path / "none" / "a.bt")
     with pytest.raises(TypeError, match="whole numbers"):
         ndtree.from_grid(np.zeros((2, 2)), [0, 0], 0.1)
-
-
-def test_octomap_itself_has_its_own_file() -> None:
-    if not ndtree.has_octomap:
-        pytest.skip("the module was built without OctoMap")
-    with pytest.raises(ValueError, match="must be a map of ndtree's own"):
-        ndtree.OctoMap(min_cell_size=0.1).to_grid([[0, 0, 0], [1, 1, 1]])

@@ -4,12 +4,10 @@
 from __future__ import annotations
 
 import math
-import re
 import subprocess
 import sys
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -35,11 +33,6 @@ def room_3d() -> ndtree.AdaptiveMap:
 
 
 # --- Names ------------------------------------------------------------------------------------------
-
-
-def test_dir_shows_what_is_public() -> None:
-    shown = [name for name in dir(ndtree) if not name.startswith("__")]
-    assert set(shown) == {*ndtree.__all__, *ndtree._FOLDERS} - {"__version__"}
 
 
 @pytest.mark.parametrize("name", ndtree._FOLDERS)
@@ -105,19 +98,6 @@ def test_a_fixed_map_has_one_size() -> None:
     assert m.min_cell_size == m.max_cell_size == 0.3
 
 
-def test_the_answer_about_a_point_is_a_number_of_python() -> None:
-    m = room()
-    for answer, kind in (
-        (m.state([1.0, 0.0]), int),
-        (m.probability([1.0, 0.0]), float),
-        (m.cell_size([1.0, 0.0]), float),
-        (m.occupied_within([1.0, 0.0], 0.2), bool),
-        (m.distance_to_occupied([1.0, 0.0]), float),
-        (m.collides(ndtree.Sphere(0.2), [1.0, 0.0]), bool),
-    ):
-        assert type(answer) is kind
-
-
 # --- Poses ------------------------------------------------------------------------------------------
 
 
@@ -137,38 +117,6 @@ def test_positions_are_poses_without_a_turn() -> None:
         assert np.array_equal(m.collides(body, places.reshape(10, 20, dim)), expected.reshape(10, 20))
         assert [m.collides(body, list(place)) for place in places[:20]] == list(expected[:20])
         assert m.path_collides(body, places) == m.path_collides(body, matrices)
-
-
-def test_a_quaternion_turns_a_body() -> None:
-    m = room_3d()
-    long = ndtree.Box([1.6, 0.1, 0.1])
-    half = np.sqrt(0.5)
-    along, across = [1.5, 0, 0, 0, 0, 0, 1.0], [1.5, 0, 0, 0, 0, half, half]
-    assert m.collides(long, along) is True
-    assert m.collides(long, across) is False
-    assert list(m.collides(long, [along, across])) == [True, False]
-
-
-@pytest.mark.parametrize("make, shape", [(room, (2, 5)), (room_3d, (2, 4)), (room, (1,))])
-def test_poses_of_another_shape_are_refused(make: Any, shape: tuple[int, ...]) -> None:
-    with pytest.raises(ValueError, match=re.escape(f"poses has shape {shape}: must be (n, ")):
-        make().collides(ndtree.Sphere(0.1), np.zeros(shape))
-
-
-def test_a_folder_of_tiles_takes_the_same_poses(tmp_path: Path) -> None:
-    mapper = ndtree.TileMapper(
-        ndtree.tiles.storage_of(tmp_path / "a.tiles"), ndtree.AdaptiveMap(dim=2, min_cell_size=0.1)
-    )
-    log = list(ndtree.simulate("office", scans=10))
-    for scan in log:
-        mapper.insert(scan)
-    mapper.write(complete=True)
-    tiles = ndtree.open_tiles(tmp_path / "a.tiles")
-    body = ndtree.Sphere(0.3)
-    places = np.random.default_rng(1).uniform(-1, 10, (50, 2))
-    posed = np.column_stack((places, np.zeros(len(places))))
-    assert np.array_equal(tiles.collides(body, places), tiles.collides(body, posed))
-    assert np.any(tiles.collides(body, places, unknown="occupied"))
 
 
 # --- Pictures ---------------------------------------------------------------------------------------

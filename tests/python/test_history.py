@@ -3,19 +3,12 @@
 
 import math
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
 from histories import mapped_anew
 
 import ndtree
-
-
-def in_sensor_frame(scan: ndtree.Scan, x: float, y: float, yaw: float) -> np.ndarray:
-    """The end points of a 2-D scan as its sensor saw them."""
-    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
-    return (scan.endpoints - [x, y]) @ turn
 
 
 def cells(m: ndtree.AdaptiveMap) -> tuple[np.ndarray, ...]:
@@ -26,32 +19,6 @@ def cells(m: ndtree.AdaptiveMap) -> tuple[np.ndarray, ...]:
 def assert_same(a: ndtree.AdaptiveMap, b: ndtree.AdaptiveMap) -> None:
     for one, other in zip(cells(a), cells(b)):
         np.testing.assert_array_equal(one, other)
-
-
-def test_a_corrected_log_is_the_log_of_the_corrected_poses(recordings: Path) -> None:
-    log = ndtree.read(recordings / "laser2d_intel" / "laser2d_intel.npz")
-    scans = [scan.returned_only() for scan in log][::12]
-    poses = np.load(recordings / "laser2d_intel" / "laser2d_intel.npz")["poses"][::12]
-    xyt = np.column_stack([poses[:, 0, 3], poses[:, 1, 3], np.arctan2(poses[:, 1, 0], poses[:, 0, 0])])
-    drift = np.cumsum(np.random.default_rng(0).normal(0, [0.02, 0.02, 0.003], xyt.shape), axis=0)
-    drifted, right = ndtree.ScanHistory(dim=2), ndtree.ScanHistory(dim=2)
-    for i, (scan, at, off) in enumerate(zip(scans, xyt, drift)):
-        points = in_sensor_frame(scan, *at)
-        drifted.insert(i, points, at + off, max_range=20)
-        right.insert(i, points, at, max_range=20)
-    assert drifted.map.stats().observed_leaves > 1.2 * right.map.stats().observed_leaves, "walls are double"
-    report = drifted.move(dict(enumerate(xyt)))
-    assert report.moved == len(scans)
-    assert_same(drifted.map, right.map)
-    # A loop closure moves the end of a log.
-    last = range(len(scans) * 9 // 10, len(scans))
-    back = drifted.move({i: xyt[i] + [0.1, 0, 0.01] for i in last})
-    assert back.moved == len(last) and back.cube_scans < 0.8 * back.all_cube_scans
-    drifted.move({i: xyt[i] for i in last})
-    assert_same(drifted.map, right.map)
-    packed = drifted.memory_bytes - drifted.map.stats().memory_bytes
-    beams = sum(len(scan) for scan in scans)
-    assert packed < 8 * beams + 1500 * len(scans), "8 bytes a beam, and what a scan needs besides"
 
 
 def test_scans_that_are_left_make_the_same_map_with_their_numbers() -> None:

@@ -27,25 +27,6 @@ def half_seen(kind: str = "adaptive") -> Any:
     return m
 
 
-@pytest.mark.parametrize("kind", ["adaptive", "fixed"])
-def test_the_volume_is_that_of_equal_cells_in_sight(kind: str) -> None:
-    m, sensor = half_seen(kind), ndtree.RangeSensor.laser(max_range=5.0, beams=720)
-    places = np.array([scan.origin for scan in ndtree.simulate("office", scans=6)]).reshape(-1, 2)
-    gains = m.information_gain(places, sensor)
-    assert gains.volume.shape == gains.bits.shape == (6,) and gains.volume.max() > 1.0
-    for place, volume in zip(places, gains.volume):
-        step = 0.025  # A quarter of a smallest cell.
-        axis = np.arange(-5.0 + 0.5 * step, 5.0, step)
-        offsets = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-        lengths = np.linalg.norm(offsets, axis=1)
-        offsets, lengths = offsets[lengths < 5.0], lengths[lengths < 5.0]
-        unknown = m.state(place + offsets) == -1
-        offsets, lengths = offsets[unknown], lengths[unknown]
-        free = m.cast_rays(place, offsets, at="cell", max_range=5.0)
-        in_sight = np.isnan(free) | (free > lengths)
-        assert volume == pytest.approx(in_sight.sum() * step**2, rel=0.01, abs=0.02)
-
-
 def test_any_number_of_threads_gives_the_same_and_one_pose_is_one_answer() -> None:
     m = half_seen()
     sensor = ndtree.RangeSensor.laser(max_range=12.0, beams=1000)

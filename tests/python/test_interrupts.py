@@ -240,23 +240,6 @@ def test_who_waits_for_a_history_hears_signals(on_alarm: Any) -> None:
         thread.join()
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
-@pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork.*:DeprecationWarning")
-def test_a_child_can_use_a_history_that_a_thread_was_moving() -> None:
-    h, poses = moving()
-    thread = threading.Thread(target=lambda: h.move(poses))
-    thread.start()
-    time.sleep(0.02)
-
-    def work() -> bool:
-        h.move({0: (0.0, 1.0, 0.0)})
-        return len(h) == 4
-
-    child = child_of(work)
-    thread.join()
-    assert os.waitpid(child, 0)[1] == 0
-
-
 class Bad:
     """An array that fails."""
 

@@ -3,11 +3,9 @@
 
 import math
 import struct
-import threading
 
 import numpy as np
 import pytest
-from histories import mapped_anew
 
 import ndtree
 
@@ -94,57 +92,3 @@ def test_what_was_measured_is_kept() -> None:
     with pytest.raises(KeyError, match="key 9"):
         history.measurements(9)
     assert ndtree.ScanHistory(dim=3).layers == {}
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"intensity": [1.0]}, r"layers\['intensity'\] has shape \(1,\): must have one entry for each of 3"),
-        ({"color": np.zeros((3, 2))}, "layers: 'color': 2 numbers a beam: must be 3"),
-        (
-            {"colour": np.zeros((3, 3))},
-            "layers: 'colour': the map has 'color', 'intensity', 'label'",
-        ),
-        ({"label": [0, -1, 2]}, r"'majority' of beam 1 = -1: must be a whole number in \[0, 65535\]"),
-        ({"label": [0, 1, 0.5]}, "'majority' of beam 2 = 0.5: must be a whole number"),
-        ({"stamp": [0.0, math.inf, 0.0]}, "'latest' of beam 1 = inf: must be finite"),
-    ],
-    ids=lambda value: value if isinstance(value, str) else next(iter(value)),
-)
-def test_wrong_measurements_say_what_is_wrong_and_change_nothing(given: dict, message: str) -> None:
-    history = ndtree.ScanHistory(dim=2, layers=LAYERS)
-    points = [[1.0, 0.0], [2.0, 1.0], [1.0, 1.0]]
-    history.insert(1, points, (0, 0, 0), layers={"label": [1, 2, 3]})
-    before, memory = history.map.to_bytes(), history.memory_bytes
-    with pytest.raises(ValueError, match=message):
-        history.insert(2, points, (0, 0, 0), layers=given)
-    assert history.map.to_bytes() == before and history.memory_bytes == memory and history.keys() == [1]
-
-
-def test_layers_that_there_are_not() -> None:
-    with pytest.raises(ValueError, match="'a': 'median': must be 'mean', 'mean3', 'majority' or 'latest'"):
-        ndtree.ScanHistory(dim=2, layers={"a": "median"})
-    with pytest.raises(TypeError, match="layers = 'mean': must be a dict"):
-        ndtree.ScanHistory(dim=2, layers="mean")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="layers: 'a': the map has none"):
-        ndtree.ScanHistory(dim=2).insert(1, [[1.0, 0.0]], (0, 0, 0), layers={"a": [1.0]})
-    with pytest.raises(ValueError, match="max_memory = 100000 bytes: must be at least"):
-        ndtree.ScanHistory(dim=2, layers={f"a{i}": "mean" for i in range(20)}, max_memory=100_000)
-
-
-def test_threads_may_share_a_history_with_layers() -> None:
-    history = ndtree.ScanHistory(dim=2, layers={"stamp": "latest"}, **OPTIONS)
-    points = some_scan(np.random.default_rng(4), 2)
-
-    def work(first: int) -> None:
-        for key in range(first, first + 8):
-            history.insert(key, points, (key / 50, 0, 0), layers={"stamp": np.full(len(points), key)})
-            history.move({key: (key / 60, 0, 0)})
-
-    threads = [threading.Thread(target=work, args=(100 * i,)) for i in range(3)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    numbers = {key: i for i, key in enumerate(history.keys())}
-    assert without_counters(history.map) == without_counters(mapped_anew(history, numbers, **OPTIONS))

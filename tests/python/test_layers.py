@@ -112,27 +112,6 @@ def test_files_snapshots_and_copies_carry_them(tmp_path: Path) -> None:
     assert np.nanmax(snapshot.layer("stamp", points)) == 17
 
 
-def test_merging_and_moving_take_them_along() -> None:
-    one, other = (
-        mapped(),
-        ndtree.AdaptiveMap(dim=3, layers={"stamp": "latest"}, min_cell_size=0.1, max_cell_size=0.8),
-    )
-    points = walls(3, seed=30)
-    other.insert(points, np.zeros(3), layers={"stamp": np.full(len(points), 50.0)})
-    at = points[::7]
-    one.merge(other)
-    assert set(one.layer("stamp", at)) <= {10.0 + i for i in range(8)} | {50.0}
-    assert np.mean(one.layer("stamp", at) == 50) > 0.9
-    pose = np.eye(4)
-    pose[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
-    pose[:3, 3] = [10, 0, 0]
-    moved = one.transformed(pose)
-    leaves = one.leaves(states=["occupied"])
-    labels = moved.layer("label", leaves.center @ pose[:3, :3].T + pose[:3, 3])
-    clear = np.abs(leaves.center[:, 1]) > leaves.size
-    assert np.mean(labels[clear] == one.layer("label", leaves.center)[clear]) > 0.9
-
-
 def test_motions_of_the_lattice_take_them_along_bit_for_bit() -> None:
     m = mapped()
     assert m.transformed(np.eye(4)).to_bytes() == m.to_bytes()
@@ -144,26 +123,6 @@ def test_motions_of_the_lattice_take_them_along_bit_for_bit() -> None:
     there = leaves.center @ pose[:3, :3].T + pose[:3, 3]
     for name in m.layers:
         np.testing.assert_array_equal(moved.layer(name, there), m.layer(name, leaves.center))
-
-
-def test_a_moved_map_keeps_to_max_memory() -> None:
-    done = refused = 0
-    whole = mapped()
-    for most in np.linspace(0.9, 2.5, 9) * whole.stats().memory_bytes:
-        try:
-            m = mapped(max_memory=float(int(most)))
-        except MemoryError:
-            continue
-        for angle in (0.3, 0.8):
-            pose = np.eye(4)
-            pose[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-            try:
-                assert m.transformed(pose).stats().memory_bytes <= int(most)
-                done += 1
-            except MemoryError as error:
-                assert f"max_memory = {int(most)} bytes" in str(error)
-                refused += 1
-    assert done > 1 and refused > 1, (done, refused)
 
 
 def test_a_map_that_is_too_large_while_it_is_empty_is_not_made() -> None:
@@ -257,44 +216,9 @@ def test_masked_arrays_are_refused() -> None:
         m.insert(walls(3)[:2], np.zeros(3), layers={"stamp": np.ma.masked_array([1.0, 2], [True, False])})
 
 
-def test_rules_of_one_name_must_agree() -> None:
-    m = mapped()
-    before = m.to_bytes()
-    other = ndtree.AdaptiveMap(dim=3, layers={"color": "mean"}, min_cell_size=0.1, max_cell_size=0.8)
-    with pytest.raises(ValueError, match="layers: 'color': follows the rule 'mean' in the other map"):
-        m.merge(other)
-    assert m.to_bytes() == before
-
-
-def test_damaged_layers_are_refused() -> None:
-    m = mapped(2)
-    good = m.to_bytes()
-    plain = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, max_cell_size=0.8)
-    assert plain.layers == {}
-    for cut in (4, 40, 400):
-        with pytest.raises(ValueError):
-            ndtree.from_bytes(good[:-cut])
-
-
 def test_tiles_hold_no_layers(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="layers: color, height, label, stamp: must be none"):
         ndtree.TileMapper(ndtree.tiles.storage_of(tmp_path / "m.tiles"), mapped())
-
-
-def test_maps_of_parts_of_space_take_their_layers_along() -> None:
-    whole = mapped(2)
-    left, right = (
-        ndtree.AdaptiveMap(dim=2, layers=LAYERS, min_cell_size=0.1, max_cell_size=0.8) for _ in "lr"
-    )
-    for i in range(8):
-        points = walls(2, seed=i)
-        for m, y in ((left, (-8, 0)), (right, (0, 8))):
-            box = [[-8, y[0]], [8, y[1]]]
-            m.insert(points, np.zeros(2), layers=told(points, 10.0 + i), window=box)
-    left.adopt(right)
-    at = whole.leaves(states=["occupied"]).center
-    for name in LAYERS:
-        np.testing.assert_array_equal(left.layer(name, at), whole.layer(name, at))
 
 
 def test_means_of_large_numbers_stay_finite() -> None:
@@ -340,25 +264,6 @@ def test_changes_of_cells_see_values_of_layers() -> None:
     back = before.changes(since=m, of="cells")
     assert {tuple(one) for one in back.lower} == {tuple(one) for one in changes.lower}
     assert not len(m.changes(since=before).lower)
-
-
-def test_what_no_layer_takes_is_one_clear_error() -> None:
-    surrogate = "a\ud800"
-    with pytest.raises(ValueError, match="a name must be letters"):
-        ndtree.AdaptiveMap(dim=2, layers={surrogate: "mean"})
-    with pytest.raises(ValueError, match="must be 'mean', 'mean3'"):
-        ndtree.AdaptiveMap(dim=2, layers={"a": surrogate})
-    m = ndtree.AdaptiveMap(dim=2, layers={"a": "mean"})
-    with pytest.raises(ValueError, match="layers: "):
-        m.insert([[1.0, 1.0]], [0.0, 0.0], layers={surrogate: [1.0]})
-    with pytest.raises(ValueError, match="layers: "):
-        m.layer(surrogate, [[0.0, 0.0]])
-    for value in (1e300, -3.5e38):
-        with pytest.raises(ValueError, match=r"of beam 0 = .*e\+.*: must be within 3.4.*float32"):
-            m.insert([[1.0, 1.0]], [0.0, 0.0], layers={"a": [value]})
-    with pytest.raises(ValueError, match="inf: must be finite"):
-        m.insert([[1.0, 1.0]], [0.0, 0.0], layers={"a": [np.inf]})
-    m.insert([[1.0, 1.0]], [0.0, 0.0], layers={"a": [3e38]})
 
 
 @pytest.mark.parametrize("box", [[[0, 0], [np.nan, 1]], [[np.nan, 0], [1, 1]], [[1, 0], [0, 1]]])

@@ -108,19 +108,6 @@ def interrupted(call, after: float = 0.3) -> float:
     return -1
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("refinement", ["evidence", "paper", "fixed"])
-def test_ctrl_c_ends_an_insertion_and_leaves_the_map_as_it_was(refinement: str) -> None:
-    make = ndtree.FixedMap if refinement == "fixed" else ndtree.AdaptiveMap
-    m = make(dim=3, refinement=refinement)
-    m.insert(*scan(200, 2.0))
-    before = m.to_bytes()
-    heard = interrupted(lambda: m.insert(*scan(400_000, 60.0)))
-    assert 0 <= heard < 1.5
-    assert m.to_bytes() == before
-    assert m.insert(*scan(10, 1.0)).beams == 10
-
-
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_ctrl_c_ends_long_questions(tmp_path: Path) -> None:

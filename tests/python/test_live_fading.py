@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,11 +12,9 @@ import pytest
 
 pytest.importorskip("typer")
 
-from typer.testing import CliRunner
 
 import ndtree
 from ndtree.base.scan import Scan
-from ndtree.cli.commands import app
 from ndtree.live import Fading, LiveMapper, ScansIntake
 from ndtree.tuning.config import Config
 
@@ -145,39 +142,6 @@ def test_wrong_boxes_are_refused() -> None:
         Fading(1.0, [[0, 0], [1, 0]])
     with pytest.raises(ValueError, match=r"must be \(2, 3\) for a 3-D map"):
         Fading(1.0, [[0, 0], [1, 1]]).follow(ndtree.AdaptiveMap(dim=3), fan(3, 0.0, 0.0, 0))
-
-
-def test_the_command_fades_as_the_class_does(tmp_path: Path) -> None:
-    log, target = tmp_path / "drive.npz", tmp_path / "drive.ndt"
-    scans = list(drive(2))
-    np.savez(
-        log,
-        points=np.concatenate([scan.endpoints for scan in scans]),
-        origins=np.stack([scan.origin for scan in scans]),
-        offsets=np.cumsum([0, *(len(scan) for scan in scans)]),
-        stamps=[scan.stamp for scan in scans],
-    )
-    read = list(ndtree.read(log))
-    assert [scan.stamp for scan in read] == [scan.stamp for scan in scans]
-    words = [
-        "live",
-        log,
-        "-o",
-        target,
-        "--rate",
-        0,
-        "--range-sigma",
-        0.03,
-        "--no-return",
-        "free",
-        "--fade",
-        10,
-    ]
-    done = CliRunner().invoke(app, [str(one) for one in words])
-    assert done.exit_code == 0, done.stderr
-    assert target.read_bytes() == made(ndtree.AdaptiveMap, 2, Fading(10.0)).to_bytes()
-    refused = CliRunner().invoke(app, [str(one) for one in [*words[:-1], 0]])
-    assert refused.exit_code == 2 and "fade = 0 s: must be > 0 and finite" in refused.stderr
 
 
 @pytest.mark.parametrize("seconds", [4.0, 10.0])

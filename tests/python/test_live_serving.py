@@ -167,23 +167,6 @@ def test_what_is_no_live_map_is_said(tmp_path: Path) -> None:
     assert done.exit_code == 2 and "serve = x" in done.stderr
 
 
-def test_the_command_serves_what_it_maps() -> None:
-    command = [sys.executable, "-m", "ndtree", "live", "--world", "office", "--rate", "2", "--serve", "0"]
-    live = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        assert live.stderr is not None
-        said = live.stderr.readline()
-        url = said.split()[2]
-        running, deadline, m = RunningMap(url), time.monotonic() + 60, None
-        while m is None and time.monotonic() < deadline:
-            m = running.newest()
-            time.sleep(0.05)
-        assert m is not None and np.isfinite(m.leaves().log_odds).all() and m.stats().observed_leaves
-    finally:
-        live.kill()
-        live.communicate()
-
-
 def answer(server: MapServer, request: bytes) -> bytes:
     port = int(server.url.rpartition(":")[2])
     with socket.create_connection(("127.0.0.1", port), timeout=60) as client:

@@ -49,26 +49,6 @@ def turned(dim: int, angle: float, position: Any) -> np.ndarray:
     return pose
 
 
-def test_poses_are_those_of_collides() -> None:
-    m = empty(2, 2, "evidence")
-    arm = ndtree.Capsule([0, 0], [1, 0], 0.1) | ndtree.Sphere(0.2)
-    ways: list[Any] = [np.array([1.0, 2.0, 0.5]), turned(2, 0.5, [1.0, 2.0])]
-    made = []
-    for pose in ways:
-        m = empty(2, 2, "evidence")
-        m.mark(arm, "occupied", pose)
-        made.append(m.to_bytes())
-    assert made[0] == made[1]
-    m = empty(2, 2, "evidence")
-    m.mark(arm, "occupied")
-    other = empty(2, 2, "evidence")
-    other.mark(arm, "occupied", [0, 0, 0])
-    assert m == other
-    m = empty(3, 2, "evidence")
-    m.mark(ndtree.Sphere(0.3), "occupied", [1, 2, 3, 0, 0, 0, 1])
-    assert m.state([[1, 2, 3]])[0] == 1
-
-
 def test_wrong_calls_change_nothing(room: Any) -> None:
     dim = room.dim
     before = room.to_bytes()

@@ -52,22 +52,6 @@ def room_map() -> ndtree.AdaptiveMap:
     return m
 
 
-def test_a_scan_is_found_in_a_map():
-    m = room_map()
-    matcher = m.matcher()
-    for _ in range(10):
-        pose = RNG.uniform((-1, -1, -3), (1, 1, 3))
-        points = seen_from(room(0.09), pose) + RNG.normal(0, 0.01, (len(room(0.09)), 2))
-        guess = pose + RNG.uniform((-0.9, -0.9, -0.3), (0.9, 0.9, 0.3))
-        found = m.match(points, guess, window=(1, 1, 0.35))
-        off = pose_of(found) - pose
-        assert np.hypot(*off[:2]) < 0.03  # Walls are cells of 0.05 m.
-        assert abs((off[2] + math.pi) % (2 * math.pi) - math.pi) < 0.01
-        assert found.is_unique and found.score > 0.5 and found.inliers > 0.8
-        again = matcher.match(points, guess, window=(1, 1, 0.35))
-        np.testing.assert_allclose(again.pose, found.pose, atol=1e-9)
-
-
 @pytest.mark.parametrize("beams", [90, 1440])
 @pytest.mark.parametrize("cell", [0.025, 0.1])
 def test_errors_are_as_large_as_told(cell, beams):

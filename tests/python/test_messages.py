@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 import ndtree
 from ndtree._errors import Text, WrongValue, key, located
-from ndtree.cli.commands import app, every, messages
+from ndtree.cli.commands import app, every
 from ndtree.cli.commands.messages import in_words, laid_out
 from ndtree.logs import READER_OPTIONS
 
@@ -213,16 +213,6 @@ def test_the_sample_is_large_and_of_all_commands() -> None:
     assert {call.split()[0] for call, _, _ in CALLS} > set(every()) - {"demo"}
 
 
-def test_what_is_to_be_typed_has_a_line_of_its_own(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for call, typed in (
-        ("map office.ndt", "ndtree view office.ndt"),
-        ("map office.npz", "-o office.ndt"),
-        ("view office.npz", "ndtree map office.npz"),
-        ("map office.npz --dim 5", "ndtree map --help"),
-    ):
-        assert typed in [line.strip() for line in said(call, folder, monkeypatch).stderr.splitlines()[1:]]
-
-
 @pytest.mark.parametrize(
     "text, expected",
     [
@@ -281,14 +271,3 @@ def test_quiet_says_nothing_but_what_is_wrong(
     assert done.exit_code == 1 and done.stderr.startswith("ndtree: a.txt: line 1")
     done = said(f"map office.npz a.txt -q -o {tmp_path}", folder, monkeypatch)
     assert done.exit_code == 1 and done.stdout == "" and done.stderr.startswith("ndtree: a.txt: line 1")
-
-
-def test_lines_fit_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of what is said; what is to be typed stays on one line."""
-    said = f"drive.bag: {'beams without return are left out, ' * 6}try"
-    typed = f"ndtree map drive.bag {'x' * 90}"
-    for columns, most in ((80, 80), (60, 60), (300, 159), (None, 159)):
-        monkeypatch.setattr(messages, "terminal_width", lambda columns=columns: columns)
-        *lines, last = laid_out(f"{said}\n  {typed}").splitlines()
-        assert last == f"    {typed}" and len(lines) > 1
-        assert max(map(len, lines)) <= most and " ".join(" ".join(lines).split()) == f"ndtree: {said}"

@@ -153,25 +153,6 @@ def test_the_tilt_of_poses_is_measured_on_the_ground(degrees):
     assert (tilt.sigma(np.array([10.0])) > 0.04).all() == (degrees > 0)
 
 
-def test_a_map_alone_says_nothing_of_a_cell_in_which_a_beam_ended(office):
-    m = ndtree.AdaptiveMap(dim=2, range_sigma=0.02)
-    for scan in office:
-        scan.insert_into(m)
-    scan = office[75]
-    answers = m.moved(scan.endpoints)
-    assert answers.dtype == np.float32
-    states, probability = m.state(scan.endpoints), m.probability(scan.endpoints)
-    assert (answers[states == 1] <= 0.5).all()
-    assert (answers[states == -1] == 0.5).all()
-    assert (answers <= 1 - probability + 1e-6).all()
-    assert m.moved([100.0, 100.0]) == 0.5
-    assert m.moved(scan.endpoints.reshape(1, -1, 2)).shape == (1, len(scan))
-    truth = np.concatenate([office.moved(i)[office[i].returned] for i in range(len(office))])
-    ends = np.concatenate([one.endpoints[one.returned] for one in office])
-    scores = moved_scores(m.moved(ends) > 0.5, truth)
-    assert scores.static_accuracy > 0.998
-
-
 def test_insert_tells_what_moved_by_the_map_before(office):
     options = {"dim": 2, "range_sigma": 0.02}
     m, plain, one_thread = (ndtree.AdaptiveMap(**options) for _ in range(3))

@@ -375,21 +375,6 @@ def test_the_gallery_is_drawn_by_its_script(tmp_path: Path) -> None:
     assert drawn("nothing").returncode == 2
 
 
-def test_plot_is_loaded_only_when_asked_for() -> None:
-    code = "import sys, ndtree; print('matplotlib' in sys.modules, 'ndtree.plot' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "False"]
-
-
-def test_without_matplotlib_the_extra_is_named() -> None:
-    code = (
-        "import sys; sys.modules['matplotlib'] = None; import ndtree\n"
-        "try:\n    import ndtree.plot\nexcept ImportError as error:\n    print(error)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[1:] == ["  pip install 'ndtree-mapping[plot]'"], done.stderr
-
-
 def test_a_close_up_shows_both_maps_alike_and_counts_their_cells(flat: Any, tmp_path: Path) -> None:
     fixed = inserted(ndtree.FixedMap(dim=2, min_cell_size=0.1))
     figure = plot.close_up(flat, fixed, tmp_path / "a.png", dpi=60)
@@ -472,13 +457,6 @@ def test_heights_and_sizes_are_even_for_the_eye() -> None:
         steps = np.diff(lightness)
         assert (np.sign(steps) == np.sign(steps[0])).all()
         assert np.abs(steps).max() < 2.5 * np.abs(steps).mean()
-
-
-def test_pages_for_print_are_whole_pdf_files(flat: Any, tmp_path: Path) -> None:
-    target = tmp_path / "map.pdf"
-    plot.overview(flat, target)
-    content = target.read_bytes()
-    assert content.startswith(b"%PDF-") and content.rstrip().endswith(b"%%EOF")
 
 
 # --- What is in the frame ---------------------------------------------------------------------------

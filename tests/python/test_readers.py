@@ -507,46 +507,6 @@ def test_scan_inserts_as_the_map_does() -> None:
 # --- Real recordings --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "npz, carmen",
-    [
-        ("laser2d_intel/laser2d_intel.npz", "laser2d_intel/intel-corrected.log.gz"),
-        (
-            "laser2d_freiburg_079/laser2d_freiburg_079.npz",
-            "laser2d_freiburg_079/freiburg-079-corrected.log.gz",
-        ),
-    ],
-)
-def test_recordings_are_the_same_in_both_formats(recordings: Path, npz: str, carmen: str) -> None:
-    one, other = read(recordings / npz), read(recordings / carmen)
-    assert (one.dim, one.format, other.format) == (2, "npz", "carmen")
-    scans = 0
-    for a, b in zip(one, other):
-        near = a.returned & b.returned
-        np.testing.assert_allclose(a.endpoints[near], b.endpoints[near], atol=1e-3)
-        np.testing.assert_allclose(a.origin, b.origin, atol=1e-6)
-        np.testing.assert_array_equal(a.returned, b.returned)
-        scans += 1
-    assert scans == len(one)
-
-
-@pytest.mark.parametrize(
-    "name, dim, scans",
-    [
-        ("laser2d_mrpt_sena", 2, 224),
-        ("kinect_7scenes", 3, 200),
-        ("lidar_avia_hku_mb", 3, 457),
-        ("stereo_sparse_kitti00", 3, 135),
-        ("sfm_mono_7scenes", 3, 125),
-    ],
-)
-def test_recordings_have_the_scans_that_they_should(
-    recordings: Path, name: str, dim: int, scans: int
-) -> None:
-    log = read(recordings / name / f"{name}.npz")
-    assert (log.dim, len(log), sum(1 for _ in log)) == (dim, scans, scans)
-
-
 @pytest.mark.parametrize("most, passes", [(1 << 28, 1), (100, 3)])
 def test_scans_that_are_needed_again_are_read_once_if_they_are_few(
     most: int, passes: int, monkeypatch: pytest.MonkeyPatch

@@ -219,25 +219,6 @@ def test_a_radar_does_not_stand_in_for_a_laser_without_a_place(
         read(path)
 
 
-def test_what_is_wrong_is_said_in_flags_on_the_command_line(ros2: Messages, tmp_path: Path) -> None:
-    from typer.testing import CliRunner
-
-    from ndtree.cli.commands import app
-
-    path = str(laser_and_radar(ros2, tmp_path / "bag", planar=True, laser_frame="b"))
-    for options, said in {
-        (): "--fixed-frame FRAME, of ",
-        ("--topic", "/sensors/laser"): "--fixed-frame FRAME, of ",
-        ("--topic", "/radar", "--base-frame", "base_link"): "--base-frame base_link: nothing is said of it",
-        ("--pixel-stride", "0"): "--pixel-stride 0: must be >= 1",
-        ("--still", "--poses", "/a"): "--poses and --still: expected one of them",
-        ("--topic", "/radar", "--dim", "2"): "expected --dim 3",
-    }.items():
-        done = CliRunner().invoke(app, ["info", path, "--look", *options])
-        assert done.exit_code in (1, 2) and said in " ".join(done.stderr.split()), done.stderr
-        assert "_frame" not in done.stderr.replace(path, "").replace("base_frame.", "")
-
-
 def test_texts_that_only_look_like_options_stay() -> None:
     for text in ("/poses: no pose in it", "a.bag: /x/poses: poses of a", "2 trajectories in topic /scan"):
         assert in_words(text) == text

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -262,13 +260,3 @@ def test_images_that_contradict_themselves(ros2: Messages, tmp_path: Path) -> No
     object.__setattr__(image, "height", 40)
     with pytest.raises(ValueError, match="the image has 40 bytes, expected 400 for 40 rows of 10 bytes"):
         standing(ros2, "/depth", [image], tmp_path, camera="1,1,1,1")
-
-
-def test_without_the_extra_it_is_named(ros2: Messages, tmp_path: Path) -> None:
-    path = write_bag(tmp_path / "bag", ros2, [("/words", START, ros2.text("a"))])
-    code = (
-        "import sys; sys.modules['rosbags'] = None\nimport ndtree\n"
-        f"try: ndtree.read({str(path)!r})\nexcept ImportError as error: print(error)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.stdout.splitlines()[1:] == ["  pip install 'ndtree-mapping[ros]'"], done.stderr

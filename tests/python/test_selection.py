@@ -174,16 +174,6 @@ def test_far_away_coordinates_are_shifted_exactly() -> None:
     assert len(scan) == 200 and 8 < np.abs(scan.endpoints).max() <= 9 + 1e-12, "the box is in the map"
 
 
-def test_a_selected_log_makes_the_map_of_the_scans_by_hand(tmp_path: Path) -> None:
-    simulated = ndtree.simulate("office", seed=3, scans=12)
-    one, other = ndtree.AdaptiveMap(dim=2), ndtree.AdaptiveMap(dim=2)
-    for scan in simulated.select(every=3, stride=2):
-        scan.insert_into(one)
-    for i in range(0, 12, 3):
-        simulated[i].only(slice(None, None, 2)).insert_into(other)
-    assert one.to_bytes() == other.to_bytes()
-
-
 def test_a_selected_log_keeps_going_and_says_how_far_it_is(tmp_path: Path) -> None:
     lines = [f"{i} 0 {i} {j}\n" for i in range(300) for j in range(20)]
     for name, content in (("a.txt", "".join(lines)), ("b.txt", "".join([*lines, "0 0 x 1\n"]))):

@@ -228,16 +228,6 @@ def test_beams_reach_the_map_with_their_sigmas(tmp_path: Path) -> None:
     assert len(seen) == 5 and all((sigma > 0).all() for sigma in seen)
 
 
-def test_surer_ranges_make_other_maps(tmp_path: Path) -> None:
-    leaves = []
-    for pixel_sigma in (0.1, 5.0):
-        m = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1, max_cell_size=3.2, refinement="paper")
-        for scan in read(bal(tmp_path, world()), pixel_sigma=pixel_sigma):
-            assert scan.insert_into(m).returned == len(scan) > 5
-        leaves.append(m.stats().observed_leaves)
-    assert leaves[0] < leaves[1], "an unsure range says something of more cells"
-
-
 # --- How sure a range is ----------------------------------------------------------------------------
 
 
@@ -261,17 +251,6 @@ def test_two_images_give_the_triangle_s_error(parallax: float, second: float) ->
     assert sigma[0] == pytest.approx(max(one, r / f), rel=1e-5)
 
 
-def test_sigma_grows_with_range_and_pixel_error_and_falls_with_parallax() -> None:
-    def at(r: float, baseline: float, pixel: float = 1.0) -> float:
-        return sigma_of([(r, 0, 0)], [(0, -baseline / 2, 0), (0, baseline / 2, 0)], pixel=pixel)[0, 0]
-
-    by_range = [at(r, 0.2) for r in (1, 2, 4, 8, 16)]
-    assert all(b > 3.5 * a for a, b in zip(by_range, by_range[1:])), "with the square, at a given baseline"
-    by_parallax = [at(8, baseline) for baseline in (0.1, 0.2, 0.4, 0.8, 1.6)]
-    assert all(b < 0.6 * a for a, b in zip(by_parallax, by_parallax[1:]))
-    assert at(8, 0.2, pixel=2) == pytest.approx(2 * at(8, 0.2))
-
-
 def test_sigma_is_the_spread_of_triangulations() -> None:
     """The oracle: least squares on features with noise, many times."""
     random = np.random.default_rng(4)
@@ -289,12 +268,6 @@ def test_sigma_is_the_spread_of_triangulations() -> None:
     sigma = sigma_of([point], centers, f)[:, 0]
     for ray, predicted in zip(rays, sigma):
         assert np.std((found - point) @ ray) == pytest.approx(predicted, rel=0.05)
-
-
-def test_many_images_do_not_make_a_range_surer_than_a_pixel() -> None:
-    angle = np.linspace(0, 2 * np.pi, 50, endpoint=False)
-    centers = 3 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    np.testing.assert_allclose(sigma_of([(0, 0, 0)], centers, 500), 3 / 500)
 
 
 @pytest.mark.parametrize(
@@ -592,12 +565,6 @@ def test_a_wrong_pixel_sigma_is_refused(write: Callable, value: float, tmp_path:
         read(write(tmp_path, world()), pixel_sigma=value)
 
 
-@pytest.mark.parametrize("write", [colmap_text, bundler, bal], ids=lambda write: write.__name__)
-def test_models_are_3d(write: Callable, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"is 3-D, expected dim=3"):
-        read(write(tmp_path, world()), dim=2)
-
-
 def test_a_log_packed_by_bzip2_is_unpacked(tmp_path: Path) -> None:
     path = tmp_path / "log"
     path.write_bytes(bz2.compress(b"0 0 1 1\n0 0 2 2\n"))
@@ -606,30 +573,3 @@ def test_a_log_packed_by_bzip2_is_unpacked(tmp_path: Path) -> None:
 
 
 # --- Real recordings --------------------------------------------------------------------------------
-
-
-def test_the_recording_has_the_points_of_its_model(recordings: Path) -> None:
-    """The archive holds a part of the observations, moved by a similarity that fits all cameras exactly."""
-    folder = recordings / "sfm_mono_7scenes"
-    scans = list(read(folder / "colmap_text"))
-    with open(folder / "colmap_text" / "images.txt", encoding="utf-8") as file:
-        frames = [int(text.split("frame-")[1][:6]) for text in file if "frame-" in text]
-    with np.load(folder / "sfm_mono_7scenes.npz") as archive:
-        arrays = dict(archive)
-    order = [frames.index(frame) for frame in arrays["frame_ids"]]
-    centers = np.array([scans[i].origin for i in order])
-    a, b = centers - centers.mean(axis=0), arrays["origins"] - arrays["origins"].mean(axis=0)
-    left, scale, right = np.linalg.svd(b.T @ a)
-    turn = scale.sum() / (a**2).sum() * (left @ right)
-    np.testing.assert_allclose(a @ turn.T, b, atol=1e-12)
-    compared = 0
-    for k in range(0, len(order), 5):
-        points = arrays["points"][arrays["offsets"][k] : arrays["offsets"][k + 1]]
-        mine = (scans[order[k]].endpoints - centers.mean(axis=0)) @ turn.T + arrays["origins"].mean(axis=0)
-        distance = np.abs(mine[None] - points[:, None]).max(axis=2).min(axis=1)
-        assert distance.max() < 1e-6
-        compared += len(points)
-    assert compared > 20_000
-    relative = np.concatenate([s.range_sigma / np.linalg.norm(s.endpoints - s.origin, axis=1) for s in scans])
-    assert 0.001 < np.median(relative) < 0.01
-    assert ndtree.Scan(scans[0].endpoints, scans[0].origin).range_sigma is None

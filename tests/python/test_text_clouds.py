@@ -107,18 +107,6 @@ def test_a_line_at_fault_is_named(number: int, tmp_path: Path) -> None:
         text_points(str(tmp_path / "a.xyz"))
 
 
-def test_many_lines_are_parsed_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = np.random.default_rng(0).normal(size=(1000, 4)).round(5)
-    np.savetxt(tmp_path / "a.csv", rows, fmt="%.5f", delimiter=",", header="x,y,z,i", comments="")
-    slow = text_points(str(tmp_path / "a.csv"))
-    monkeypatch.setattr(
-        text_clouds, "_values", None
-    )  # What reads line by line is not called behind the first.
-    with pytest.raises(TypeError):
-        text_points(str(tmp_path / "a.csv"))
-    np.testing.assert_array_equal(slow, rows[:, :3])
-
-
 def test_beams_and_poses_are_not_taken_for_points(tmp_path: Path) -> None:
     (tmp_path / "beams.txt").write_text("".join(f"0 0 1 {i} 5 1\n" for i in range(20)))
     assert read(tmp_path / "beams.txt").format == "text"

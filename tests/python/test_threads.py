@@ -37,13 +37,6 @@ def together(*work: Callable[[], None]) -> None:
             done.result(120)
 
 
-def test_a_map_of_each_thread_is_as_of_one() -> None:
-    expected = mapped(SCANS).to_bytes()
-    found: list[bytes] = []
-    together(*[lambda: found.append(mapped(SCANS).to_bytes())] * 4)
-    assert found == [expected] * 4
-
-
 def test_questions_and_files_see_whole_scans(tmp_path: Path) -> None:
     steps = {mapped(SCANS[:n]).to_bytes() for n in range(len(SCANS) + 1)}
     m = ndtree.AdaptiveMap(dim=2)
@@ -81,23 +74,6 @@ def test_questions_and_files_see_whole_scans(tmp_path: Path) -> None:
     assert m.to_bytes() == mapped(SCANS).to_bytes()
 
 
-def test_two_writers_of_one_map_insert_all() -> None:
-    """In some order, scan by scan."""
-    m = ndtree.FixedMap(dim=2, min_cell_size=0.1, log_odds_max=100, log_odds_min=-100)
-    alone = ndtree.FixedMap(dim=2, min_cell_size=0.1, log_odds_max=100, log_odds_min=-100)
-    for points, origin in SCANS:
-        alone.insert(points, origin)
-
-    def insert(scans: list) -> None:
-        for points, origin in scans:
-            m.insert(points, origin)
-
-    together(lambda: insert(SCANS[::2]), lambda: insert(SCANS[1::2]))
-    assert m.stats().updates == alone.stats().updates
-    points = np.random.default_rng(2).uniform(-2, 2, (300, 2))
-    assert np.allclose(m.probability(points), alone.probability(points), atol=1e-5)
-
-
 def test_logs_are_read_by_each_thread(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     with open(path, "w") as file:
@@ -106,14 +82,6 @@ def test_logs_are_read_by_each_thread(tmp_path: Path) -> None:
     counts: list[int] = []
     together(*[lambda: counts.append(sum(len(scan) for scan in ndtree.read(path)))] * 4)
     assert counts == [sum(len(points) for points, _ in SCANS[:10])] * 4
-
-
-def test_threads_that_save_to_one_name_leave_one_whole_file(tmp_path: Path) -> None:
-    maps = [mapped(SCANS[:n]) for n in (1, 5, 10)]
-    path = tmp_path / "a.ndt"
-    together(*[lambda m=m: [m.save(path) for _ in range(20)] and None for m in maps])
-    assert path.read_bytes() in [m.to_bytes() for m in maps]
-    assert [one.name for one in tmp_path.iterdir()] == ["a.ndt"]
 
 
 def test_a_distance_field_is_asked_while_it_is_updated() -> None:

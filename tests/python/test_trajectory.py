@@ -232,13 +232,6 @@ def test_shapes_are_named() -> None:
         Trajectory([0, 1], np.zeros((3, 3)), np.zeros((2, 4)))
 
 
-def test_a_recorded_trajectory_is_read(recordings: Path) -> None:
-    one = read_trajectory(recordings / "kinect_tum_fr1_rpy" / "tum_format" / "groundtruth.txt")
-    assert len(one) > 100 and np.all(np.diff(one.stamps) > 0)
-    other = read_trajectory(recordings / "lidar_avia_hku_mb" / "pcd_format" / "odom_poses.txt")
-    assert len(other) >= 457
-
-
 def test_decimal_commas_are_points(tmp_path: Path) -> None:
     rows = [f"{i}.25 {i}.5 -0.125 3 0 0 0 1" for i in range(3)]
     expected = written(tmp_path / "points.txt", rows)

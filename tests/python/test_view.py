@@ -428,17 +428,6 @@ def test_what_cannot_be_shown_is_refused(flat: Any, tmp_path: Path) -> None:
         view.Viewer(inserted(ndtree.AdaptiveMap(dim=4, min_cell_size=0.5), 1), port=0)
 
 
-def test_without_viser_the_extra_is_named(map_file: Path) -> None:
-    code = (
-        "import sys; sys.modules['viser'] = None; from ndtree.cli import main\n"
-        f"sys.argv = ['ndtree', 'view', {str(map_file)!r}]; main()"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.returncode == 2
-    assert "pip install 'ndtree-mapping[view]'" in done.stderr
-    assert done.stderr.splitlines()[1:] == ["    pip install 'ndtree-mapping[view]'"]
-
-
 @pytest.mark.parametrize("more", [("--color", "size", "--slice", "y=0.2"), ("--slice", "z=0.5")])
 def test_a_picture_is_drawn_off_screen(map_file: Path, more: tuple[str, ...], tmp_path: Path) -> None:
     from matplotlib.image import imread
