@@ -39,22 +39,12 @@ class Drive:
 class OnlineAlignment:
     """Poses of scans, each as soon as it comes, and those of all when a place was seen again.
 
-    Parameters
-    ----------
-    odometry : bool
-        Whether scans' poses say how the sensor moved.
-    max_range, cell_size, close_loops
-        As of `align`.
-    earlier : Drive, optional
-        That is gone on with.
-
-    Attributes
-    ----------
-    track : Track
-    state : Alignment, optional
-        How things stood when loops were looked for last.
-    covariance : (3, 3) float64
-        Of the last scan's x, y [m] and yaw [rad], in what was seen shortly before.
+    `odometry`: Whether scans' poses say how the sensor moved.
+    `max_range`, `cell_size`, `close_loops`: As of `align`.
+    `earlier`: That is gone on with.
+    Attributes:
+    `state`: How things stood when loops were looked for last.
+    `covariance` (3, 3) float64: Of the last scan's x, y [m] and yaw [rad], in what was seen shortly before.
     """
 
     def __init__(
@@ -96,17 +86,10 @@ class OnlineAlignment:
     def add(self, scan: Scan, covariance: Floats | None = None) -> Floats:
         """Place a scan, in 2-D.
 
-        Parameters
-        ----------
-        scan : Scan
-            Its pose is that of odometry.
-        covariance : (3, 3) float64, optional
-            Of its pose in the map, where only that connects it with the scans before: the first of a drive.
-
-        Returns
-        -------
-        (3,) float64
-            x, y [m] and yaw [rad] of its sensor in the map.
+        `scan`: Its pose is that of odometry.
+        `covariance` (3, 3) float64, optional: Of its pose in the map, where only that connects it with the
+            scans before: the first of a drive.
+        Returns (3,) float64: x, y [m] and yaw [rad] of its sensor in the map.
         """
         keys = len(self.track.keys)
         found = sensor_scan(scan, self._max_range)

@@ -57,19 +57,11 @@ ROBOTS = {
 class Exploration:
     """What was found, look by look.
 
-    Attributes
-    ----------
-    map : AdaptiveMap
-    track : (k, dim) float64
-        Points of the way [m].
-    way : (n,) float64
-        Driven until each look [m].
-    volume : (n,) float64
-        Free or occupied after it [m^dim].
-    seconds : (n,) float64
-        Of computing, to insert it and to decide where to go next.
-    done : bool
-        Nothing was left to look at.
+    `track` (k, dim) float64: Points of the way [m].
+    `way` (n,) float64: Driven until each look [m].
+    `volume` (n,) float64: Free or occupied after it [m^dim].
+    `seconds` (n,) float64: Of computing, to insert it and to decide where to go next.
+    `done`: Nothing was left to look at.
     """
 
     map: _core.AdaptiveMap
@@ -180,10 +172,7 @@ def _best(robot: _Explorer, places: Array, worth: Callable[[Any, Array], Array])
     """The place that is worth most, by the way there. Ways are asked for only as long as the straight line
     leaves hope.
 
-    Parameters
-    ----------
-    worth : callable
-        Of places, by their numbers, at distances; it falls with them.
+    `worth`: Of places, by their numbers, at distances; it falls with them.
     """
     batch, best, value = 16, None, -math.inf
     bounds = worth(slice(None), np.linalg.norm(places - robot.here, axis=1))
@@ -245,31 +234,16 @@ def explore(
 ) -> Exploration:
     """Explore a simulated world.
 
-    Parameters
-    ----------
-    world : {"office", "apartment"}
-        A planar laser that sees all around; or a depth camera that turns around, at the height of 1.4 m.
-    strategy : {"information", "nearest", "random"}
-        Where to go: where the most is seen anew by the metre (`OccupancyMap.information_gain`); to the
-        frontier with the shortest way; to a frontier drawn at random. All drive on paths of a `Planner`, look
-        after each metre at most, and think again.
-    seed : int
-        Of the noise of ranges, and of the random strategy.
-    start : int
-        It begins where the world's own log has this scan.
-    max_looks : int
-        At most, > 0.
-    progress : callable, optional
-        Called with what is done, how much of it, and of how much.
-
-    Returns
-    -------
-    Exploration
-
-    Raises
-    ------
-    ValueError
-        There is no such world or strategy.
+    `world` ({"office", "apartment"}): A planar laser that sees all around; or a depth camera that turns
+        around, at the height of 1.4 m.
+    `strategy` ({"information", "nearest", "random"}): Where to go: where the most is seen anew by the metre
+        (`OccupancyMap.information_gain`); to the frontier with the shortest way; to a frontier drawn at
+        random. All drive on paths of a `Planner`, look after each metre at most, and think again.
+    `seed`: Of the noise of ranges, and of the random strategy.
+    `start`: It begins where the world's own log has this scan.
+    `max_looks`: At most, > 0.
+    `progress`: Called with what is done, how much of it, and of how much.
+    Raises ValueError if there is no such world or strategy.
     """
     if world not in ROBOTS:
         raise ValueError(f"world = {world!r}: must be one of {', '.join(ROBOTS)}")

@@ -17,19 +17,10 @@ from ndtree.maps.ground import REACH, SLOPE, UNKNOWN, seen_above_ground
 class GroundFollower(GridFollower):
     """As `GridFollower`, of a 3-D map, with heights above the ground, which need not be flat.
 
-    Parameters
-    ----------
-    cell_size : float, optional
-        As for `GridFollower`.
-    height : (low, high)
-        Above the ground [m].
-    slope : float
-        The steepest ground [m/m].
-
-    Raises
-    ------
-    ValueError
-        If a number is out of its limits.
+    `cell_size`: As for `GridFollower`.
+    `height` (low, high): Above the ground [m].
+    `slope`: The steepest ground [m/m].
+    Raises ValueError if a number is out of its limits.
     """
 
     _counts_cells = False

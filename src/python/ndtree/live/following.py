@@ -39,19 +39,10 @@ OPEN, NARROWS = 0.35, 0.2
 class Follower:
     """Moves hypotheses with odometry, to where scans have them.
 
-    Parameters
-    ----------
-    m : OccupancyMap
-        2-D; it is not changed.
-
-    Attributes
-    ----------
-    matcher : Matcher
-    evidence : ScanEvidence
-    before : (3, 3) float64, optional
-        Odometry of the last scan.
-    jumped : float
-        How far odometry jumped since a scan fitted [m].
+    `m`: 2-D; it is not changed.
+    Attributes:
+    `before` (3, 3) float64, optional: Odometry of the last scan.
+    `jumped`: How far odometry jumped since a scan fitted [m].
     """
 
     def __init__(self, m: OccupancyMap) -> None:
@@ -165,14 +156,9 @@ def told_by(
     directions in which one scan leaves more than half of the prior's variance keep the prior's mean and
     variance. Along ways on which it fits elsewhere, too, it may have slid by ALIKE: that is marginalised.
 
-    Parameters
-    ----------
-    guess, prior : (3, 3) float64
-        The pose and its covariance before the scan.
-    pose, covariance : (3, 3) float64
-        The same with it.
-    ways : list of (3,) float64
-        Motions x, y and yaw.
+    `guess`, `prior` (3, 3) float64: The pose and its covariance before the scan.
+    `pose`, `covariance` (3, 3) float64: The same with it.
+    `ways` (list of (3,) float64): Motions x, y and yaw.
     """
     root = np.linalg.cholesky(prior)
     inward = np.linalg.inv(root)

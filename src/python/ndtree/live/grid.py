@@ -72,11 +72,8 @@ def difference(
 ) -> GridPart | None:
     """The smallest part in which two grids of one size differ; None if they do not.
 
-    Parameters
-    ----------
-    before, after : (rows, columns) int8
-    column, row : int
-        Where they begin in a larger grid.
+    `before`, `after`: (rows, columns) int8.
+    `column`, `row`: Where they begin in a larger grid.
     """
     differs = before != after
     if not differs.any():
@@ -329,16 +326,10 @@ def _count(
 ) -> None:
     """Move cells of boxes from the count of a state to that of another one.
 
-    Parameters
-    ----------
-    counts : (2, rows, columns)
-        Of free and of occupied cells; its first pixel is `lower`.
-    boxes : _Boxes
-    lower : (2,)
-    states : (before, after)
-        Of each box.
-    cells : (n,)
-        How many cells are above a pixel of each box.
+    `counts` (2, rows, columns): Of free and of occupied cells; its first pixel is `lower`.
+    `lower`: (2,).
+    `states` (before, after): Of each box.
+    `cells` (n,): How many cells are above a pixel of each box.
     """
     before, after = states
     size = counts.shape[1:]

@@ -38,14 +38,9 @@ SAME = 0.02, 0.02, 0.015
 class Evidence:
     """What a scan says for a pose.
 
-    Attributes
-    ----------
-    mean : float
-        Mean log-likelihood of its beams: 0 if all end as expected, NOT_HERE if it is not in the map.
-    pieces : int
-        Of surface that it sees: as many beams are independent.
-    known : float
-        Fraction of beams that the map ends on a surface.
+    `mean`: Mean log-likelihood of its beams: 0 if all end as expected, NOT_HERE if it is not in the map.
+    `pieces`: Of surface that it sees: as many beams are independent.
+    `known`: Fraction of beams that the map ends on a surface.
     """
 
     mean: float
@@ -61,10 +56,7 @@ class Evidence:
 class ScanEvidence:
     """Compares scans with a 2-D map.
 
-    Parameters
-    ----------
-    m : OccupancyMap
-        It is not changed.
+    `m`: It is not changed.
     """
 
     def __init__(self, m: OccupancyMap) -> None:
@@ -112,14 +104,9 @@ def motion_between(one: Floats, other: Floats) -> Floats:
 class Viewpoint:
     """Scans from about one place, which say the same: they count as one.
 
-    Attributes
-    ----------
-    odometry : (3, 3) float64
-        Of the first of them.
-    ends : (n, 2) float64
-        Its end points.
-    pieces : int
-        Of surface that it sees.
+    `odometry` (3, 3) float64: Of the first of them.
+    `ends` (n, 2) float64: Its end points.
+    `pieces`: Of surface that it sees.
     """
 
     odometry: Floats
@@ -131,24 +118,14 @@ class Viewpoint:
 class Hypothesis:
     """Where the robot may be.
 
-    Attributes
-    ----------
-    map_odometry : (3, 3) float64
-        The odometry's frame in the map.
-    covariance : (3, 3) float64
-        Of x, y and yaw of the sensor in the map at the last match.
-    matched : (3, 3) float64, optional
-        Odometry of that.
-    prior : float
-        Logarithm, before all viewpoints.
-    failed : int
-        Scans in a row that did not fit.
-    seen : list of list of float
-        Log-likelihoods of the scans of each viewpoint.
-    untold : int
-        Scans in a row that told nothing of some way.
-    ways : int
-        On how many axes.
+    `map_odometry` (3, 3) float64: The odometry's frame in the map.
+    `covariance` (3, 3) float64: Of x, y and yaw of the sensor in the map at the last match.
+    `matched` (3, 3) float64, optional: Odometry of that.
+    `prior`: Logarithm, before all viewpoints.
+    `failed`: Scans in a row that did not fit.
+    `seen`: Log-likelihoods of the scans of each viewpoint.
+    `untold`: Scans in a row that told nothing of some way.
+    `ways`: On how many axes.
     """
 
     map_odometry: Floats

@@ -32,12 +32,8 @@ def cell_points(
 ) -> NDArray[np.void]:
     """Cells of a state as records of `POINT`, of a map with colours of `COLORED`; of a 2-D map at z = 0.
 
-    Parameters
-    ----------
-    m : OccupancyMap
-    state : {"occupied", "free"}
-    without_speckles : bool
-        Leave out smallest cells without a neighbour of the same state, at corners, too.
+    `state`: {"occupied", "free"}.
+    `without_speckles`: Leave out smallest cells without a neighbour of the same state, at corners, too.
     """
     leaves = m.leaves(states=[state])
     center, size, probability = leaves.center, leaves.size, leaves.probability

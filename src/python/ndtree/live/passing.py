@@ -32,12 +32,8 @@ _BESIDE = np.array([(x << 32) + y for x in (-1, 0, 1) for y in (-1, 0, 1)])
 class Passing:
     """Columns that are marked.
 
-    Parameters
-    ----------
-    stays : callable
-        For how long something has to stand [s]; 0: nothing is marked.
-    height : callable, optional
-        Points between which heights count, of a 3-D map [m]; else all.
+    `stays`: For how long something has to stand [s]; 0: nothing is marked.
+    `height`: Points between which heights count, of a 3-D map [m]; else all.
     """
 
     def __init__(

@@ -21,10 +21,7 @@ _MARGIN = 1e-4
 class Router:
     """Plans ways of a ball through a map as it grows; what it found out about free space is kept.
 
-    Parameters
-    ----------
-    unknown : {"blocked", "free"}
-        What unknown space is.
+    `unknown` ({"blocked", "free"}): What unknown space is.
     """
 
     def __init__(self, unknown: str = "blocked") -> None:
@@ -35,25 +32,11 @@ class Router:
     def way(self, m: OccupancyMap, start: Array, goal: Array, radius: float, tolerance: float = 0.0) -> Path:
         """A way to a goal, or to the place nearest to it where the robot fits.
 
-        Parameters
-        ----------
-        m : OccupancyMap
-            As it is now.
-        start, goal : (dim,) float64
-            [m].
-        radius : float
-            Of the robot [m].
-        tolerance : float
-            How far from the goal the way may end [m], if the robot collides there.
-
-        Returns
-        -------
-        Path
-
-        Raises
-        ------
-        ValueError
-            The robot collides at the start, or at the goal and everywhere within the tolerance.
+        `m`: As it is now.
+        `start`, `goal` (dim,) float64: [m].
+        `radius`: Of the robot [m].
+        `tolerance`: How far from the goal the way may end [m], if the robot collides there.
+        Raises ValueError the robot collides at the start, or at the goal and everywhere within the tolerance.
         """
         planner, larger = self._follow(m, radius), Sphere(radius + _MARGIN)
         as_obstacle: Any = {"blocked": "occupied", "free": "free"}[self._unknown]

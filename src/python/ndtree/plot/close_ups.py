@@ -38,16 +38,10 @@ def close_up(
 
     Parameters
     ----------
-    adaptive, fixed : AdaptiveMap, FixedMap or OctoMap
-        With ``dim`` 2.
-    path : str or path, optional
-        The picture to write; its ending chooses the format.
+    adaptive, fixed, path, width, dpi
+        As for `side_by_side`.
     region : (x_min, x_max, y_min, y_max), optional
         What to show from close by [m]; left out, the part that was observed best and has most surfaces in it.
-    width : float
-        Of the picture [inches].
-    dpi : float
-        Pixels an inch.
 
     Returns
     -------

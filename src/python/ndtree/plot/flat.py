@@ -40,12 +40,8 @@ def cells(
 
     Parameters
     ----------
-    m : AdaptiveMap, FixedMap or OctoMap
-        With ``dim`` 2.
-    ax : matplotlib.axes.Axes, optional
-        Where to draw; a new figure if left out.
-    region : (x_min, x_max, y_min, y_max), optional
-        What to show [m]; left out, what was observed.
+    m, ax, region
+        As for `occupancy`.
     color : str
         Of the lines.
     linewidth : float
@@ -95,12 +91,8 @@ def cell_sizes(
 
     Parameters
     ----------
-    m : AdaptiveMap, FixedMap or OctoMap
-        With ``dim`` 2.
-    ax : matplotlib.axes.Axes, optional
-        Where to draw; a new figure if left out.
-    region : (x_min, x_max, y_min, y_max), optional
-        What to show [m]; left out, what was observed.
+    m, ax, region
+        As for `occupancy`.
     colormap : str
         Of matplotlib.
 

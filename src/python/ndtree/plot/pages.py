@@ -103,18 +103,12 @@ def overview(
     ----------
     m : AdaptiveMap, FixedMap or OctoMap
         With ``dim`` 2.
-    path : str or path, optional
-        The picture to write; its ending chooses the format.
-    region : (x_min, x_max, y_min, y_max), optional
-        What to show [m]; left out, what was observed.
+    path, region, width, dpi
+        As for `side_by_side`.
     track : array_like, (n, 2), optional
         Where the robot drove [m]: that is shown, too, if `region` is left out.
     color : {"state", "probability", "size"}
         What the colors say; the first two as for `occupancy`.
-    width : float
-        Of the picture [inches].
-    dpi : float
-        Pixels an inch.
     """
     require_dim(m, 2)
     if color not in ("state", "probability", "size"):
@@ -167,18 +161,14 @@ def side_by_side_3d(
     ----------
     adaptive, fixed : AdaptiveMap, FixedMap or OctoMap
         With ``dim`` 3, of the same log.
-    path : str or path, optional
-        The picture to write; its ending chooses the format.
+    path, width, dpi
+        As for `side_by_side`.
     azimuth, elevation, cut_above, region, color
         As for `occupied`.
     slice_axis : {"x", "y", "z", 0, 1, 2}
         The coordinate that is held in the slices.
     slice_at : float, optional
         Its value [m]; left out, half-way through what the cubes show.
-    width : float
-        Of the picture [inches].
-    dpi : float
-        Pixels an inch.
 
     Returns
     -------

@@ -64,14 +64,7 @@ class Loaded(IntEnum):
 class MapService:
     """A live map as the parameters of a node have it, with sinks that publish it.
 
-    Parameters
-    ----------
-    node : Middleware
-
-    Raises
-    ------
-    ValueError, OSError, WrongOption
-        If no map can be made of the parameters.
+    Raises ValueError, OSError, WrongOption if no map can be made of the parameters.
     """
 
     def __init__(self, node: Middleware) -> None:
@@ -203,10 +196,8 @@ class MapService:
     def tick(self) -> set[str] | None:
         """What is to be done every `TICK` seconds.
 
-        Returns
-        -------
-        set of str or None
-            Topics that are used, without the slash, when that was decided since the last time.
+        Returns set of str or None: Topics that are used, without the slash, when that was decided since the
+            last time.
         """
         intake, mapper = self._intake, self.mapper
         mapper.advance(self._node.now())
@@ -252,10 +243,7 @@ class MapService:
     def close(self, lost: int) -> None:
         """Map what has arrived, publish and save it, and say what became of scans.
 
-        Parameters
-        ----------
-        lost : int
-            As for `diagnose`.
+        `lost`: As for `diagnose`.
         """
         file = self._node.value("map_file")
         try:
@@ -279,10 +267,7 @@ class MapService:
     def diagnose(self, lost: int) -> None:
         """Publish how the map does.
 
-        Parameters
-        ----------
-        lost : int
-            Messages that the middleware says it has lost.
+        `lost`: Messages that the middleware says it has lost.
         """
         mapper, figures = self.mapper, self.mapper.figures
         now = self._node.now()

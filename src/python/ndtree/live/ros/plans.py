@@ -18,13 +18,7 @@ from ndtree.live.routing import Router
 
 
 class Plans:
-    """Answers requests. The robot is a ball of `robot_radius`; positions alone count, not orientations.
-
-    Parameters
-    ----------
-    node : Middleware
-    mapper : LiveMapper
-    """
+    """Answers requests. The robot is a ball of `robot_radius`; positions alone count, not orientations."""
 
     def __init__(self, node: Middleware, mapper: LiveMapper) -> None:
         self._node, self._mapper = node, mapper

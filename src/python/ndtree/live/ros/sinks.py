@@ -41,11 +41,7 @@ UPDATES = 100
 class NodeSink:
     """A sink that publishes by a node.
 
-    Parameters
-    ----------
-    node : Middleware
-    frame : callable
-        The frame of the map.
+    `frame`: The frame of the map.
     """
 
     #: The parameter with its period.
@@ -66,16 +62,10 @@ class GridSink(NodeSink):
     The grid comes as a whole when it has grown, when a subscriber has come, and always if map_msgs is not
     installed.
 
-    Parameters
-    ----------
-    node, frame
-        As for `NodeSink`.
-    robot : Robot
-        Where heights may count from, and where the grid may be free.
-    passing : Passing
-        Where something is no obstacle yet, unless it is one already.
-    layer : Layer, optional
-        A grid of other heights than those of the parameters, on topics of its own.
+    `node`, `frame`: As for `NodeSink`.
+    `robot`: Where heights may count from, and where the grid may be free.
+    `passing`: Where something is no obstacle yet, unless it is one already.
+    `layer`: A grid of other heights than those of the parameters, on topics of its own.
     """
 
     parameter = "grid_period"

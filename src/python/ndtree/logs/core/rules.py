@@ -24,22 +24,16 @@ UNSEARCHED = CutOff(math.inf, 0.0)
 class Rules:
     """What readers obey; see `Log.ruled`.
 
-    Attributes
-    ----------
-    keep_going : bool
-        Pass over what is damaged instead of raising.
-    strict : bool
-        Raise for scans whose pose is not known, and for files that end too early, instead of leaving out what
-        cannot be used.
-    no_return_range : float or None
-        Up to where a beam that met nothing is free [m] if the log does not say; None: it says nothing then.
-    zero_is : {"no-echo", "invalid"} or None
-        What beams with a range of 0 mean: that nothing was hit, or nothing at all. None: not stated, and they
-        mean nothing.
-    cut_off : CutOff or None
-        Where readings are a driver's way to say that nothing was hit.
-    poses_are_found : bool
-        Scans say where they were taken: no word of a sensor that moves, though by its poses it stands.
+    `keep_going`: Pass over what is damaged instead of raising.
+    `strict`: Raise for scans whose pose is not known, and for files that end too early, instead of leaving
+        out what cannot be used.
+    `no_return_range`: Up to where a beam that met nothing is free [m] if the log does not say; None: it says
+        nothing then.
+    `zero_is` ({"no-echo", "invalid"} or None): What beams with a range of 0 mean: that nothing was hit, or
+        nothing at all. None: not stated, and they mean nothing.
+    `cut_off`: Where readings are a driver's way to say that nothing was hit.
+    `poses_are_found`: Scans say where they were taken: no word of a sensor that moves, though by its poses it
+        stands.
     """
 
     keep_going: bool = False
