@@ -370,7 +370,6 @@ VLP16 = (-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, -1, 15)
 #: How much higher than its middle each of them is [mm], by the manual.
 VLP16_UP = (11.2, -0.7, 9.7, -2.2, 8.1, -3.7, 6.6, -5.1, 5.1, -6.6, 3.7, -8.1, 2.2, -9.7, 0.7, -11.2)
 FIRING, SEQUENCE = 2.304e-6, 55.296e-6  # Time from laser to laser, and from round to round [s].
-TURN = 0.1  # [s]
 
 
 def velodyne_packets(pose: Callable[[float], np.ndarray], turns: int) -> list[tuple[float, bytes]]:

@@ -17,8 +17,6 @@ from ndtree.live.grid import GridFollower
 from ndtree.live.localizing import matrix_of
 from ndtree.live.passing import STAYS, Passing, hide
 
-CLEAR = slice(2, None)
-
 
 def person(x: float, y: float, radius: float = 0.25) -> np.ndarray:
     """Wall segments (16, 2, 2) around somebody."""

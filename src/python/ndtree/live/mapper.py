@@ -183,7 +183,7 @@ class LiveMapper:
         self._queue = ScanQueue(queue)
         self._poses: deque[tuple[Any, float]] = deque()
         self._latest = -math.inf
-        self._is_closing = self._is_starved = self._is_done = False
+        self._is_closing = self._is_starved = False
         self._error: BaseException | None = None
         self._held: Entry | None = None
         self._ordered = False
@@ -191,7 +191,6 @@ class LiveMapper:
         self._backlog = 0
         self._lock = threading.RLock()
         self._stamp = 0.0
-        self._unseen: list[float] = []
         self._revision = 0
         self._publisher = _Publisher(self, sinks)
         self._thread = threading.Thread(target=self._run, name="ndtree-live", daemon=True)
@@ -375,7 +374,6 @@ class LiveMapper:
         except BaseException as error:  # It is raised by put() and close().
             self._error = error
         with self._changed:
-            self._is_done = True
             self._changed.notify_all()
 
     def _step(self) -> bool:

@@ -95,12 +95,6 @@ class GridSink(NodeSink):
         self._listeners = [0, 0]
         self._lock = threading.Lock()
         self._stamp = 0.0
-        self.sent_bytes = 0
-
-    @property
-    def has_updates(self) -> bool:
-        """Whether map_msgs is installed."""
-        return self._update is not None
 
     def update(self, m: OccupancyMap, stamp: float) -> None:
         with self._lock:
@@ -114,7 +108,6 @@ class GridSink(NodeSink):
             elif part is not None:
                 assert self._updates is not None
                 self._updates.publish(update_message(self._update, part, self._frame(), stamp))
-                self.sent_bytes += part.values.size
 
     def _followed(self, m: OccupancyMap) -> GridPart | None:
         """What of the grid has changed."""
@@ -173,9 +166,7 @@ class GridSink(NodeSink):
         return any(now > then for now, then in zip(self._listeners, before))
 
     def _send_whole(self) -> None:
-        message = self._message()
-        self._maps.publish(message)
-        self.sent_bytes += message.info.width * message.info.height
+        self._maps.publish(self._message())
 
     def _message(self) -> OccupancyGrid:
         assert self._grid is not None and self._values is not None

@@ -11,13 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.silence import LEAST_NOISY, MOST_NOISY, NEAR, NOISE_REACH, noise_below
+from ndtree.logs.core.silence import LEAST_CUT_OFF, LEAST_NOISY, MOST_NOISY, NEAR, NOISE_REACH, noise_below
 from ndtree.logs.ros.messages.beams import LONGEST_SWEEP, Beams, Floats
 
 #: A laser that turns this far [rad] looks all around.
 FULL_TURN = math.radians(350)
-#: This many beams of a message at exactly range_max are cut off there, not measured.
-LEAST_CUT_OFF = 2
 
 
 class NoiseAtLimit:
