@@ -213,7 +213,7 @@ class GridFollower:
         return GridPart(0, 0, self.values, True) if before is None else difference(before, self.values)
 
     def _has_room(self, first: Ints, last: Ints) -> bool:
-        """Whether pixels from the first to before the last are in the grid, and much of it is needed."""
+        """Whether pixels [first, last) are in the grid, and much of it is needed."""
         assert self.values is not None
         is_inside = (first >= self._lower).all() and (last <= self._lower + self.values.shape[::-1]).all()
         return bool(is_inside) and self.values.size <= SHRINKS * float(np.prod(last - first + 2 * GROWS))
