@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -98,27 +99,10 @@ class LiveFigures:
         for name in ("mapped", "published"):
             values = [self.delay(q, of=name) for q in (0.5, 0.99)]
             delays[name] = None if np.isnan(values[0]) else {"median": values[0], "p99": values[1]}
-        return {
-            "received": self.received,
-            "mapped": self.mapped,
-            "dropped": self.dropped,
-            "left_out": dict(self.left_out),
-            "waiting": self.waiting,
-            "poses": self.poses,
-            "late_poses": self.late_poses,
-            "unsure": self.unsure,
-            "again": self.again,
-            "beams": dict(self.beams),
-            "insert_seconds": self.insert_seconds,
-            "corrections": {
-                "applied": self.corrections,
-                "moved": self.moved,
-                "frozen": self.frozen,
-                "seconds": self.correction_seconds,
-            },
-            "lost": self.lost,
-            "delays": delays,
-        }
+        values = {one.name: copy(getattr(self, one.name)) for one in fields(self) if one.repr}
+        of_corrections = {name: values.pop(name) for name in ("moved", "frozen")}
+        of_corrections |= {"seconds": values.pop("correction_seconds")}
+        return {**values, "corrections": {"applied": self.corrections, **of_corrections}, "delays": delays}
 
     def summary(self) -> str:
         """In one line, for people."""

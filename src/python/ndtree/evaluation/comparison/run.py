@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -130,8 +130,8 @@ def map_in_turns(
     **options: Any,
 ) -> Trial:
     """The first half of `compare`: makes the maps, quicker than judging them."""
-    held_out, max_range, no_return, repeat = astuple(turns)
-    for name, value, least in (("held_out", held_out, 0), ("repeat", repeat, 1)):
+    held_out, no_return = turns.held_out, turns.no_return
+    for name, value, least in (("held_out", held_out, 0), ("repeat", turns.repeat, 1)):
         if value < least:
             raise WrongValue.of(name, value, f">= {least}")
     if held_out == 1:
@@ -155,29 +155,23 @@ def map_in_turns(
     unseen = [scan for i, scan in enumerate(scans) if is_held_out(i, held_out)]
 
     built = {name: Built() for name in makers}
-    for run in range(repeat):
+    for run in range(turns.repeat):
         for name, make in makers.items():
-            label = name if repeat == 1 else f"{name}, run {run + 1}"
-            build_once(built[name], make, mapped, max_range, partial(progress, label))
-    return Trial(log, scans, mapped, unseen, built, max_range, held_out, no_return, repeat)
+            label = name if turns.repeat == 1 else f"{name}, run {run + 1}"
+            build_once(built[name], make, mapped, turns.max_range, partial(progress, label))
+    return Trial(log, scans, mapped, unseen, built, replace(turns, no_return=no_return))
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Maps of one log, which have not been judged yet.
-
-    `max_range`, `held_out`, `no_return`, `repeat`: As `compare` took them, but "auto" is decided.
-    """
+    """Maps of one log, which have not been judged yet."""
 
     log: Log | Iterable[Scan]
     scans: list[Scan]  # All of them, without the beams that say nothing.
     mapped: dict[int, Scan]  # Those that were mapped, by their numbers.
     unseen: list[Scan]  # Those that were held out.
     built: dict[str, Built]  # The maps, by name.
-    max_range: float
-    held_out: int
-    no_return: str
-    repeat: int
+    turns: Turns  # In which "auto" is decided.
 
     @property
     def map_objects(self) -> dict[str, OccupancyMap]:
@@ -189,7 +183,7 @@ class Trial:
     ) -> Comparison:
         """What each map costs and how true it is; `calibration` and `certify` as of `compare`."""
         progress = progress or no_progress
-        log, max_range, built = self.log, self.max_range, self.built
+        log, max_range, built = self.log, self.turns.max_range, self.built
         space = seen_space(
             log, list(self.mapped.values()), max_range, partial(progress, "what the scans saw")
         )
@@ -224,10 +218,8 @@ class Trial:
             beams={outcome: first.beams[outcome] for outcome in OUTCOMES},
             parameters={
                 **_plain(first.map.options),
-                "held_out": self.held_out,
+                **asdict(self.turns),
                 "max_range": finite_or_none(max_range),
-                "no_return": self.no_return,
-                "repeat": self.repeat,
                 "maps": {name: _plain(one.map.options) for name, one in built.items()},
             },
             maps=rows,
