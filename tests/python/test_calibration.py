@@ -275,37 +275,6 @@ def test_the_command_does_what_the_library_does(log: Path, tmp_path: Path) -> No
     assert json.loads(run(log, "--limit", 3, "--json", "-").stdout)["scans"] == 3
 
 
-@pytest.mark.parametrize(
-    "content, arguments, status, expected",
-    [
-        (None, ("--max-range", 0), 2, "--max-range 0: must be > 0 m"),
-        (b"0 0 1 1\n0 0 1 x\n", (), 1, "bad.log: line 2: expected a number in column 4, found 'x'"),
-        (b"\x1f\x8b\x08\0\0\0\0\0\0\x03", (), 1, "bad.log: the gzip stream is cut off, expected"),
-        (b"0 0 1 1\n0 0 1 2\n", (), 1, "bad.log: 2 beams returned, expected at least 100"),
-        (b"0 0 1 1\n1 0 1e13 0\n", (), 1, "bad.log: scan 1: beam 0 reaches"),
-        (None, ("--dim", 3), 1, "expected (P, 3) for dim=3"),
-        (None, ("--json", "/nowhere/a.json"), 1, "/nowhere/a.json: cannot be written"),
-    ],
-)
-def test_what_cannot_be_done_is_said_in_one_line(
-    content: bytes | None,
-    arguments: tuple[object, ...],
-    status: int,
-    expected: str,
-    log: Path,
-    tmp_path: Path,
-) -> None:
-    bad = tmp_path / "bad.log"
-    if content is not None:
-        bad.write_bytes(content)
-    done = run(log if content is None else bad, *arguments)
-    assert done.exit_code == status, done.output
-    assert done.stdout == ""
-    lines = done.stderr.splitlines()
-    assert lines[0].startswith("ndtree: ") and all(line.startswith("  ") for line in lines[1:]), done.stderr
-    assert expected in " ".join(done.stderr.split())
-
-
 # --- Real recordings --------------------------------------------------------------------------------
 
 

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -45,35 +43,3 @@ def test_a_comparison_says_what_its_maps_claim(simulated: bool) -> None:
     for label in ("free but unseen", "seen but unknown", "wrong volume"):
         assert label in table
     assert "claims_free_unseen" in comparison.to_csv()
-
-
-@pytest.mark.parametrize(
-    "call, message",
-    [
-        (lambda scan: ndtree.SeenSpace([]), "scans: none, expected at least one"),
-        (lambda scan: ndtree.SeenSpace([scan], max_range=0.0), "max_range = 0.0 m: must be > 0"),
-        (lambda scan: ndtree.SeenSpace([scan], max_range=math.nan), "max_range = nan m: must be > 0"),
-        (lambda scan: ndtree.SeenSpace([scan], samples=0), "samples = 0.0: must be in"),
-        (lambda scan: ndtree.SeenSpace([scan], spacings=0.0), "spacings = 0.0: must be > 0 and finite"),
-        (lambda scan: ndtree.SeenSpace([scan], tolerance=-1.0), "tolerance = -1.0: must be >= 0 m"),
-        (lambda scan: ndtree.SeenSpace([scan], margin=math.inf), "margin = inf: must be >= 0 m and finite"),
-        (lambda scan: ndtree.SeenSpace([scan], middle=0.0), r"middle = 0.0: must be in \(0, 1\]"),
-        (lambda scan: ndtree.SeenSpace([scan, scan_in(3)]), r"scan 1: points has shape \(2, 3\)"),
-        (lambda scan: ndtree.SeenSpace([scan_in(5)]), "scan 0: dim = 5: must be 2, 3 or 4"),
-        (
-            lambda scan: ndtree.simulate("street", scans=1).seen_space([scan]),
-            "simulation: must be a simulated log with dim = 2",
-        ),
-        (
-            lambda scan: ndtree.FixedMap(dim=3).claims(ndtree.SeenSpace([scan])),
-            "space has dim = 2: must be 3 as the map",
-        ),
-    ],
-)
-def test_what_cannot_be_is_refused(call: Callable[[ndtree.Scan], Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        call(scan_in(2))
-
-
-def scan_in(dim: int) -> ndtree.Scan:
-    return ndtree.Scan(np.eye(2, dim), np.zeros(dim))

@@ -309,38 +309,6 @@ def refused(done: Any, status: int, *expected: str) -> None:
         assert text in said
 
 
-BAD_LOGS = {
-    "missing": (None, ["No such file"]),
-    "directory": ("directory", ["expected a log"]),
-    "empty": (b"", ["the file is empty, expected"]),
-    "rubbish": (bytes(range(256)) * 9, ["binary data, expected"]),
-    "cut gzip": (b"\x1f\x8b\x08\0\0\0\0\0\0\x03", ["the gzip stream is cut off, expected"]),
-    "bad line": (b"0 0 1 1\n0 0 1 x\n", ["line 2: expected a number in column 4, found 'x'"]),
-}
-
-
-@pytest.mark.parametrize("case", BAD_LOGS)
-@pytest.mark.parametrize("command", ["map", "compare", "info", "demo"])
-def test_bad_logs_end_with_one_line_and_status_1(command: str, case: str, tmp_path: Path) -> None:
-    content, expected = BAD_LOGS[case]
-    bad = tmp_path / "in" / "bad.log"
-    bad.parent.mkdir()
-    if content == "directory":
-        bad.mkdir()
-    elif content is not None:
-        bad.write_bytes(content)
-    out = tmp_path / "out"
-    out.mkdir()
-    outputs: dict[str, tuple[object, ...]] = {
-        "map": ("-o", out / "a.ndt", "--picture", out / "a.png", "--json", out / "a.json"),
-        "compare": ("--picture", out / "a.png", "--json", out / "a.json", "--csv", out / "a.csv"),
-        "info": ("--json", out / "a.json"),
-        "demo": ("--output", out, "--json", out / "a.json"),
-    }
-    refused(run(command, bad, *outputs[command]), 1, str(bad), *expected)
-    assert list(out.iterdir()) == [], "a refused call leaves nothing behind"
-
-
 def test_a_scan_that_cannot_be_mapped_is_named(tmp_path: Path) -> None:
     log = tmp_path / "far.txt"
     log.write_text("0 0 1 1\n1 0 1e13 0\n")
@@ -369,52 +337,6 @@ def test_unwritable_output_is_refused_before_the_work(
         arguments += ["-o", tmp_path / "a.ndt"]
     refused(run(*arguments), 1, str(target))
     assert not (tmp_path / "a.ndt").exists()
-
-
-@pytest.mark.parametrize(
-    "arguments, expected",
-    [
-        (("compare",), "expected either LOG or --world"),
-        (("compare", "LOG", "--world", "office"), "expected either LOG or --world"),
-        (("compare", "LOG", "--maps", "fancy"), "--maps fancy: must be one of adaptive, paper, fixed"),
-        (("compare", "LOG", "--maps", "fixed@big"), "expected a cell size in metres behind the @"),
-        (("compare", "LOG", "--maps", "fixed,fixed"), "--maps fixed,fixed: must be different"),
-        (("compare", "LOG", "--maps", "fixed", "--picture", "OUT/a.png"), "--picture: expected at least two"),
-        (("compare", "LOG", "--held-out", 1), "--held-out 1: must be 0, or at least 2"),
-        (("compare", "LOG", "--max-range", 0), "--max-range 0: must be > 0 m"),
-        (("compare", "LOG", "--scans", 3), "--scans: is for simulated logs only"),
-        (("compare", "--world", "office", "--dim", 3), "--dim 3: the office is 2-D"),
-        (("compare", "LOG", "--range-sigma", -1), "--range-sigma -1: must be in [1e-09, 1000000] m"),
-        (("compare", "LOG", "--branching", 7), "--branching 7, --dim 2: must be"),
-        (("compare", "LOG", "--refinement", "magic"), "--refinement magic: must be"),
-        (
-            ("map", "LOG", "-o", "OUT/a.ndt", "--min-cell-size", 0),
-            "--min-cell-size 0: must be in [1e-09, 1000000] m",
-        ),
-        (
-            ("map", "LOG", "-o", "OUT/a.ndt", "--fixed", "--significance", 0.9),
-            "--significance: --fixed has no use for it",
-        ),
-        (("map", "LOG", "-o", "OUT/a.ndt", "--picture", "OUT/a.txt"), "the name must end in"),
-        (("info", "LOG", "--format", "pcx"), "--format pcx: must be one of 3dtk, bal, bundler, carmen"),
-        (("info", "LOG", "--topic", "/scan"), "topic: text with one beam a line takes no such option"),
-        (("info", "LOG", "--every", 0), "--every 0: must be a whole number >= 1"),
-        (("info", "LOG", "--box", "1,2,3"), "--box 1,2,3: expected 4 numbers with commas"),
-        (("info", "LOG", "--origin", "1,a"), "--origin 1,a: expected 2 numbers with commas"),
-        (("info", "LOG", "--from", 3, "--to", 2), "--from 3 s, --to 2 s: must be 0 <= --from < --to"),
-        (("demo", "--to", 2), "--to: is for a LOG, not for the simulated office"),
-        (("compare", "--world", "office", "--min-range", 1), "--min-range: is for a LOG"),
-    ],
-)
-def test_wrong_calls_end_with_one_line_and_status_2(
-    arguments: tuple[object, ...], expected: str, log: Path, tmp_path: Path
-) -> None:
-    places = {"LOG": str(log), "OUT/a.png": str(tmp_path / "a.png")}
-    filled = [
-        str(places.get(str(argument), argument)).replace("OUT", str(tmp_path)) for argument in arguments
-    ]
-    refused(run(*filled), 2, expected)
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

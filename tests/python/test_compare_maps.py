@@ -236,36 +236,3 @@ def test_the_command_compares_and_converts(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.stderr
     assert json.loads((tmp_path / "figures.json").read_text()) == ndtree.compare_maps(*both)
     assert done.stdout == f"{ndtree.compare_maps(*both)}\n"
-
-
-@pytest.mark.parametrize(
-    "arguments, status, message",
-    [
-        (["compare", "room.ndt"], 2, "room.ndt is a map, expected a second one"),
-        (["compare", "room.ndt", "room.ndt", "--held-out", "5"], 2, "--held-out: is for a LOG"),
-        (["compare", "room.ndt", "room.ndt", "--range-sigma", "0.1"], 2, "--range-sigma: is for a LOG"),
-        (["compare", "room.ndt", "room.ndt", "--picture", "a.doc"], 2, "--picture a.doc: the name must end"),
-        (["compare", "room.ndt", "log.txt"], 1, "log.txt: text with one beam a line, expected"),
-        (["compare", "room.ndt", "none.ndt"], 1, "none.ndt: No such file"),
-        (["compare", "cut.bt", "room.ndt"], 1, "cut.bt: line 2: expected the header of an OctoMap"),
-        (["convert", "room.ndt", "a.xyz"], 2, "a.xyz: no format has this ending"),
-        (["convert", "room.ndt", "a.ndt", "--cell-size", "1"], 2, "--cell-size: format ndtree"),
-        (["convert", "room.ndt", "a.ply", "--states", "solid"], 1, "--states solid"),
-        (["convert", "log.txt", "a.ply"], 1, "log.txt: text with one beam a line, expected"),
-        (["convert", "room.ndt", "none/a.ply"], 1, "none/a.ply: cannot be written"),
-    ],
-)
-def test_one_line_says_what_is_wrong(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], status: int, message: str
-) -> None:
-    pytest.importorskip("matplotlib")
-    room(2, seeds=(0,)).save(tmp_path / "room.ndt")
-    (tmp_path / "log.txt").write_text("0 0 1 1\n")
-    (tmp_path / "cut.bt").write_text("# Octomap OcTree binary file\nid OcT")
-    before = sorted(tmp_path.iterdir())
-    monkeypatch.chdir(tmp_path)
-    done = run(*arguments)
-    assert (done.exit_code, done.stdout) == (status, "")
-    assert done.stderr.startswith("ndtree: ") and done.stderr.count("ndtree: ") == 1
-    assert message in " ".join(done.stderr.split())
-    assert sorted(tmp_path.iterdir()) == before

@@ -39,6 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         m.save(folder / f"{name}.ndt")
     (folder / "a.txt").write_text("hello\n")
     (folder / "b.toml").write_text("hello\n")
+    (folder / "few.txt").write_text("0 0 1 1\n0 0 1 2\n")
     (folder / "empty").mkdir()
     (folder / "cut.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
     (folder / "damaged.ndt").write_bytes((folder / "office.ndt").read_bytes()[:-9])
@@ -175,6 +176,25 @@ CALLS: tuple[tuple[str, int, str], ...] = (
     ("study b.toml", 1, "b.toml"),
     ("study nope.toml", 1, "nope.toml: No such file"),
     ("fleet office.npz", 2, "--output is missing, expected PATH"),
+    ("compare office.npz --maps fixed,fixed", 2, "--maps fixed,fixed: must be different"),
+    ("compare office.npz --maps fixed@big", 2, "expected a cell size in metres behind the @"),
+    ("compare office.npz --scans 3", 2, "--scans: is for simulated logs only"),
+    ("compare --world office --dim 3", 2, "--dim 3: the office is 2-D"),
+    ("compare --world office --min-range 1", 2, "--min-range: is for a LOG"),
+    ("compare office.npz --refinement magic", 2, "--refinement magic: must be"),
+    ("compare office.ndt office.ndt --held-out 5", 2, "--held-out: is for a LOG"),
+    ("compare office.ndt office.ndt --picture a.doc", 2, "--picture a.doc: the name must end in"),
+    ("compare office.ndt a.txt", 1, "a.txt"),
+    ("convert office.ndt a.ndt --cell-size 1", 2, "--cell-size: format ndtree"),
+    ("info office.npz --origin 1,a", 2, "--origin 1,a: expected 2 numbers with commas"),
+    ("info office.npz --from 3 --to 2", 2, "--from 3 s, --to 2 s: must be 0 <= --from < --to"),
+    ("demo --to 2", 2, "--to: is for a LOG, not for the simulated office"),
+    ("map office.npz -o o.tiles --watch", 2, "--watch: is not for a map in tiles, -o o.tiles"),
+    ("view office.ndt --slice 1.2", 2, "--slice 1.2: expected an axis and a position in metres"),
+    ("view office.ndt --slice z=nan", 2, "--slice z=nan: expected an axis"),
+    ("view office.ndt --png a.png --log b", 2, "--log: is for the page, not for --png"),
+    ("calibrate few.txt", 1, "few.txt: 2 beams returned, expected at least 100"),
+    ("calibrate office.npz --json /nowhere/a.json", 1, "/nowhere/a.json: cannot be written"),
 )
 
 #: Names of Python's that no terminal shows: with an underscore, and not of a file's.

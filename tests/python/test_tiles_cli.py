@@ -84,24 +84,6 @@ def test_a_fleet_is_mapped_as_one_machine_would(log: Path, tmp_path: Path) -> No
     assert json.loads(figures.read_text())["scans"] == 24
 
 
-@pytest.mark.parametrize(
-    ("arguments", "status", "said"),
-    [
-        (("--max-resident", "1"), 2, "--max-resident 1 bytes: must be at least 1048576"),
-        (("--max-resident", "much"), 2, "--max-resident much: must be a number of bytes, as 500MB or 2GiB"),
-        (("--tile-size", "0"), 2, "--tile-size 0 m: must be > 0 and finite"),
-        (("--picture", "a.png"), 2, "--picture: is not for a map in tiles, -o "),
-        (("--watch",), 2, "--watch: is not for a map in tiles, -o "),
-    ],
-)
-def test_wrong_calls_end_with_one_line(
-    log: Path, tmp_path: Path, arguments: tuple[str, ...], status: int, said: str
-) -> None:
-    output = run("map", log, "-o", tmp_path / "a.tiles", *OPTIONS, *arguments, status=status)
-    assert said in " ".join(output.split())
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_flags_for_tiles_are_refused_without_them(log: Path, tmp_path: Path) -> None:
     output = run("map", log, "-o", tmp_path / "a.ndt", *OPTIONS, "--max-resident", "1GB", status=2)
     assert "--max-resident: is for a map in tiles, -o " in " ".join(output.split())

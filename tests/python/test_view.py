@@ -354,28 +354,6 @@ def test_a_busy_port_is_refused(map_file: Path) -> None:
     assert f"127.0.0.1:{port}: port {port} is in use by another program, expected a free one" in line
 
 
-@pytest.mark.parametrize(
-    "arguments, message",
-    [
-        (("--slice", "1.2"), "--slice 1.2: expected an axis and a position in metres, as in z=1.2"),
-        (("--slice", "w=1"), "--slice w=1: expected an axis"),
-        (("--slice", "z=nan"), "--slice z=nan: expected an axis"),
-        (("--png", "a.doc"), "--png a.doc: the name must end in"),
-        (("--png", "a.png", "--log", "b"), "--log: is for the page, not for --png"),
-        (("--png", "a.png", "--free"), "--free: is for the page, not for --png"),
-        (("--png", "a.png", "--open"), "--open: is for the page, not for --png"),
-    ],
-)
-def test_wrong_calls_are_refused(
-    map_file: Path, arguments: tuple[str, ...], message: str, tmp_path: Path, monkeypatch: Any
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    status, line = ended("view", map_file, *arguments)
-    assert (status, line.count("\n")) == (2, 0)
-    assert message in line
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_page_frames_all_of_a_map() -> None:
     """Each corner of its box and of what is beside it is seen, also in a window that is as high as wide."""
     rng = np.random.default_rng(5)
