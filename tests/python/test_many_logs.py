@@ -146,17 +146,6 @@ def test_any_log_can_be_saved_or_says_why_not(tmp_path: Path) -> None:
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_simulate_replaces_only_named_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert called("simulate", "office", "--scans", 2)[0] == 0
-    before = Path("office.npz").read_bytes()
-    status, _, error = called("simulate", "office", "--scans", 3)
-    assert status == 2 and "office.npz: is there already" in error
-    assert Path("office.npz").read_bytes() == before
-    status, _, error = called("simulate", "office", "-o", "office.log")
-    assert status == 2 and "office.log: the name must end in .npz" in error
-
-
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
