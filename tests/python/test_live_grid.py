@@ -191,6 +191,13 @@ def test_behind_a_window_that_moves_the_grid_does_not_grow() -> None:
     assert largest < 5 * (200 + 128) ** 2  # 200 pixels are known in each direction.
 
 
+def test_a_grid_that_is_too_large_is_no_empty_one() -> None:
+    m, grid = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1), GridFollower(1e-4)
+    m.mark([[0.0, 0.0], [10.0, 10.0]], "free")
+    with pytest.raises(ValueError, match="pixels: at most"):
+        grid.follow(m.snapshot())
+
+
 @pytest.mark.parametrize(
     "wrong, said",
     [

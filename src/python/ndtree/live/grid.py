@@ -190,7 +190,9 @@ class GridFollower:
         height = None if m.dim == 2 else self._height
         try:
             image, corner, _ = m.map_server_image(cell_size=self._wanted, height=height, wall_depth=depth)
-        except ValueError:  # Nothing is known there.
+        except ValueError as error:
+            if "nothing" not in str(error):  # Of what is known there; else it is too large.
+                raise
             return np.zeros((0, 0), np.int8), self._lower
         return _VALUES[image[::-1]], np.rint(np.array(corner) / self.cell_size).astype(np.int64)
 
