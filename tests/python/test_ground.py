@@ -61,6 +61,8 @@ def test_pixels_of_boxes_are_all_of_them_once() -> None:
         for x in range(first[i, 0], last[i, 0])
     ]
     assert found == sorted(expected) and len(found) > 40
+    none = np.zeros((0, 2), dtype=np.int64)
+    assert not pixels_in(none, none, 5)[0].size
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.2])

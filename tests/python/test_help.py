@@ -119,7 +119,8 @@ def test_a_page_comes_without_what_makes_it() -> None:
     assert (
         done.stdout
         == page
-        + "0 ndtree ndtree.base ndtree.base.exit_status ndtree.cli ndtree.cli.help ndtree.cli.interrupt\n\n"
+        + "0 ndtree ndtree._lazy ndtree.base ndtree.base.exit_status ndtree.cli ndtree.cli.help "
+        "ndtree.cli.interrupt\n\n"
     )
 
 
