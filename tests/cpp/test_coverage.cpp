@@ -262,8 +262,45 @@ TEST(Coverage, SumsAreShares) {
   coverage.add(passed<Sum>(0.5f, 3.0f));              // Wider than the child, in a corner of it.
   coverage.add(3, seen<Sum>(0.5f, 0.25f));
   EXPECT_DOUBLE_EQ(coverage.of_child(3), 0.375);
-  EXPECT_DOUBLE_EQ(coverage.beams_for_child(), 2.0);
-  EXPECT_NEAR(coverage.mean_share(), (0.19140625 + 0.5) / 0.75, 1e-6);
+  EXPECT_DOUBLE_EQ(coverage.beams_for_child(), 1.5 / 2.25);  // Its slice is as wide as the cell.
+  EXPECT_NEAR(coverage.mean_share(), std::pow(Sum::mean_overlap(0.5 * std::sqrt(1.5)), 2), 1e-6);
+  EXPECT_DOUBLE_EQ(coverage.volume(), 0.375 / 8 * 1.5);
+}
+
+TEST(Coverage, BeamsThatClipACornerHaveNotSeenTheCell) {
+  const CoverageModel model(CoverageOptions{});
+  using Sum = ScanCoverage<2, 3>;
+  struct Row {
+    int beams;      // Side by side, through each seen child.
+    float way;      // Of each, through a child.
+    float width;    // Of each.
+    int children;   // Seen, of eight.
+    double passed;  // Mean passes so far.
+    bool is_enough, shows_more;
+  };
+  const Row rows[] = {
+      {1, 1.0f, 2.0f, 2, 1.0, true, false},     // Straight through, as wide as the cell.
+      {1, 0.3f, 2.0f, 1, 0.3, false, false},    // Through a corner.
+      {7, 0.3f, 1.0f, 1, 7.0, false, false},    // Many see no more of it,
+      {7, 0.3f, 1.0f, 1, 33.0, false, true},    // and where they go on doing so, smaller cells show it.
+      {1, 1.0f, 1.0f, 4, 4.0, true, false},     // Half of the cell.
+      {16, 1.0f, 0.25f, 2, 4.0, false, false},  // A quarter.
+      {16, 1.0f, 0.25f, 4, 4.0, true, false},
+  };
+  int cases = 0;
+  for (const Row& row : rows) {
+    Sum scan;
+    for (int child = 0; child < row.children; ++child)
+      for (int i = 0; i < row.beams; ++i) {
+        scan.add(passed<Sum>(row.way, row.width));
+        scan.add(child, seen<Sum>(row.way, std::min(1.0f, row.width * row.width)));
+      }
+    const CoverageVerdict verdict = model.judge(scan, 0, 2.0, row.passed);
+    EXPECT_EQ(verdict.is_enough, row.is_enough) << cases;
+    EXPECT_EQ(verdict.shows_more, row.shows_more) << cases;
+    ++cases;
+  }
+  EXPECT_EQ(cases, 7);
 }
 
 TEST(Coverage, OfABeamOnlyWhatLiesInTheChildIsSeen) {
@@ -283,7 +320,7 @@ TEST(Coverage, TheMeanOverlapIsThatOfEvenlySpreadBeams) {
     for (int i = 0; i < kPlaces; ++i)
       sum +=
           static_cast<double>(Sum::overlap(std::abs((static_cast<float>(i) + 0.5f) / kPlaces - 0.5f), width));
-    EXPECT_NEAR(sum / kPlaces, Sum::mean_overlap(0.5f * width), 1e-3) << width;
+    EXPECT_NEAR(sum / kPlaces, Sum::mean_overlap(0.5 * static_cast<double>(width)), 1e-3) << width;
   }
 }
 

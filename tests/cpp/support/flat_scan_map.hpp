@@ -478,8 +478,8 @@ class FlatScanMap {
     constexpr float kUnits = 1 << 20;
     std::vector<double> seen(children.size(), 0.0);  // In kUnits.
     double way = 0.0;
-    double whole = 0.0;  // If each beam was in the middle of the child,
-    double mean = 0.0;   // and in the mean over all its places.
+    double slices = 0.0;  // Of the beams, as wide as the cell at most.
+    bool are_single = true;
     for (const FlatBeam& beam : beams_) {
       float enter = 0.0f;
       float exit = 0.0f;
@@ -498,18 +498,13 @@ class FlatScanMap {
         return per_metre > 0.0f ? distance * (beam.slant * (per_metre * per_child))
                                 : static_cast<float>(smallest()) * per_child;
       };
+      are_single = are_single && face.beams == 1 && width_per_range() == 0.0f;
       const float width = width_at(0.5f * (enter + exit));
       const float through = (exit - enter) * beam.slant * per_child * kUnits;
-      const float half = std::min(1.0f, 0.5f * width);
-      float in_middle = 1.0f;
-      float in_mean = 1.0f;
-      for (int a = 1; a < D; ++a) {
-        in_middle *= std::min(1.0f, width);
-        in_mean *= half * (2.0f - half);
-      }
+      float area_of_slice = 1.0f;
+      for (int a = 1; a < D; ++a) area_of_slice *= std::min(static_cast<float>(N), width);
       way += static_cast<double>(std::nearbyint(through));
-      whole += static_cast<double>(std::nearbyint(through * in_middle));
-      mean += static_cast<double>(std::nearbyint(through * in_mean));
+      slices += static_cast<double>(std::nearbyint(through * area_of_slice));
       for (std::size_t j = 0; j < children.size(); ++j) {
         if (!clip(beam, children[j], enter, exit) || enter >= beam.range) continue;
         exit = std::min(exit, beam.range);
@@ -528,14 +523,20 @@ class FlatScanMap {
         seen[j] += static_cast<double>(std::nearbyint(chord * area));
       }
     }
-    const double mean_share = whole > 0.0 ? mean / whole : 1.0;
+    const double mean_area = way > 0.0 ? slices / way : 0.0;
+    const double mean_width = D <= 2   ? mean_area
+                              : D == 3 ? std::sqrt(mean_area)
+                                       : std::pow(mean_area, 1.0 / std::max(1, D - 1));
+    const double half = std::min(1.0, 0.5 * mean_width);
+    double mean_share = 1.0;
+    for (int a = 1; slices > 0.0 && a < D; ++a) mean_share *= half * (2.0 - half) / std::min(mean_width, 1.0);
     const double smallest_cells = size / smallest();
     const double asked = smallest_cells < 2.5 ? 0.5 : 1.0;  // Of cells of two smallest ones, half.
     const double of_part_seen =
         smallest_cells < 2.5 ? 0.5 * options_.covered_share
                              : 1.0 - (1.0 - options_.covered_share) * std::min(1.0, 2.0 * N / smallest_cells);
     const double of_child = mean_share * of_part_seen;
-    const double beams_for_child = whole > 0.0 ? way / whole : 0.0;
+    const double beams_for_child = slices > 0.0 ? way / slices : 0.0;
     const double least =
         std::min(of_child, mean_share * (1.0 - std::sqrt(2.0 * (1.0 - 1e-4) / beams_for_child)));
     const bool may_split = smallest_cells > options_.coverage_cells * (1.0 + 1e-9);
@@ -558,22 +559,26 @@ class FlatScanMap {
         result.is_covered = false;
     }
     int seen_children = 0;
+    double volume = 0.0;  // Seen of the cell.
     for (const auto& [part, of_part] : parts) {
       if (of_part.first >= (1.0 - 1e-4) * mean_share * options_.covered_share * asked * of_part.second &&
           with_missing.count(part) == 0)
         result.parts |= 1u << part;
       if ((result.parts & 1u << part) != 0) seen_children += of_part.second;
+      volume += of_part.first / static_cast<double>(children.size()) * std::max(1.0, mean_area);
     }
     const auto count = static_cast<double>(children.size());
-    const bool are_few = beams_for_child < 2.0 && smallest_cells < N + 0.5 && seen_children > 0;
-    const bool has_enough = are_few || seen_children >= count * asked;
+    const bool are_few = beams_for_child < 2.0 && smallest_cells < N + 0.5;
+    const bool has_enough =
+        seen_children >= count * asked ||
+        (are_few && seen_children > 0 && volume >= mean_share * options_.covered_share * (1.0 - 1e-4));
     const double miss = std::round(-256.0 * static_cast<double>(log_odds_of(options_.probability_min)));
     const double beams = static_cast<double>(cell.free_evidence() + scan.free) / miss;
     const double parts_side_by_side = std::exp2(std::min(D, 4) - 1);
-    if (!has_enough && may_split && beams > 8.0 * parts_side_by_side) result.splits = true;
+    if (!has_enough && (may_split || are_few) && beams > 8.0 * parts_side_by_side) result.splits = true;
     const double most = std::round(256.0 * std::min(options_.free_memory, options_.evidence_memory));
-    if (!has_enough && scan.free > 0 && static_cast<double>(cell.free_evidence()) >= most)
-      result.splits = true;
+    const bool adds_nothing = scan.free > 0 && static_cast<double>(cell.free_evidence()) >= most;
+    if (!has_enough && (adds_nothing || are_single)) result.splits = true;
     result.enough = !result.splits && has_enough;
     if (cell.observed()) {
       result.splits = false;

@@ -17,8 +17,8 @@ namespace ndtree {
 struct CoverageOptions {
   /// Fraction of each part (CellParts: half, quadrant, octant) to be seen for a cell to be observed, half of
   /// that for parts that are smallest cells, and more of cells larger than 2 N smallest ones: what is left
-  /// out of a part is no deeper. 0: any beam is enough. (Whether an observed cell is *covered* is another
-  /// question: CoverageVerdict.)
+  /// out of a part is no deeper. Few beams have to see this fraction of the whole cell. 0: any beam is
+  /// enough. (Whether an observed cell is *covered* is another question: CoverageVerdict.)
   double covered_share = 0.5;
   /// Cells whose edge is longer than this many min_cell_size split to show what was seen.
   double coverage_cells = 2.0;
@@ -76,8 +76,7 @@ class ScanCoverage {
   template <class Ints>
   struct Passed {
     Ints way;    ///< Sum of ways.
-    Ints whole;  ///< Seen volume if the beam was in the middle of each child.
-    Ints mean;   ///< Mean of the seen volume over all places of the beam.
+    Ints slice;  ///< Volume of the beam's slice, as wide as the cell at most, wherever it lies.
   };
   static constexpr std::int64_t kOne = 1 << 20;
   static constexpr float kUnitsOfOne = kOne;
@@ -86,9 +85,9 @@ class ScanCoverage {
   /// @param width of the beam's solid angle there, over a child's edge.
   template <class Floats>
   [[nodiscard]] NDTREE_ALWAYS_INLINE static auto passed(const Floats& way, const Floats& width) {
+    constexpr float kWidest = N;
     return Passed<decltype(nearest_integer(way))>{
-        nearest_integer(way), nearest_integer(Floats(way * across(min_of(width, 1.0f)))),
-        nearest_integer(Floats(way * across(mean_overlap(Floats(0.5f * width)))))};
+        nearest_integer(way), nearest_integer(Floats(way * across(min_of(width, Floats(kWidest)))))};
   }
   /// The part of a beam's width that lies in a child, over the child's edge.
   /// @param from_middle distance of the beam from the middle of the child, on an axis across.
@@ -97,17 +96,15 @@ class ScanCoverage {
     return max_of(Floats(0.0f), min_of(0.5f + 0.5f * width - from_middle, min_of(width, 1.0f)));
   }
   /// The mean of overlap() over all places: 2 h - h² with h = min(half_width, 1).
-  template <class Floats>
-  [[nodiscard]] NDTREE_ALWAYS_INLINE static Floats mean_overlap(const Floats& half_width) {
-    const Floats half = min_of(half_width, 1.0f);
-    return half * (2.0f - half);
+  [[nodiscard]] static double mean_overlap(double half_width) {
+    const double half = std::min(half_width, 1.0);
+    return half * (2.0 - half);
   }
   /// @param sums of whole numbers, of one beam or several.
   template <class Number>
   void add(const Passed<Number>& sums) {
     way_ += sums.way;
-    whole_ += sums.whole;
-    mean_ += sums.mean;
+    slice_ += sums.slice;
   }
   /// @param seen volume of a child, in 1 / kOne: the way through it, times the product of overlap() over the
   ///   axes across.
@@ -120,10 +117,21 @@ class ScanCoverage {
     return of_child_[static_cast<std::size_t>(number)];
   }
   /// Beams that would pass straight through one child if it was seen like the seen children.
-  [[nodiscard]] double beams_for_child() const { return ratio(way_, whole_); }
+  [[nodiscard]] double beams_for_child() const { return ratio(way_, slice_); }
   /// The share of beams' widths that lies in the child that they cross, in the mean over all places of beams:
   /// the rest is seen of children that they do not cross.
-  [[nodiscard]] double mean_share() const { return whole_ > 0 ? ratio(mean_, whole_) : 1.0; }
+  [[nodiscard]] double mean_share() const {
+    if (slice_ == 0) return 1.0;
+    const double width = this->width();
+    return across(mean_overlap(0.5 * width) / std::min(width, 1.0));
+  }
+  /// Seen fraction of the cell. What several beams see of a child is not more than the child; where a beam is
+  /// wider than that, a seen child stands for those beside it which the beam covers.
+  [[nodiscard]] double volume() const {
+    std::int64_t seen = 0;
+    for (const std::int64_t of_child : of_child_) seen += std::min(kOne, of_child);
+    return static_cast<double>(seen) * (kUnit / kNumChildren) * std::max(1.0, ratio(slice_, way_));
+  }
 
  private:
   static constexpr double kUnit = 1.0 / static_cast<double>(kUnitsOfOne);
@@ -134,14 +142,19 @@ class ScanCoverage {
     for (int a = 1; a < D; ++a) area = area * width;
     return area;
   }
+  /// Of the beams, over a child's edge.
+  [[nodiscard]] double width() const {
+    const double area = ratio(slice_, way_);
+    if constexpr (D <= 2) return area;
+    return D == 3 ? std::sqrt(area) : std::pow(area, 1.0 / std::max(1, D - 1));
+  }
   [[nodiscard]] static double ratio(std::int64_t part, std::int64_t of) {
     return of > 0 ? static_cast<double>(part) / static_cast<double>(of) : 0.0;
   }
 
   std::array<std::int64_t, std::size_t{kNumChildren}> of_child_{};
   std::int64_t way_ = 0;
-  std::int64_t whole_ = 0;
-  std::int64_t mean_ = 0;
+  std::int64_t slice_ = 0;
 };
 
 /// The verdict about a cell that was never observed, or not covered.
@@ -158,18 +171,19 @@ struct CoverageVerdict {
 /// A part of a cell, see CellParts, is *seen* once one scan has seen covered_share of it, and none of its
 /// children is missing. A cell is observed once all its parts were seen, by one scan or by several. A
 /// smallest cell is observed as soon as any beam passes it, so one with an edge of two smallest cells asks
-/// for less: half of covered_share, of half of its parts. One with an edge of N smallest cells is
-/// observed once any part was seen, if the beams are so far apart that fewer than two would pass a smallest
-/// cell.
-/// Until then the cell stores which parts were seen. Thresholds for parts and missing children are scaled by
-/// ScanCoverage::mean_share(); that for a covered cell is not.
+/// for less: half of covered_share, of half of its parts. Of one with an edge of N smallest cells, few beams
+/// do not tell the parts apart: if they are so far apart that fewer than two would pass a smallest cell, a
+/// part and covered_share of the volume are enough.
+/// Until then the cell stores which parts were seen. Thresholds for parts, volumes and missing children are
+/// scaled by ScanCoverage::mean_share(); that for a covered cell is not.
 ///
 /// A cell that is not observed, and whose edge is longer than coverage_cells smallest cells, splits where the
 /// unseen part is significant:
 /// - by one scan, if a child is missing: less than that share of it was seen, and n beams would pass it if
 ///   it was seen like the rest of the cell: their number scatters by sqrt(n); with sqrt(2) times that, only a
 ///   child that at least two would pass can be missing;
-/// - by all scans so far, if kBeamsOfPart beams would have passed each part if all were seen alike.
+/// - by all scans so far, if kBeamsOfPart beams would have passed each part if all were seen alike; then few
+///   beams split a cell with an edge of N smallest cells, too, whatever coverage_cells.
 ///
 /// A cell of any size splits that still has an unseen part when it remembers no more beams: so a cell that
 /// equal beams clip in every scan does not stay unknown for ever.
@@ -198,7 +212,8 @@ class CoverageModel {
   }
   /// @param seen_before parts of the cell, one bit each. @param size the cell's edge, in smallest cells.
   /// @param beams mean passes that its evidence for free space is worth, of this scan and before.
-  /// @param adds_nothing the cell remembers no more beams: scans like this one leave it as it is.
+  /// @param adds_nothing scans like this one leave the cell as it is, or show no more of it: it remembers no
+  ///   more beams, or the scan's have no neighbours.
   template <int N, int D>
   [[nodiscard]] CoverageVerdict judge(const ScanCoverage<N, D>& scan, std::uint32_t seen_before, double size,
                                       double beams, bool adds_nothing = false) const {
@@ -235,12 +250,15 @@ class CoverageModel {
                     << p;
     }
     CoverageVerdict verdict{seen_before | (are_seen & ~with_missing)};
-    // Beams so far apart that fewer than two would pass a smallest cell.
-    const bool are_few = size < N + 0.5 && beams_for_child < 2.0 && verdict.parts != 0;
-    const bool has_enough = are_few || are_enough<N, D>(verdict.parts, size);
-    const bool is_missing =
-        (with_missing & ~seen_before) != 0 || (!has_enough && beams > kBeamsOfPart * (Parts::kCount / 2));
-    verdict.shows_more = (is_missing && size > least_to_split_) || (!has_enough && adds_nothing);
+    // Beams so far apart that fewer than two would pass a smallest cell cannot tell parts that size.
+    const bool are_few = size < N + 0.5 && beams_for_child < 2.0;
+    const bool has_enough =
+        are_enough<N, D>(verdict.parts, size) ||
+        (are_few && verdict.parts != 0 && scan.volume() >= mean_share * covered_share_ * kRounding);
+    const bool may_split = size > least_to_split_;
+    const bool is_due = beams > kBeamsOfPart * (Parts::kCount / 2) && (may_split || are_few);
+    verdict.shows_more =
+        ((with_missing & ~seen_before) != 0 && may_split) || (!has_enough && (is_due || adds_nothing));
     verdict.is_enough = !verdict.shows_more && has_enough;
     return verdict;
   }

@@ -78,15 +78,18 @@ class LeafCoverage {
     const float per_child = 1.0f / static_cast<float>(geometry.cell_size(leaf.level - 1));
     const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
     Sum sum;
+    bool are_single = true;
     sample.for_each_fraction(
         beams_, list, [&](const CubeFace<D>& face, float fraction, const BeamList& part) {
           // Sampled beams stand for the others, too.
           const float width = face.width_of_beam() * BeamSampling<N, D>::widening(fraction);
           const BeamWidths widths{std::max(width, width_per_range_) * per_child,
                                   static_cast<float>(geometry.unit()) * per_child};
+          are_single &= widths.per_depth == 0.0f;
           (*this)(leaf, face, part, per_child, widths, model, size, sum);
         });
-    CoverageVerdict verdict = model.judge(sum, seen_before, size, beams, adds_nothing);
+    // What lies beside a beam without neighbours, no such beam shows.
+    CoverageVerdict verdict = model.judge(sum, seen_before, size, beams, adds_nothing || are_single);
     verdict.is_covered = (verdict.is_enough || cell.observed()) && model.is_covered(sum, size);
     return verdict;
   }
@@ -169,8 +172,7 @@ class LeafCoverage {
     for (int c = 0; c < kNumChildren; ++c) child[c] = 0;
     std::array<std::uint32_t, 4> sums;
     EightInts way = 0;
-    EightInts whole = 0;
-    EightInts mean = 0;
+    EightInts slice = 0;
     const EightFloats fixed = widths.per_depth > 0.0f ? 0.0f : widths.fixed;
     typename Partition::Planes middles;  // Of children, across.
     for (std::size_t a = 0; a + 1 < D; ++a)
@@ -191,8 +193,7 @@ class LeafCoverage {
       const auto passed = Sum::passed(EightFloats((exit_leaf - enter_leaf) * units_per_metre),
                                       EightFloats(0.5f * (enter_leaf + exit_leaf) * width_per_metre + fixed));
       way += passed.way & passes;
-      whole += passed.whole & passes;
-      mean += passed.mean & passes;
+      slice += passed.slice & passes;
       EightFloats per_metre[std::size_t{D}];  // Along the beam: children's edges along the axis.
 #pragma GCC unroll 4
       for (std::size_t a = 0; a + 1 < D; ++a) per_metre[a] = 1.0f / rays.inverse[a] * per_child;
@@ -220,8 +221,8 @@ class LeafCoverage {
       for (int k = 0; k < std::min(4, kNumChildren - c); ++k)
         sum.add(kWithLast[main][static_cast<std::size_t>(c + k)], sums[static_cast<std::size_t>(k)]);
     }
-    sums_of(way, whole, mean, way).store(sums.data());
-    sum.add(typename Sum::template Passed<std::uint32_t>{sums[0], sums[1], sums[2]});
+    sums_of(way, slice, way, slice).store(sums.data());
+    sum.add(typename Sum::template Passed<std::uint32_t>{sums[0], sums[1]});
   }
 #endif
 
