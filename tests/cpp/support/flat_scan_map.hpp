@@ -490,6 +490,7 @@ class FlatScanMap {
                              : D == 2 ? 1.0f / fraction
                              : D == 3 ? 1.0f / std::sqrt(fraction)
                                       : std::pow(fraction, -1.0f / static_cast<float>(D - 1));
+      are_single = are_single && face.beams == 1 && width_per_range() == 0.0f;
       if (enter >= beam.range) continue;
       exit = std::min(exit, beam.range);
       const auto width_at = [&](float distance) {
@@ -498,7 +499,6 @@ class FlatScanMap {
         return per_metre > 0.0f ? distance * (beam.slant * (per_metre * per_child))
                                 : static_cast<float>(smallest()) * per_child;
       };
-      are_single = are_single && face.beams == 1 && width_per_range() == 0.0f;
       const float width = width_at(0.5f * (enter + exit));
       const float through = (exit - enter) * beam.slant * per_child * kUnits;
       float area_of_slice = 1.0f;
