@@ -490,7 +490,6 @@ class FlatScanMap {
                              : D == 2 ? 1.0f / fraction
                              : D == 3 ? 1.0f / std::sqrt(fraction)
                                       : std::pow(fraction, -1.0f / static_cast<float>(D - 1));
-      are_single = are_single && face.beams == 1 && width_per_range() == 0.0f;
       if (enter >= beam.range) continue;
       exit = std::min(exit, beam.range);
       const auto width_at = [&](float distance) {
@@ -504,6 +503,8 @@ class FlatScanMap {
       float area_of_slice = 1.0f;
       for (int a = 1; a < D; ++a) area_of_slice *= std::min(static_cast<float>(N), width);
       way += static_cast<double>(std::nearbyint(through));
+      are_single =
+          are_single && ((face.beams == 1 && width_per_range() == 0.0f) || std::nearbyint(through) == 0.0f);
       slices += static_cast<double>(std::nearbyint(through * area_of_slice));
       for (std::size_t j = 0; j < children.size(); ++j) {
         if (!clip(beam, children[j], enter, exit) || enter >= beam.range) continue;

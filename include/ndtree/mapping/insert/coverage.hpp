@@ -116,6 +116,8 @@ class ScanCoverage {
   [[nodiscard]] std::int64_t units_of_child(int number) const {
     return of_child_[static_cast<std::size_t>(number)];
   }
+  /// Sum of the beams' ways, in 1 / kOne.
+  [[nodiscard]] std::int64_t way() const { return way_; }
   /// Beams that would pass straight through one child if it was seen like the seen children.
   [[nodiscard]] double beams_for_child() const { return ratio(way_, slice_); }
   /// The share of beams' widths that lies in the child that they cross, in the mean over all places of beams:

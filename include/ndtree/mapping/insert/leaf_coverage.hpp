@@ -85,8 +85,9 @@ class LeafCoverage {
           const float width = face.width_of_beam() * BeamSampling<N, D>::widening(fraction);
           const BeamWidths widths{std::max(width, width_per_range_) * per_child,
                                   static_cast<float>(geometry.unit()) * per_child};
-          are_single &= widths.per_depth == 0.0f;
+          const std::int64_t before = sum.way();
           (*this)(leaf, face, part, per_child, widths, model, size, sum);
+          are_single &= widths.per_depth == 0.0f || sum.way() == before;
         });
     // What lies beside a beam without neighbours, no such beam shows.
     CoverageVerdict verdict = model.judge(sum, seen_before, size, beams, adds_nothing || are_single);
