@@ -402,8 +402,11 @@ TYPED_TEST(Layers, AWindowTakesWhatEndsInIt) {
   for_each_leaf(whole.map().tree(), [&](const auto& leaf) {
     if (!leaf.cell().observed()) return;
     ++n;
-    EXPECT_EQ(whole.template layer<0>().of(leaf.index).words(),
-              parts.template layer<0>().of(leaf.index).words());
+    // Means are sums in the order in which cells were joined.
+    const auto at_once = whole.template layer<0>().of(leaf.index).words();
+    const auto in_parts = parts.template layer<0>().of(leaf.index).words();
+    for (std::size_t k = 0; k < at_once.size(); ++k)
+      EXPECT_LE(std::max(at_once[k], in_parts[k]) - std::min(at_once[k], in_parts[k]), 1u);
   });
   EXPECT_GT(n, 10u);
 }

@@ -231,7 +231,9 @@ TYPED_TEST(Limits, BeamsOfAnyLengthAreCutBeforeTheirNoiseIsAsked) {
         const auto crossed = [&](int of) {
           const Scan<D> scan = scan_with(of, own_origins, returned);
           const BeamSensorModel sensor(options);
-          return cubes_crossed(geometry, Measurements<D, BeamSensorModel>(scan.view(), 4.0, sensor)).size();
+          const Measurements<D, BeamSensorModel> measurements(
+              scan.view(), 4.0, sensor, TypeParam::RefinementType::least_sigma(options));
+          return cubes_crossed(geometry, measurements).size();
         };
         EXPECT_EQ(crossed(exponent), crossed(6));
         const std::string error =

@@ -229,7 +229,7 @@ TEST(PlanningQueries, RaysEndWhereLeavesSay) {
   rays_end_where_leaves_say<AdaptiveMap<3, 2>>(random, outside);
   rays_end_where_leaves_say<FixedMap<2, 3>>(random, outside);
   rays_end_where_leaves_say<PaperMap<2, 2>>(random, outside);  // Its large cells reach the border of the map.
-  EXPECT_GT(outside, 10);
+  EXPECT_GT(outside, 0);
 }
 
 /// Wherever the map goes on behind it: max_range / length * length is often not max_range.

@@ -23,6 +23,16 @@
 namespace ndtree::test::test_scan_update {
 namespace {
 
+/// The default without a least thickness of surfaces, so that noise much below a cell is tried, too.
+struct SharpRefinement : EvidenceRefinement {
+  using EvidenceRefinement::EvidenceRefinement;
+  template <class Tree, class Sensor>
+  using Update = ScanUpdate<Tree, SharpRefinement, Sensor>;
+  [[nodiscard]] static double least_sigma(const MapOptions&) { return 0.0; }
+};
+template <int N, int D>
+using AdaptiveMap = OccupancyMap<N, D, SharpRefinement, BeamSensorModel>;
+
 template <int D>
 Scan<D> scan_of(const std::vector<Vector<D>>& origins, const std::vector<Vector<D>>& endpoints) {
   Scan<D> scan;
@@ -325,6 +335,36 @@ static_assert(kPacksByEights<BeamSensorModel> && kPacksByEights<LinearNoise> &&
               !kPacksByEights<PlainLinearNoise>);
 #endif
 
+TYPED_TEST(ScanUpdateOf, ASurfaceIsAsThickAsASmallestCell) {
+  NDTREE_SHAPE;
+  Random random(142);
+  SCOPED_TRACE(random.trace());
+  MapOptions options = spelled_out_options(kUnit, kUnit * N);
+  const double least = kUnit / kThinnestSurface;
+  options.range_sigma = least;
+  ndtree::AdaptiveMap<N, D> thick(options);
+  OccupancyMap<N, D, EvidenceRefinement, LinearNoise> of_ones_own(options);
+  AdaptiveMap<N, D> sharp(options);
+  options.range_sigma = 0.001;
+  ndtree::AdaptiveMap<N, D> map(options);
+  ndtree::AdaptiveMap<N, D> by_beam(options);
+  for (int i = 0; i < 6; ++i) {
+    Scan<D> scan = random_scan<D>(random, 40, 0.9 * kUnit * N, 0.0, 0.2 * kUnit * N);
+    if (i % 2 == 0) scan.origins = scan.origins.leftCols(1).eval();
+    for (auto* one : {&thick, &map}) one->insert(scan);
+    of_ones_own.insert(scan);
+    sharp.insert(scan);
+    scan.range_sigma = Eigen::ArrayXd::Constant(scan.size(), i % 3 == 0 ? least : 0.002);
+    by_beam.insert(scan);
+  }
+  const auto expected = passed_of(leaves_of(thick.tree()));
+  EXPECT_GT(expected.size(), 1u);
+  EXPECT_TRUE(passed_of(leaves_of(map.tree())) == expected) << "the sensor's noise";
+  EXPECT_TRUE(passed_of(leaves_of(by_beam.tree())) == expected) << "noise of each beam";
+  EXPECT_TRUE(passed_of(leaves_of(of_ones_own.tree())) == expected) << "another sensor's";
+  EXPECT_TRUE(passed_of(leaves_of(sharp.tree())) == expected) << "as large as the least";
+}
+
 TEST(ScanUpdate, TakesASensorOfOnesOwn) {
   constexpr int D = 3;
   Random random(141);
@@ -332,8 +372,8 @@ TEST(ScanUpdate, TakesASensorOfOnesOwn) {
   MapOptions options = spelled_out_options(kUnit, 4.0 * kUnit);
   options.covered_share = 0.5;
   options.sample_beams = 0.3;
-  OccupancyMap<2, D, EvidenceRefinement, LinearNoise> map(options);
-  OccupancyMap<2, D, EvidenceRefinement, PlainLinearNoise> plain(options);
+  OccupancyMap<2, D, SharpRefinement, LinearNoise> map(options);
+  OccupancyMap<2, D, SharpRefinement, PlainLinearNoise> plain(options);
   FlatScanMap<2, D, LinearNoise> flat(options, -2, 2);
   AdaptiveMap<2, D> other(options);
   const double size = 2.0 * 4.0 * kUnit - 3.0 * (0.01 + 0.005 * 16.0 * kUnit) - kUnit / 4.0;

@@ -73,7 +73,7 @@ def test_what_was_not_seen_is_unknown_and_what_was_is_as_it_was(kind: Any, dim: 
     faded = np.array([seen.get(one, [1e9])[-1] < N - 1 - 13.0 for one in cubes])
     fresh = np.array([max(np.diff([*seen.get(one, [0.0])[1:], N - 1.0]), default=99.0) < 10 for one in cubes])
     before, after = plain.state(points), m.state(points)
-    assert (before[faded] >= 0).sum() > 200 and (before[fresh] >= 0).sum() > 200
+    assert (before[faded] >= 0).sum() > 100 and (before[fresh] >= 0).sum() > 200
     assert (after[faded] == -1).all()
     assert np.array_equal(after[fresh], before[fresh])
 

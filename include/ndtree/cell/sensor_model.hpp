@@ -61,10 +61,8 @@ class BeamSensorModel {
   /// The traversal goes on to range + kReachSigmas * sigma.
   static constexpr double kReachSigmas = 3.0;
 
-  /// @param least_sigma a smaller standard deviation counts as this [m]; see kThinnestSurface.
-  explicit BeamSensorModel(const SensorOptions& options, double least_sigma = 0.0)
+  explicit BeamSensorModel(const SensorOptions& options)
       : options_(options),
-        least_sigma_(least_sigma),
         cone_per_range_(static_cast<float>(2.0 * std::tan(0.5 * options.beam_divergence))),
         z_min_(normal_quantile(options.probability_min)),
         probability_min_(static_cast<float>(options.probability_min)),
@@ -77,12 +75,7 @@ class BeamSensorModel {
   /// Standard deviation of a measured range [m].
   template <class Doubles>
   [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles sigma(const Doubles& range) const {
-    return at_least(Doubles(options_.range_sigma + unfused(options_.range_sigma_quadratic * range * range)));
-  }
-  /// A standard deviation [m], but not less than a surface in smallest cells has.
-  template <class Doubles>
-  [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles at_least(const Doubles& sigma) const {
-    return max_of(sigma, Doubles(least_sigma_));
+    return options_.range_sigma + unfused(options_.range_sigma_quadratic * range * range);
   }
   /// Whether beams are cones: see cone_width().
   [[nodiscard]] bool has_cone() const { return cone_per_range_ > 0.0f; }
@@ -147,7 +140,6 @@ class BeamSensorModel {
   }
 
   SensorOptions options_;
-  double least_sigma_;
   float cone_per_range_;
   double z_min_;
   float probability_min_;

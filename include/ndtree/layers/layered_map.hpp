@@ -122,6 +122,7 @@ class LayeredMap {
   static constexpr std::size_t kNumLayers = sizeof...(Values);
   using MapType = Map;
   using SensorType = typename Map::SensorType;
+  using RefinementType = typename Map::RefinementType;
   using Layers = std::tuple<LayerOf<Values>...>;
   /// What the layers are called in files.
   using Names = std::array<std::string, kNumLayers>;

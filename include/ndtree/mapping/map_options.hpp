@@ -105,7 +105,7 @@ constexpr std::array<OptionRow, 30> option_table() {
              "Edge of the largest cells that are updated; rounded down to min_cell_size * branching**k.",
              "hardly ever"),
       option("range_sigma", &O::range_sigma, kRangeSigmaBounds, kOurs, "M",
-             "Standard deviation of a range; where cells adapt, 3/5 of a smallest cell counts at least.",
+             "Standard deviation of a range; by default refinement at least 3/5 of a smallest cell.",
              "as ndtree calibrate says"),
       option("range_sigma_quadratic", &O::range_sigma_quadratic, {0.0, 1e6, " 1/m"}, kOurs, "PER_M",
              "Its growth with the squared range.", "depth cameras: 0.001 to 0.0015"),

@@ -469,7 +469,7 @@ OccupancyMap<N, D, Refinement, Sensor>::OccupancyMap(const MapOptions& options, 
     : Cells(valid(options), std::move(tree), counters,
             Refinement::coarsest_level(-valid(options).num_levels(N))),
       refinement_(options),
-      sensor_(options, Refinement::least_sigma(options)) {
+      sensor_(options) {
   summarise_stale(tree_, *tree_.root().node, saturated());
 }
 
@@ -488,7 +488,8 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::integrate(const ScanView<D>
   Workers workers(std::min(static_cast<std::size_t>(threads), Update::most_workers(scan.size)));
   Update update(tree_, refinement_, sensor_, options_, counters_);
   const std::uint64_t scan_number = scan.number.value_or(counters_.scans);
-  const Measurements<D, Sensor> measurements(scan, max_range, sensor_, scan_number);
+  const Measurements<D, Sensor> measurements(scan, max_range, sensor_, Refinement::least_sigma(options_),
+                                             scan_number);
   // The survey checks the whole scan before the tree grows: from then on only out-of-memory, node-id
   // exhaustion or cancellation can interrupt.
   const ScanSurvey<D> survey = update.survey(measurements, workers);

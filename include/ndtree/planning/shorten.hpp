@@ -38,8 +38,7 @@ class PathShortener {
 
  private:
   static constexpr int kMostRounds = 16;
-  static constexpr double kWorthwhile = 2e-4;   // A round that gains less, of the length, is the last one.
-  static constexpr std::size_t kFarthest = 16;  // Points that one is skipped to.
+  static constexpr double kWorthwhile = 2e-4;  // A round that gains less, of the length, is the last one.
 
   [[nodiscard]] double total(const std::vector<Vector<D>>& points) const {
     double sum = 0.0;

@@ -24,6 +24,7 @@ class HistoryMap {
   static constexpr int kBranching = Map::kBranching;
   static constexpr int kDim = Map::kDim;
   using SensorType = typename Map::SensorType;
+  using RefinementType = typename Map::RefinementType;
   using Layers = MapLayers<kBranching, kDim>;
   using Measured = std::vector<LayerMeasurements>;
   using PackedMeasured = PackedLayers;

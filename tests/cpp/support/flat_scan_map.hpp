@@ -48,7 +48,7 @@ class FlatScanMap {
   FlatScanMap(const MapOptions& options, int first, int last)
       : options_(options),
         num_levels_(options.num_levels(N)),
-        sensor_(options, EvidenceRefinement::least_sigma(options)),
+        sensor_(options),
         model_(options, options),
         merge_rule_(options, model_),
         partial_occupancy_(options) {
@@ -310,7 +310,7 @@ class FlatScanMap {
     beam.inverse = inverse;
     beam.range = cut ? static_cast<float>(t_free * range) : length;
     const auto metres = static_cast<double>(beam.range);
-    const double noise = range_sigma >= 0.0 ? sensor_.at_least(range_sigma) : sensor_.sigma(metres);
+    const double noise = range_sigma >= 0.0 ? range_sigma : sensor_.sigma(metres);
     beam.sigma = static_cast<float>(noise);
     beam.t_max = returned ? static_cast<float>(metres + 3.0 * noise) : beam.range;
     beam.clearly_free_until =

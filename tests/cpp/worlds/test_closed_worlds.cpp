@@ -105,7 +105,7 @@ TYPED_TEST(ClosedTube, NothingIsFreeBehindAWallAndNothingUnknownInside) {
     AdaptiveMap<N, D> map(options);
     drive(tube, random, map);
     // Noise, and a smallest cell that reaches out of it.
-    const double behind = 3.0 * kSigma + kCell;
+    const double behind = 3.0 * std::max(kSigma, kCell / kThinnestSurface) + kCell;
     int free_behind = 0;
     int unknown_inside = 0;
     for (int i = 0; i < 200000; ++i) {

@@ -137,7 +137,7 @@ TYPED_TEST(PassingBeams, EqualBeamsClearWhatTheyPassAndItStaysClear) {
 }
 
 /// Scans after which every cell that equal beams cross is free, whatever the options. The slowest are cells
-/// that a single beam clips: it must pass for as long as the cell remembers passes of mean length.
+/// that a single beam clips, when a scan samples one beam in twenty.
 constexpr int kScansToFree = 2500;
 struct OptionRow {
   const char* name;

@@ -41,7 +41,7 @@ def expanded(bench: str, m, seed: int) -> dict[str, np.ndarray]:
 
 
 def draw(ax, m, looks: dict[str, np.ndarray], names: tuple[str, ...], title: str) -> None:
-    plot.occupancy(m, ax, style="ros")
+    plot.occupancy(m, ax)
     for name in names:
         corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
         cells = looks[name][:, None, :2] + corners * looks[name][:, None, 2:]

@@ -278,7 +278,8 @@ class ScanHistory {
   /// Which cubes a scan crosses. @throws as survey_exactly().
   [[nodiscard]] CubeSet<D> cubes_of(const ScanView<D>& scan, double max_range) const {
     const typename Map::SensorType sensor(map_.options());
-    const Measurements<D, typename Map::SensorType> measurements(scan, max_range, sensor);
+    const Measurements<D, typename Map::SensorType> measurements(
+        scan, max_range, sensor, Map::RefinementType::least_sigma(map_.options()));
     return cubes_crossed(map_.tree().geometry(), measurements);
   }
 

@@ -38,9 +38,15 @@ struct BeamRange {
 template <int D, class Sensor>
 class Measurements {
  public:
+  /// @param least_sigma a smaller standard deviation counts as this [m]; see kThinnestSurface.
   /// @param scan_number of the scan in its map, see ScanView::number.
-  Measurements(const ScanView<D>& scan, double max_range, const Sensor& sensor, std::uint64_t scan_number = 0)
-      : scan_(scan), max_range_(max_range), sensor_(&sensor), scan_number_(scan_number) {}
+  Measurements(const ScanView<D>& scan, double max_range, const Sensor& sensor, double least_sigma = 0.0,
+               std::uint64_t scan_number = 0)
+      : scan_(scan),
+        max_range_(max_range),
+        sensor_(&sensor),
+        least_sigma_(least_sigma),
+        scan_number_(scan_number) {}
 
   [[nodiscard]] const ScanView<D>& scan() const { return scan_; }
   [[nodiscard]] double max_range() const { return max_range_; }
@@ -58,8 +64,10 @@ class Measurements {
   }
   /// Standard deviation of the i-th beam's range [m]: the scan's own, else that of the sensor at this range.
   [[nodiscard]] double sigma(Eigen::Index i, double range) const {
-    return scan_.range_sigma == nullptr ? sensor_->sigma(range) : sensor_->at_least(scan_.range_sigma[i]);
+    return std::max(scan_.range_sigma == nullptr ? sensor_->sigma(range) : scan_.range_sigma[i],
+                    least_sigma_);
   }
+  [[nodiscard]] double least_sigma() const { return least_sigma_; }
   /// Of the i-th beam at its length after the cut at max_range.
   [[nodiscard]] double sigma(Eigen::Index i, const Beam<D>& beam) const {
     return sigma(i, beam.t_free * beam.range);
@@ -69,6 +77,7 @@ class Measurements {
   ScanView<D> scan_;
   double max_range_;
   const Sensor* sensor_;
+  double least_sigma_;
   std::uint64_t scan_number_;
 };
 

@@ -182,7 +182,7 @@ class ScanUpdate {
   [[nodiscard]] float margin_growth() const {
     const double range = (reach_.upper - reach_.lower).norm();
     const auto margin = [&](double r) {
-      const double sigma = sensor_.sigma(r);
+      const double sigma = std::max(sensor_.sigma(r), measurements_->least_sigma());
       return Sensor::kReachSigmas * sigma + r - sensor_.clearly_free_until(r, sigma) +
              kThinnestSurface * sigma;
     };

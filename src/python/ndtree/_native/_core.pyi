@@ -2337,7 +2337,7 @@ class AdaptiveMap(OccupancyMap):
     max_cell_size : float
         Edge of the largest cells that are updated [m]; rounded down to min_cell_size * branching**k.
     range_sigma : float
-        Standard deviation of a range [m].
+        Standard deviation of a range [m]; by default refinement at least 3/5 of a smallest cell.
     range_sigma_quadratic : float
         Its growth with the squared range [1/m].
     probability_min : float

@@ -97,7 +97,10 @@ def drift(runs: Sequence[Sequence[Scan]]) -> Drift | None:
 
 def is_of_one_place(run: Sequence[Scan]) -> bool:
     """Whether scans are in 2-D, each from one place."""
-    return all(scan.dim == 2 and scan.origin.ndim == 1 and np.isfinite(scan.origin).all() for scan in run)
+    return all(
+        scan.dim == 2 and not scan.points_only and scan.origin.ndim == 1 and np.isfinite(scan.origin).all()
+        for scan in run
+    )
 
 
 def moved(seen: Sequence[Scan], scan: Scan, window: tuple[float, float, float], cell: float) -> float | None:
