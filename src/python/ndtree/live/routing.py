@@ -36,7 +36,7 @@ class Router:
         `start`, `goal` (dim,) float64: [m].
         `radius`: Of the robot [m].
         `tolerance`: How far from the goal the way may end [m], if the robot collides there.
-        Raises ValueError if the robot collides at the start, or at the goal and everywhere within the tolerance.
+        Raises ValueError if the robot collides at the start, or at the goal and all around it.
         """
         planner, larger = self._follow(m, radius), Sphere(radius + _MARGIN)
         as_obstacle: Any = {"blocked": "occupied", "free": "free"}[self._unknown]

@@ -28,7 +28,9 @@ class _Call:
     """What is typed behind ``ndtree view``."""
 
     map_name: str = argument("A map: .ndt, .bt, .ot, .yaml of map_server; http://ROBOT:PORT.", metavar="MAP")
-    color: Optional[CellColor] = flag(None, "What colors say; else height; in 2-D probability on a page, states in a picture.")
+    color: Optional[CellColor] = flag(
+        None, "What colors say; else height; in 2-D probability, or states (--png)."
+    )
     slice_: Optional[str] = flag(None, "Cut a 3-D map, as at z=1.2.", "--slice", metavar="AXIS=M")
     png: Optional[Path] = flag(None, "Draw it into this file instead of a page.", metavar="FILE")
     free: Optional[bool] = flag(None, "Show free cells.", "--free/--no-free")
