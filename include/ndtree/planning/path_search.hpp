@@ -35,7 +35,7 @@ struct NoGuide {};
 /// one saw the other; whether it does is looked at when the node is expanded, first through the faces on the
 /// way here (Cone), then, as the space says, by a walk. If not, the best of the expanded cells beside takes
 /// its place: a cell is convex, so its own point sees every point of its faces, and no edge needs a test, but
-/// between cells of which the space says so. Invariant: the way from an expanded node to its parent is free.
+/// where the space says so. Invariant: the way from an expanded node to its parent is free.
 /// Points and costs are in smallest cells. A guide tells what is left of the way, else it is the straight
 /// line. O(cells expanded · (cells beside + cells on a straight way)).
 template <class Space, class Guide = NoGuide>

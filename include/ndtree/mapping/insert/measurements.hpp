@@ -13,6 +13,8 @@
 
 #include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/core/beam.hpp"
+#include "ndtree/core/inline.hpp"
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/types.hpp"
@@ -64,10 +66,18 @@ class Measurements {
   }
   /// Standard deviation of the i-th beam's range [m]: the scan's own, else that of the sensor at this range.
   [[nodiscard]] double sigma(Eigen::Index i, double range) const {
-    return std::max(scan_.range_sigma == nullptr ? sensor_->sigma(range) : scan_.range_sigma[i],
-                    least_sigma_);
+    return scan_.range_sigma == nullptr ? sigma_at(range) : at_least(scan_.range_sigma[i]);
   }
-  [[nodiscard]] double least_sigma() const { return least_sigma_; }
+  /// Of the sensor at a range, or at several side by side.
+  template <class Doubles>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles sigma_at(const Doubles& range) const {
+    return at_least(Doubles(sensor_->sigma(range)));
+  }
+  /// What a standard deviation counts as; NaN stays.
+  template <class Doubles>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles at_least(const Doubles& sigma) const {
+    return max_of(Doubles(least_sigma_), sigma);
+  }
   /// Of the i-th beam at its length after the cut at max_range.
   [[nodiscard]] double sigma(Eigen::Index i, const Beam<D>& beam) const {
     return sigma(i, beam.t_free * beam.range);

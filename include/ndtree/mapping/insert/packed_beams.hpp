@@ -184,9 +184,8 @@ class ScanBeams {
       rays.inverse[a] =
           with_sign(min_of(range / abs_of(ray[a]), kSteepest), EightFloats(-0.0f) & (ray[a] < 0.0f));
     const EightDoubles of_range = to_doubles(range);
-    const FourDoubles least_sigma = measurements.least_sigma();
-    const FourDoubles low_sigma = max_of(FourDoubles(sensor.sigma(of_range.low)), least_sigma);
-    const FourDoubles high_sigma = max_of(FourDoubles(sensor.sigma(of_range.high)), least_sigma);
+    const FourDoubles low_sigma = measurements.sigma_at(of_range.low);
+    const FourDoubles high_sigma = measurements.sigma_at(of_range.high);
     ends.sigma = to_floats(low_sigma, high_sigma);
     ends.clearly_free_until = to_floats(sensor.clearly_free_until(of_range.low, low_sigma),
                                         sensor.clearly_free_until(of_range.high, high_sigma));

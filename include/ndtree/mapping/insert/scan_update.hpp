@@ -182,7 +182,7 @@ class ScanUpdate {
   [[nodiscard]] float margin_growth() const {
     const double range = (reach_.upper - reach_.lower).norm();
     const auto margin = [&](double r) {
-      const double sigma = std::max(sensor_.sigma(r), measurements_->least_sigma());
+      const double sigma = measurements_->sigma_at(r);
       return Sensor::kReachSigmas * sigma + r - sensor_.clearly_free_until(r, sigma) +
              kThinnestSurface * sigma;
     };

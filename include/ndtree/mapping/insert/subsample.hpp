@@ -271,7 +271,7 @@ template <class Geometry, int D, class Sensor>
   if (whole.num_valid() == 0) return whole;
   const double reached = std::min(measurements.max_range(), std::sqrt(D) * static_cast<double>(deepest));
   if (measurements.scan().range_sigma == nullptr) sigma = std::max(sensor.sigma(0.0), sensor.sigma(reached));
-  sigma = std::max(sigma, measurements.least_sigma());
+  sigma = measurements.at_least(sigma);
   is_valid = is_valid && kRangeSigmaBounds.contain(sigma);
   const double margin =
       unfused(Sensor::kReachSigmas * sigma) + unfused(1e-6 * reached);  // Exceeds all rounding.
