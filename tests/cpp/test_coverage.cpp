@@ -265,6 +265,9 @@ TEST(Coverage, SumsAreShares) {
   EXPECT_DOUBLE_EQ(coverage.beams_for_child(), 1.5 / 2.25);  // Its slice is as wide as the cell.
   EXPECT_NEAR(coverage.mean_share(), std::pow(Sum::mean_overlap(0.5 * std::sqrt(1.5)), 2), 1e-6);
   EXPECT_DOUBLE_EQ(coverage.volume(), 0.375 / 8 * 1.5);
+  Sum corner;
+  corner.add(passed<Sum>(3e-7f, 2.0f));  // So short a way is none, but not its slice.
+  EXPECT_EQ(corner.mean_share(), 1.0);
 }
 
 TEST(Coverage, BeamsThatClipACornerHaveNotSeenTheCell) {
@@ -279,8 +282,9 @@ TEST(Coverage, BeamsThatClipACornerHaveNotSeenTheCell) {
     bool is_enough, shows_more;
   };
   const Row rows[] = {
-      {1, 1.0f, 2.0f, 2, 1.0, true, false},     // Straight through, as wide as the cell.
-      {1, 0.3f, 2.0f, 1, 0.3, false, false},    // Through a corner.
+      {1, 1.0f, 2.0f, 2, 1.0, true, false},   // Straight through, as wide as the cell.
+      {1, 0.3f, 2.0f, 1, 0.3, false, false},  // Through a corner.
+      {1, 3e-7f, 2.0f, 1, 0.0, false, false},
       {7, 0.3f, 1.0f, 1, 7.0, false, false},    // Many see no more of it,
       {7, 0.3f, 1.0f, 1, 33.0, false, true},    // and where they go on doing so, smaller cells show it.
       {1, 1.0f, 1.0f, 4, 4.0, true, false},     // Half of the cell.
@@ -300,7 +304,7 @@ TEST(Coverage, BeamsThatClipACornerHaveNotSeenTheCell) {
     EXPECT_EQ(verdict.shows_more, row.shows_more) << cases;
     ++cases;
   }
-  EXPECT_EQ(cases, 7);
+  EXPECT_EQ(cases, 8);
 }
 
 TEST(Coverage, OfABeamOnlyWhatLiesInTheChildIsSeen) {

@@ -123,9 +123,8 @@ class ScanCoverage {
   /// The share of beams' widths that lies in the child that they cross, in the mean over all places of beams:
   /// the rest is seen of children that they do not cross.
   [[nodiscard]] double mean_share() const {
-    if (slice_ == 0) return 1.0;
     const double width = this->width();
-    return across(mean_overlap(0.5 * width) / std::min(width, 1.0));
+    return width > 0.0 ? across(mean_overlap(0.5 * width) / std::min(width, 1.0)) : 1.0;
   }
   /// Seen fraction of the cell. What several beams see of a child is not more than the child; where a beam is
   /// wider than that, a seen child stands for those beside it which the beam covers.
