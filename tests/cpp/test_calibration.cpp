@@ -65,7 +65,8 @@ TYPED_TEST(CalibrationOf, CountsEachBeamInEachLeafThatItReaches) {
       if (enter >= exit || enter > 1.0) continue;
       ++pairs;
       ends += exit > 1.0;
-      hit_rates += model(leaf.cell()).mean();
+      hit_rates +=
+          model(leaf.cell(), static_cast<double>(map.tree().geometry().edge(leaf.index.level))).mean();
     }
   });
   std::uint64_t counted = 0;

@@ -40,17 +40,19 @@ TEST(HitRate, QuantilesAreThoseOfThePosterior) {
     const double misses = cases % 4 == 1 ? 0.0 : random.uniform(0.0, 200.0);
     const double prior_hits = random.uniform(0.1, 1.0);
     const double prior_misses = random.uniform(0.1, 1.0);
-    const HitRate rate(hits, misses, prior_hits, prior_misses);
+    const double size = 1 << cases % 3;  // Of larger cells, fewer hits lie beside.
+    const double most = 1.0 - 0.2 / size;
+    const HitRate rate(hits, misses, prior_hits, prior_misses, size);
     EXPECT_DOUBLE_EQ(rate.beams(), hits + misses);
-    EXPECT_NEAR(rate.mean(), 0.85 * (hits + prior_hits) / (hits + misses + prior_hits + prior_misses), 1e-15);
+    EXPECT_NEAR(rate.mean(), most * (hits + prior_hits) / (hits + misses + prior_hits + prior_misses), 1e-15);
     double last = 0.0;
     for (const double probability : {0.025, 0.25, 0.5, 0.75, 0.975}) {
       const double quantile = rate.quantile(probability);
       EXPECT_GE(quantile, last);
-      EXPECT_LE(quantile, 0.85);
+      EXPECT_LE(quantile, most);
       last = quantile;
-      if (quantile < 1e-6 || quantile > 0.85 * (1.0 - 1e-6)) continue;  // Within its tolerance of a border.
-      EXPECT_NEAR(below(hits / 8.0 + prior_hits, misses / 8.0 + prior_misses, quantile / 0.85), probability,
+      if (quantile < 1e-6 || quantile > most * (1.0 - 1e-6)) continue;  // Within its tolerance of a border.
+      EXPECT_NEAR(below(hits / 8.0 + prior_hits, misses / 8.0 + prior_misses, quantile / most), probability,
                   2e-3)
           << hits << " hits, " << misses << " misses";
     }
@@ -87,12 +89,12 @@ TEST(HitRate, CellsAreReadInBeams) {
   const double miss = std::log(0.7 / 0.3);
   EvidenceCell cell;
   cell.set_evidence(std::llround(6.0 * hit * 256.0), std::llround(10.0 * miss * 256.0), 0.0f);
-  EXPECT_NEAR(model(cell).beams(), 1.25 * 6.0 + 10.0, 0.02);
-  EXPECT_NEAR(model(cell).mean(), 0.85 * (7.5 + 0.14) / (17.5 + 0.96), 1e-3);
+  EXPECT_NEAR(model(cell, 1.0).beams(), 1.25 * 6.0 + 10.0, 0.02);
+  EXPECT_NEAR(model(cell, 1.0).mean(), 0.8 * (7.5 + 0.14) / (17.5 + 0.96), 1e-3);
   OccupancyCell counted;
   counted.set_counts(6, 10);
-  EXPECT_NEAR(model(counted).beams(), 17.5, 1e-12);
-  EXPECT_NEAR(model(counted).mean(), 0.85 * 7.516 / 17.526, 1e-12);
+  EXPECT_NEAR(model(counted, 1.0).beams(), 17.5, 1e-12);
+  EXPECT_NEAR(model(counted, 1.0).mean(), 0.8 * 7.516 / 17.526, 1e-12);
   EXPECT_LT(HitRateModel::mean_of(-2.0), HitRateModel::mean_of(3.5));
 }
 

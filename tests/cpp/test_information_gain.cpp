@@ -92,7 +92,7 @@ InformationGain by_steps(const Map& map, const Pose<Map::kDim>& pose, const Beam
       volume *= std::exp(-(passed + (is_unknown ? 0.5 * kStep : 0.0)) / sensor.mean_free_path);
       if (end && r > end->distance && (!leaf || map.tree().box(leaf->index).lower != end->cell->lower)) break;
       const auto cell = leaf && leaf->cell().observed() ? leaf->cell() : typename Map::Tree::Cell{};
-      gain.bits += volume / std::pow(edge, D) * model(cell).bits_of_next();
+      gain.bits += volume / std::pow(edge, D) * model(cell, 1.0).bits_of_next();
       if (is_unknown) {
         gain.volume += volume;
         passed += kStep;

@@ -202,9 +202,9 @@ TYPED_TEST(QueriesOf, RaysEndAtTheNearestOccupiedLeaf) {
 
 /// Leaves that a ray passes through, by where it enters and leaves them [m].
 template <int D>
-std::vector<std::pair<std::pair<double, double>, OccupancyCell>> crossings(
+std::vector<std::pair<std::pair<double, double>, PlainLeaf<D>>> crossings(
     const std::vector<PlainLeaf<D>>& leaves, const Vector<D>& origin, const Vector<D>& unit) {
-  std::vector<std::pair<std::pair<double, double>, OccupancyCell>> found;
+  std::vector<std::pair<std::pair<double, double>, PlainLeaf<D>>> found;
   for (const auto& leaf : leaves) {
     double enter = 0.0;
     double exit = kInfinity;
@@ -214,7 +214,7 @@ std::vector<std::pair<std::pair<double, double>, OccupancyCell>> crossings(
       enter = std::max(enter, std::min(t, u));
       exit = std::min(exit, std::max(t, u));
     }
-    if (exit - enter > 1e-9) found.push_back({{enter, exit}, leaf.cell});
+    if (exit - enter > 1e-9) found.push_back({{enter, exit}, leaf});
   }
   return found;
 }
@@ -248,10 +248,12 @@ TYPED_TEST(QueriesOf, TheSurfaceIsWhereHalfOfTheBeamsHaveEnded) {
     const auto log_left_at = [&](double distance) {
       double sum = 0.0;
       for (const auto& [way, leaf] : passed) {
-        if (!leaf.observed()) continue;
+        if (!leaf.cell.observed()) continue;
         const double from = std::max(way.first, *at_cell);  // The ray may start in it.
         const double part = (std::min(distance, way.second) - from) / (way.second - from);
-        if (way.second > *at_cell + 1e-9 && part > 0.0) sum += part * std::log1p(-model(leaf).mean());
+        const double size = (leaf.box.upper[0] - leaf.box.lower[0]) / map.options().min_cell_size;
+        const double rate = model(leaf.cell, std::round(size)).mean();
+        if (way.second > *at_cell + 1e-9 && part > 0.0) sum += part * std::log1p(-rate);
       }
       return sum;
     };
@@ -281,11 +283,13 @@ TYPED_TEST(QueriesOf, HitRatesAreThoseOfTheLeafAround) {
   int observed = 0;
   for (int i = 0; i < 600; ++i) {
     const Vector<D> point = random_point<D>(random, {Vector<D>::Constant(-2.2), Vector<D>::Constant(2.2)});
-    const OccupancyCell cell = cell_at(map, point);
+    const auto leaf = map.tree().find_leaf(point);
+    const OccupancyCell cell = leaf ? leaf->cell() : OccupancyCell{};
     const auto rate = hit_rate(map, point);
     ASSERT_EQ(rate.has_value(), cell.observed());
     if (!rate) continue;
-    ASSERT_EQ(rate->mean(), model(cell).mean());
+    const auto size = static_cast<double>(map.tree().geometry().edge(leaf->index.level));
+    ASSERT_EQ(rate->mean(), model(cell, size).mean());
     ++observed;
   }
   EXPECT_GT(observed, 20);

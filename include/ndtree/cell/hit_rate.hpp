@@ -15,24 +15,29 @@
 
 namespace ndtree {
 
-/// Posterior of a cell's hit rate. Of the beams that reach any cell, at most `kMostHits` end in it: of those
-/// that meet a surface there, the others end in the cell before or behind, by their noise and that of the
-/// poses. The rate is kMostHits times a fraction with a Beta distribution, of which beams that ended and
-/// beams that passed are the counts. Beams through one cell look alike, and so do scans of one place: as to
-/// how well the rate is known, `kBeamsOfOne` of them are worth one.
+/// Posterior of a cell's hit rate. Of the beams that meet a surface in a cell, some end in the one before or
+/// behind, by their noise and that of the poses: `kScattered` of them if it is a smallest cell, and fewer in
+/// proportion if it is larger. The rate is what remains times a fraction with a Beta distribution, of which
+/// beams that ended and beams that passed are the counts. Beams through one cell look alike, and so do scans
+/// of one place: as to how well the rate is known, `kBeamsOfOne` of them are worth one.
 class HitRate {
  public:
-  static constexpr double kMostHits = 0.85;
+  static constexpr double kScattered = 0.2;
   static constexpr double kBeamsOfOne = 8.0;
 
   /// Beams that ended in the cell and that passed it, >= 0. @param prior_hits, prior_misses > 0.
-  HitRate(double hits, double misses, double prior_hits, double prior_misses)
-      : hits_(hits), misses_(misses), prior_hits_(prior_hits), prior_misses_(prior_misses) {}
+  /// @param size of the cell, in smallest cells.
+  HitRate(double hits, double misses, double prior_hits, double prior_misses, double size = 1.0)
+      : most_(1.0 - kScattered / size),
+        hits_(hits),
+        misses_(misses),
+        prior_hits_(prior_hits),
+        prior_misses_(prior_misses) {}
 
   /// The probability that the next beam which reaches the cell ends in it.
   [[nodiscard]] double mean() const {
     const double hits = hits_ + prior_hits_;
-    return kMostHits * hits / (hits + misses_ + prior_misses_);
+    return most_ * hits / (hits + misses_ + prior_misses_);
   }
   /// The rate is less than this with a probability in (0, 1), within 1e-9. Some 50 evaluations of the
   /// incomplete beta function.
@@ -46,7 +51,7 @@ class HitRate {
       const double middle = 0.5 * (below + above);
       (incomplete_beta(a, b, middle, log_beta) < probability ? below : above) = middle;
     }
-    return kMostHits * 0.5 * (below + above);
+    return most_ * 0.5 * (below + above);
   }
   /// What one more beam, independent of those before, says about the rate [bit], in [0, 1]: the mutual
   /// information of its outcome and of the fraction p that has the Beta distribution, which is the entropy of
@@ -66,14 +71,16 @@ class HitRate {
  private:
   static constexpr double kNatsOfBit = 0.69314718055994531;
 
+  double most_;
   double hits_;
   double misses_;
   double prior_hits_;
   double prior_misses_;
 };
 
-/// Reads a cell's counts as a HitRate. The constants below are the likeliest on one half of the logs in
-/// tools/truth-table; the other half judges them. @pre of cells: observed.
+/// Reads the counts of a cell of some size, in smallest cells, as a HitRate. The constants below are the
+/// likeliest on one half of the logs in tools/truth-table; the other half judges them. @pre of cells:
+/// observed.
 class HitRateModel {
  public:
   explicit HitRateModel(const SensorOptions& sensor)
@@ -82,13 +89,14 @@ class HitRateModel {
 
   /// By the sums of evidence, which weigh a beam by its way through the cell: in nats of one hit and one
   /// miss.
-  [[nodiscard]] HitRate operator()(const EvidenceCell& cell) const {
+  [[nodiscard]] HitRate operator()(const EvidenceCell& cell, double size) const {
     return {static_cast<double>(cell.occupied_evidence()) * hits_a_unit_,
-            static_cast<double>(cell.free_evidence()) * misses_a_unit_, 0.14, 0.82};
+            static_cast<double>(cell.free_evidence()) * misses_a_unit_, 0.14, 0.82, size};
   }
   /// By the counts. Cells are smaller than those of an adaptive map, and hold a surface less often.
-  [[nodiscard]] HitRate operator()(const OccupancyCell& cell) const {
-    return {kHitsOfOne * static_cast<double>(cell.hits()), static_cast<double>(cell.misses()), 0.016, 0.01};
+  [[nodiscard]] HitRate operator()(const OccupancyCell& cell, double size) const {
+    return {kHitsOfOne * static_cast<double>(cell.hits()), static_cast<double>(cell.misses()), 0.016, 0.01,
+            size};
   }
   /// Of a cell that keeps no counts. How well it is known cannot be told.
   [[nodiscard]] static double mean_of(double log_odds) { return probability(1.27 * log_odds - 3.15); }

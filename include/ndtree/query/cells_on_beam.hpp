@@ -32,7 +32,7 @@ void for_each_cell_on(const Map& map, const Beam<Map::kDim>& beam, const Visit& 
                   if (t_enter > 1.0) return false;
                   const auto& cell = leaf.cell();
                   if (cell.observed()) {
-                    const HitRate rate = model(cell);
+                    const HitRate rate = model(cell, static_cast<double>(geometry.edge(leaf.index.level)));
                     visit(CellOnBeam{cell.state(), rate.mean(), geometry.cell_size(leaf.index.level),
                                      rate.beams(), t_exit > 1.0});
                   }

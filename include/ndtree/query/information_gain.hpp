@@ -153,7 +153,7 @@ class GainVisitor : public BeamVisitor {
     beam_.add(reached_, t_enter, true, bits_of_unknown_);  // Before it enters the map.
     reached_ = t_exit;
     const auto& cell = leaf.cell();
-    const double bits = cell.observed() ? model_(cell).bits_of_next() : bits_of_unknown_;
+    const double bits = cell.observed() ? model_(cell, 1.0).bits_of_next() : bits_of_unknown_;
     beam_.add(t_enter, t_exit, cell.state() == CellState::unknown, bits);
     return t_enter < surface_;
   }
@@ -174,7 +174,7 @@ template <class Map>
   constexpr int D = Map::kDim;
   const double cell_size = map.options().min_cell_size;
   const HitRateModel model(map.options());
-  const double bits_of_unknown = model(typename Map::Tree::Cell{}).bits_of_next();
+  const double bits_of_unknown = model(typename Map::Tree::Cell{}, 1.0).bits_of_next();
   InformationGain gain;
   for (Eigen::Index i = first; i < last; ++i) {
     const Vector<D> direction = pose.rotation * sensor.directions.col(i);

@@ -43,9 +43,10 @@ template <class Map>
 /// O(depth).
 template <class Map>
 [[nodiscard]] std::optional<HitRate> hit_rate(const Map& map, const Vector<Map::kDim>& point) {
-  const auto cell = cell_at(map, point);
-  if (!cell.observed()) return std::nullopt;
-  return HitRateModel(map.options())(cell);
+  const auto leaf = map.tree().find_leaf(point);
+  if (!leaf || !leaf->cell().observed()) return std::nullopt;
+  return HitRateModel(map.options())(leaf->cell(),
+                                     static_cast<double>(map.tree().geometry().edge(leaf->index.level)));
 }
 
 namespace detail {

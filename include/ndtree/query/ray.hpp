@@ -140,12 +140,15 @@ class MedianEnd {
 template <class Map>
 struct EndOfBeams : BeamVisitor {
   MedianEnd end;
+  const Map& map;
   HitRateModel model;
 
-  EndOfBeams(const Map& map, double t_limit) : end(t_limit), model(map.options()) {}
+  EndOfBeams(const Map& of, double t_limit) : end(t_limit), map(of), model(of.options()) {}
   template <class Ref>
   bool leaf(const Ref& leaf, double t_enter, double t_exit) {
-    return end.pass(leaf.cell().observed() ? model(leaf.cell()).mean() : 0.0, t_enter, t_exit);
+    if (!leaf.cell().observed()) return end.pass(0.0, t_enter, t_exit);
+    const auto size = static_cast<double>(map.tree().geometry().edge(leaf.index.level));
+    return end.pass(model(leaf.cell(), size).mean(), t_enter, t_exit);
   }
 };
 

@@ -94,20 +94,19 @@ class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
                      [out](std::size_t i, const auto& cell) { out[i] = probability_standing(cell); });
   }
   void hit_rate(const double* points, std::size_t n, double interval, const HitRateArrays& out) const final {
-    const HitRateModel model(options());
     Pace pace;
-    for_each_cell_at(cells(), points, n, [&](std::size_t i, const auto& cell) {
-      if (!cell.observed()) {
+    for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
+      const auto rate = ndtree::hit_rate(cells(), Vector<D>(Eigen::Map<const Vector<D>>(points + i * D)));
+      if (!rate) {
         out.value[i] = std::numeric_limits<float>::quiet_NaN();
         if (interval > 0.0) out.lower[i] = out.upper[i] = out.value[i];
         return;
       }
-      const HitRate rate = model(cell);
-      out.value[i] = static_cast<float>(rate.mean());
+      out.value[i] = static_cast<float>(rate->mean());
       if (!(interval > 0.0)) return;
       pace.spend(kStepsOfInterval);
-      out.lower[i] = std::min(out.value[i], static_cast<float>(rate.quantile(0.5 - 0.5 * interval)));
-      out.upper[i] = std::max(out.value[i], static_cast<float>(rate.quantile(0.5 + 0.5 * interval)));
+      out.lower[i] = std::min(out.value[i], static_cast<float>(rate->quantile(0.5 - 0.5 * interval)));
+      out.upper[i] = std::max(out.value[i], static_cast<float>(rate->quantile(0.5 + 0.5 * interval)));
     });
   }
   void state(const double* points, std::size_t n, std::int8_t* out) const final {
