@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -109,6 +110,65 @@ TYPED_TEST(DenseGrid, AndBackIsTheSame) {
   EXPECT_LT((expect_same(from_grid<AdaptiveMap<N, D>>(states.data(), grid))),
             (expect_same(from_grid<FixedMap<N, D>>(states.data(), grid))));
   expect_same(from_grid<PaperMap<N, D>>(states.data(), grid));
+}
+
+TYPED_TEST(DenseGrid, OfLargeOccupiedCellsOnlyWhatIsNearFreeOnesIsDrawn) {
+  NDTREE_SHAPE;
+  Random random(14);
+  SCOPED_TRACE(random.trace());
+  MapOptions options;  // Of beams that end anywhere in a metre, whose noise keeps cells whole.
+  options.min_cell_size = 0.1;
+  options.max_cell_size = 0.1 * N * N;
+  options.range_sigma = 0.3;
+  AdaptiveMap<N, D> map(options);
+  for (int i = 0; i < 30; ++i) {
+    Scan<D> scan;
+    scan.origins = Vector<D>::Constant(0.03);
+    scan.endpoints.resize(D, 300);
+    for (Eigen::Index k = 0; k < 300; ++k) {
+      for (int a = 1; a < D; ++a) scan.endpoints(a, k) = random.uniform(-0.6, 0.6);
+      scan.endpoints(0, k) = random.uniform(1.5, 3.0);
+    }
+    map.insert(scan);
+  }
+  GridGeometry<D> grid;
+  std::size_t left_out = 0;
+  std::size_t drawn = 0;
+  for (const double depth : {0.1, 0.25, 0.5}) {
+    grid.cell_size = depth == 0.25 ? 0.2 : 0.1;
+    for (int a = 0; a < D; ++a) {
+      grid.lower[a] = a == 0 ? 1.0 : -0.6;
+      grid.shape[static_cast<std::size_t>(a)] = a == 0 ? 24 : D == 4 ? 7 : 12;
+    }
+    std::vector<std::int8_t> all(grid.size());
+    states_to_grid(map, grid, std::nullopt, all.data());
+    std::vector<std::int8_t> some(grid.size());
+    states_to_grid(map, grid, depth, some.data());
+    const auto points = centres(grid);
+    const double reach = std::floor(depth / grid.cell_size + 1e-9) * grid.cell_size;
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      if (all[i] != 1) {
+        ASSERT_EQ(some[i], all[i]);
+        continue;
+      }
+      bool is_near = false;
+      for (std::size_t k = 0; k < all.size(); ++k)
+        is_near |= all[k] == 0 && (points[k] - points[i]).cwiseAbs().maxCoeff() < reach + 0.01;
+      if (grid.cell_size > 0.15) {  // Cells of the map within may be small.
+        ASSERT_TRUE(some[i] == 1 || (some[i] == -1 && !is_near));
+      } else {
+        const bool is_large =
+            map.tree().find_leaf(points[i])->index.level > map.tree().geometry().finest_level();
+        ASSERT_EQ(some[i], is_near || !is_large ? 1 : -1) << points[i].transpose();
+      }
+      left_out += some[i] == -1;
+      drawn += some[i] == 1;
+    }
+  }
+  EXPECT_GT(left_out, 10u);
+  EXPECT_GT(drawn, 3u);
+  std::vector<std::int8_t> none(grid.size());
+  EXPECT_THROW(states_to_grid(map, grid, 0.0, none.data()), std::invalid_argument);
 }
 
 TYPED_TEST(DenseGrid, DistanceToOccupiedIsTheLeastOfAll) {

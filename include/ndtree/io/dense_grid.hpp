@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -19,6 +20,7 @@
 #include "ndtree/core/types.hpp"
 #include "ndtree/io/coarser.hpp"
 #include "ndtree/io/map_builder.hpp"
+#include "ndtree/io/wall_fronts.hpp"
 #include "ndtree/tree/visit.hpp"
 
 namespace ndtree {
@@ -95,7 +97,7 @@ void sample_at_centres(const Map& map, const GridGeometry<Map::kDim>& grid, cons
       last[axis] = static_cast<std::size_t>(std::lower_bound(begin, all.end(), box.upper[a]) - all.begin());
       if (first[axis] == last[axis]) return;
     }
-    const T value = value_of(leaf.cell());
+    const T value = value_of(leaf);
     for_each_in_grid<D>(grid, first, last, [&](std::size_t i) { out[i] = value; });
   });
 }
@@ -123,13 +125,27 @@ void take_largest(const Map& map, const GridGeometry<Map::kDim>& grid, const Val
       if (first[a] >= last[a]) return;
     }
     const float log_odds = leaf.cell().log_odds();
-    const T value = value_of(leaf.cell());
+    const T value = value_of(leaf);
     for_each_in_grid<D>(grid, first, last, [&](std::size_t i) {
       if (log_odds <= largest[i]) return;
       largest[i] = log_odds;
       out[i] = value;
     });
   });
+}
+
+/// What the leaves of a map have, or where there is none, what is `unknown`. @param value_of T(leaf).
+template <class Map, class T, class ValueOf>
+void leaves_to_grid(const Map& map, const GridGeometry<Map::kDim>& grid, T unknown, const ValueOf& value_of,
+                    T* out) {
+  grid.validate();
+  const std::size_t size = grid.size();
+  std::fill(out, out + size, unknown);
+  if (size == 0) return;
+  if (CellsAlong(map.options().min_cell_size, 0.0, grid.cell_size).are_coarser())
+    take_largest(map, grid, value_of, out);
+  else
+    sample_at_centres(map, grid, value_of, out);
 }
 
 }  // namespace detail
@@ -142,14 +158,30 @@ void take_largest(const Map& map, const GridGeometry<Map::kDim>& grid, const Val
 /// @throws std::invalid_argument as GridGeometry::validate().
 template <class Map, class T, class ValueOf>
 void to_grid(const Map& map, const GridGeometry<Map::kDim>& grid, const ValueOf& value_of, T* out) {
-  grid.validate();
-  const std::size_t size = grid.size();
-  std::fill(out, out + size, value_of(typename Map::Cell{}));
-  if (size == 0) return;
-  if (CellsAlong(map.options().min_cell_size, 0.0, grid.cell_size).are_coarser())
-    detail::take_largest(map, grid, value_of, out);
-  else
-    detail::sample_at_centres(map, grid, value_of, out);
+  detail::leaves_to_grid(
+      map, grid, value_of(typename Map::Cell{}), [&](const auto& leaf) { return value_of(leaf.cell()); },
+      out);
+}
+
+/// to_grid() with the number of each CellState. @param wall_depth see WallFronts; none: all of each.
+/// @throws std::invalid_argument as to_grid() and WallFronts.
+template <class Map>
+void states_to_grid(const Map& map, const GridGeometry<Map::kDim>& grid, std::optional<double> wall_depth,
+                    std::int8_t* out) {
+  constexpr std::int8_t kLarge = 2;  // Until its fronts are drawn.
+  const auto number = [](CellState state) { return static_cast<std::int8_t>(state); };
+  const WallFronts fronts(map, wall_depth);
+  const int finest = map.tree().geometry().finest_level();
+  detail::leaves_to_grid(
+      map, grid, number(CellState::unknown),
+      [&](const auto& leaf) {
+        const CellState state = leaf.cell().state();
+        const bool is_large = leaf.index.level > finest && state == CellState::occupied;
+        return is_large && !fronts.draw_all() ? kLarge : number(state);
+      },
+      out);
+  fronts.draw(out, grid.shape, grid.cell_size, kLarge, number(CellState::free), number(CellState::occupied),
+              number(CellState::unknown));
 }
 
 /// A map with the states of a grid's cells: free ones get log_odds_min, occupied ones log_odds_max (see

@@ -21,6 +21,7 @@
 #include "ndtree/core/types.hpp"
 #include "ndtree/io/byte_stream.hpp"
 #include "ndtree/io/coarser.hpp"
+#include "ndtree/io/wall_fronts.hpp"
 #include "ndtree/tree/visit.hpp"
 
 namespace ndtree {
@@ -30,9 +31,8 @@ struct MapServerOptions {
   std::optional<double> cell_size;  ///< Edge of a pixel [m]; the map's min_cell_size if left out.
   /// Of a 3-D map, only cells that overlap [first, second) in z [m]; all if left out.
   std::optional<std::pair<double, double>> height;
-  /// Of a map in which beams have ended: how far behind free space occupied cells larger than the smallest
-  /// are drawn [m]; beyond they are unknown. The hits of a wall seen from afar scatter over several of them,
-  /// one behind the other. All of each if left out.
+  /// How far behind free space occupied cells larger than the smallest are drawn [m], see WallFronts; beyond
+  /// they are unknown. All of each if left out.
   std::optional<double> wall_depth = std::nullopt;
 };
 
@@ -70,55 +70,6 @@ struct MapServerImage {
   }
 };
 
-namespace detail {
-
-/// Of pixels that only large occupied cells overlap (kLarge), those become occupied that have a free one
-/// within `reach` pixels along both axes, the others unknown. O(pixels).
-class WallFronts {
- public:
-  static constexpr std::uint8_t kLarge = 1;
-
-  static void draw(MapServerImage& image, std::size_t reach) {
-    const WallFronts free(image);
-    for (std::size_t row = 0; row < image.height; ++row)
-      for (std::size_t column = 0; column < image.width; ++column) {
-        std::uint8_t& pixel = image.pixels[row * image.width + column];
-        if (pixel != kLarge) continue;
-        const std::size_t left = column - std::min(column, reach);
-        const std::size_t top = row - std::min(row, reach);
-        const std::size_t right = std::min(image.width - column - 1, reach) + column + 1;
-        const std::size_t bottom = std::min(image.height - row - 1, reach) + row + 1;
-        pixel =
-            free.count(left, top, right, bottom) > 0 ? MapServerImage::kOccupied : MapServerImage::kUnknown;
-      }
-  }
-
- private:
-  /// Sums of free pixels above and to the left.
-  explicit WallFronts(const MapServerImage& image)
-      : columns_(image.width + 1), sums_(columns_ * (image.height + 1)) {
-    for (std::size_t row = 0; row < image.height; ++row)
-      for (std::size_t column = 0, in_row = 0; column < image.width; ++column) {
-        in_row += image.pixels[row * image.width + column] == MapServerImage::kFree;
-        sum(row + 1, column + 1) = sum(row, column + 1) + static_cast<std::uint32_t>(in_row);
-      }
-  }
-  [[nodiscard]] std::uint32_t& sum(std::size_t row, std::size_t column) {
-    return sums_[row * columns_ + column];
-  }
-  /// Free pixels in [left, right) x [top, bottom).
-  [[nodiscard]] std::uint32_t count(std::size_t left, std::size_t top, std::size_t right,
-                                    std::size_t bottom) const {
-    const auto at = [&](std::size_t row, std::size_t column) { return sums_[row * columns_ + column]; };
-    return at(bottom, right) - at(top, right) - at(bottom, left) + at(top, left);
-  }
-
-  std::size_t columns_;
-  std::vector<std::uint32_t> sums_;  // Up to 2^30.
-};
-
-}  // namespace detail
-
 /// The image of a 2-D map, or of a slice through a 3-D one: a pixel is occupied if some occupied cell
 /// overlaps it, else free if some free one does, else unknown. Through a 3-D map, so is one above which a
 /// free cell holds something thin, see ThinThings. Of large occupied cells only what is near free space is
@@ -144,18 +95,10 @@ template <class Map>
     bottom = CellsAlong::whole(options.height->first / unit);
     top = CellsAlong::whole(options.height->second / unit);
   }
-  const double depth = options.wall_depth.value_or(std::numeric_limits<double>::infinity());
-  if (!(depth > 0.0)) throw OptionError("wall_depth", describe_number(depth) + " m", "> 0");
-  bool draws_all = depth == std::numeric_limits<double>::infinity();
-  if (!draws_all) {
-    bool is_measured = false;
-    for_each_leaf(map.tree(), [&](const auto& leaf) {
-      is_measured |= leaf.cell().hits() > 0 && leaf.cell().state() == CellState::occupied;
-    });
-    draws_all = !is_measured;
-  }
+  const WallFronts fronts(map, options.wall_depth);
   const auto& geometry = map.tree().geometry();
   const ThinThings thin(map);
+  constexpr std::uint8_t kLarge = 1;  // Until its fronts are drawn.
   // Calls visit(first x, last x, first y, last y, pixel) for what is known, in pixels about 0.
   const auto for_each_known = [&](const auto& visit) {
     for_each_leaf(map.tree(), [&](const auto& leaf) {
@@ -165,9 +108,9 @@ template <class Map>
       const auto& lower = leaf.index.lower;
       if constexpr (D == 3)
         if (!(static_cast<double>(lower[2]) < top && static_cast<double>(lower[2] + edge) > bottom)) return;
-      const bool is_large = edge > 1 && !draws_all;
+      const bool is_large = edge > 1 && !fronts.draw_all();
       const std::uint8_t drawn = state == CellState::free ? MapServerImage::kFree
-                                 : is_large               ? detail::WallFronts::kLarge
+                                 : is_large               ? kLarge
                                                           : MapServerImage::kOccupied;
       visit(axis.first(lower[0]), axis.last(lower[0] + edge), axis.first(lower[1]),
             axis.last(lower[1] + edge), drawn);
@@ -201,9 +144,8 @@ template <class Map>
         row[x] = row[x] == MapServerImage::kUnknown ? value : std::min(row[x], value);
     }
   });
-  if (!draws_all)
-    detail::WallFronts::draw(
-        image, static_cast<std::size_t>(std::clamp(std::floor(depth / pixel * (1.0 + 1e-9)), 1.0, 0x1p30)));
+  fronts.draw<2>(image.pixels.data(), {image.height, image.width}, pixel, kLarge, MapServerImage::kFree,
+                 MapServerImage::kOccupied, MapServerImage::kUnknown);
   return image;
 }
 

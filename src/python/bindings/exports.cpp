@@ -39,10 +39,12 @@ py::ssize_t cells_between(double lower, double upper, double cell_size) {
 }
 
 py::array grid_of(const PythonMap& map, const py::object& box, std::optional<double> cell_size,
-                  const std::string& values) {
+                  const std::string& values, std::optional<double> wall_depth) {
   const int dim = map.constant().dim();
   if (values != "state" && values != "probability" && values != "log_odds")
     throw py::value_error("values = '" + values + "': must be 'state', 'probability' or 'log_odds'");
+  if (wall_depth && values != "state")
+    throw py::value_error("wall_depth with values = '" + values + "': is for states");
   const double size = cell_size.value_or(map.constant().options().min_cell_size);
   if (!(size > 0.0) || !std::isfinite(size))
     throw py::value_error("cell_size = " + number_text(size) + " m: must be > 0 and finite");
@@ -63,7 +65,7 @@ py::array grid_of(const PythonMap& map, const py::object& box, std::optional<dou
   if (values == "state") {
     py::array_t<std::int8_t> out(shape);
     read_exports(map, [&, data = out.mutable_data()](const MapExports& m) {
-      m.grid_states(lower, counts.data(), size, data);
+      m.grid_states(lower, counts.data(), size, wall_depth, data);
     });
     return py::array(std::move(out));
   }
@@ -117,7 +119,7 @@ void bind_exports(py::module_& module) {
   auto map_class = py::reinterpret_borrow<py::class_<PythonMap>>(module.attr("OccupancyMap"));
   map_class
       .def("to_grid", &grid_of, "box"_a, "cell_size"_a = py::none(), py::kw_only(), "values"_a = "state",
-           doc::OccupancyMap_to_grid)
+           "wall_depth"_a = py::none(), doc::OccupancyMap_to_grid)
       .def(
           "states_in",
           [](const PythonMap& map, const py::object& lower, const py::object& upper) {

@@ -30,7 +30,7 @@ class MapExports {
  public:
   virtual ~MapExports() = default;
   virtual void grid_states(const double* lower, const std::size_t* shape, double cell_size,
-                           std::int8_t* out) const = 0;
+                           std::optional<double> wall_depth, std::int8_t* out) const = 0;
   virtual void grid_log_odds(const double* lower, const std::size_t* shape, double cell_size,
                              float* out) const = 0;
   /// Three answers a box: unknown, free, occupied.
@@ -53,10 +53,8 @@ class MapExportsOf final : public MapExports {
   MapExportsOf(const Map& map, const MapLayers<Map::kBranching, D>& layers) : map_(map), layers_(layers) {}
 
   void grid_states(const double* lower, const std::size_t* shape, double cell_size,
-                   std::int8_t* out) const override {
-    to_grid(
-        map_, grid(lower, shape, cell_size),
-        [](const auto& cell) { return static_cast<std::int8_t>(cell.state()); }, out);
+                   std::optional<double> wall_depth, std::int8_t* out) const override {
+    states_to_grid(map_, grid(lower, shape, cell_size), wall_depth, out);
   }
   void grid_log_odds(const double* lower, const std::size_t* shape, double cell_size,
                      float* out) const override {

@@ -1373,7 +1373,12 @@ class OccupancyMap:
         """
     @overload
     def to_grid(
-        self, box: ArrayLike, cell_size: float | None = None, *, values: Literal["state"] = "state"
+        self,
+        box: ArrayLike,
+        cell_size: float | None = None,
+        *,
+        values: Literal["state"] = "state",
+        wall_depth: float | None = None,
     ) -> NDArray[np.int8]:
         """A part of the map as a dense array.
 
@@ -1390,6 +1395,9 @@ class OccupancyMap:
             [m]; left out, the map's smallest.
         values : {"state", "probability", "log_odds"}
             What is stored.
+        wall_depth : float, optional
+            Of states: how far behind free cells of the box occupied cells larger than the smallest are drawn [m];
+            beyond they are unknown. Left out, all of each; see save_map_server().
 
         Returns
         -------
@@ -1400,7 +1408,7 @@ class OccupancyMap:
         Raises
         ------
         ValueError
-            A shape is wrong, the box not finite or not from low to high, or cell_size not > 0.
+            A shape is wrong, the box not finite or not from low to high, or cell_size or wall_depth not > 0.
         """
     @overload
     def to_grid(
@@ -1421,6 +1429,9 @@ class OccupancyMap:
             [m]; left out, the map's smallest.
         values : {"state", "probability", "log_odds"}
             What is stored.
+        wall_depth : float, optional
+            Of states: how far behind free cells of the box occupied cells larger than the smallest are drawn [m];
+            beyond they are unknown. Left out, all of each; see save_map_server().
 
         Returns
         -------
@@ -1431,7 +1442,7 @@ class OccupancyMap:
         Raises
         ------
         ValueError
-            A shape is wrong, the box not finite or not from low to high, or cell_size not > 0.
+            A shape is wrong, the box not finite or not from low to high, or cell_size or wall_depth not > 0.
         """
     def states_in(self, lower: ArrayLike, upper: ArrayLike) -> NDArray[np.bool_]:
         """Which states there are in boxes.

@@ -209,12 +209,17 @@ class TiledMap:
         return self.region(around).distance_field(box, cell_size, max_distance=max_distance, unknown=unknown)
 
     def to_grid(
-        self, box: ArrayLike, cell_size: float | None = None, *, values: Any = "state"
+        self,
+        box: ArrayLike,
+        cell_size: float | None = None,
+        *,
+        values: Any = "state",
+        wall_depth: float | None = None,
     ) -> NDArray[Any]:
         """As of `OccupancyMap`."""
         step = self.options["min_cell_size"] if cell_size is None else cell_size
         around = self._widened(np.asarray(box, dtype=np.float64), step)
-        return self.region(around).to_grid(box, cell_size, values=values)
+        return self.region(around).to_grid(box, cell_size, values=values, wall_depth=wall_depth)
 
     @_bulk
     def probability(
