@@ -9,7 +9,7 @@ from test_live_grid import Listener
 
 import ndtree
 from ndtree.cells.raster import pixels_in
-from ndtree.live.above_ground import GroundFollower
+from ndtree.live.grid import GroundFollower
 from ndtree.maps.ground import ground_below
 
 SIZE, CELL = 8.0, 0.1

@@ -89,7 +89,7 @@ def test_between_the_poses_of_a_path_odometry_tells_the_way() -> None:
     true = [(place, turn) for _, place, turn, _, _ in rows]
     wrong = [drifted(i, *pose) for i, pose in enumerate(true)]
     followed = lived(rows, wrong, [(N - 1, path(rows, true, N - 1, step=13))])  # The last of 40 is the 40th.
-    history = followed._corrections._history
+    history = followed._target._corrections._history
     far, before = [], []
     for i in range(N):
         pose = history.pose(i)
@@ -197,7 +197,7 @@ def test_memory_is_bounded_by_scans_that_stay() -> None:
     followed = lived(rows, wrong, [(N - 1, path(rows, true, N - 1))], memory=20 * one)
     figures = followed.figures
     assert figures.frozen >= N - 21 and figures.mapped == N
-    history = followed._corrections._history
+    history = followed._target._corrections._history
     assert len(history) + history.num_frozen == N and history.num_frozen == figures.frozen
     assert history.memory_bytes - 2 * history.map.stats().memory_bytes < 60 * one
     with pytest.raises(KeyError):

@@ -36,7 +36,7 @@ from test_rosbag_clouds import bag as bag_of_clouds
 from test_rosbag_clouds import box_points, colored
 
 import ndtree
-from ndtree.live.above_ground import GroundFollower
+from ndtree.live.grid import GroundFollower
 from ndtree.live.outputs import by_size, cell_points
 
 PYTHON = os.environ.get("NDTREE_ROS2_PYTHON", sys.executable)

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ndtree._native._core import InsertReport
+
 #: Delays of the last measurements that are kept.
 DELAYS = 4096
 
@@ -73,6 +75,16 @@ class LiveFigures:
     def leave_out(self, kind: str) -> None:
         """Count one that is not mapped."""
         self.left_out[kind] = self.left_out.get(kind, 0) + 1
+
+    def count(self, report: InsertReport, ignored: int) -> None:
+        """Count the beams of a scan that was inserted, and those that say nothing."""
+        names = ("beams", "returned", "not_returned", "beyond_max_range", "invalid")
+        counts = {name: getattr(report, name) for name in names}
+        if ignored:
+            counts |= {"beams": counts["beams"] + ignored, "ignored": ignored}
+        for name, count in counts.items():
+            self.beams[name] = self.beams.get(name, 0) + count
+        self.insert_seconds += report.seconds
 
     def begin_again(self) -> None:
         """What was mapped or left out will be mapped again, or left out."""

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ndtree.base.scan import Scan
 from ndtree.live.corrections import Correction, Motion
 from ndtree.live.figures import LiveFigures
-from ndtree.live.intake import PosedIntake, Verdict, motion_in
+from ndtree.live.intake import PosedIntake, Times, Verdict, motion_in
 from ndtree.live.queue import Entry
 from ndtree.logs.poses.following import FollowedTree
 from ndtree.logs.poses.pose import Pose
@@ -162,4 +162,4 @@ class FramesIntake(PosedIntake):
             ends, origins = in_map(self._tree.tree, self._fixed_frame, reading.frame, beams, reading.stamp)
             return Scan(ends[:, : self.dim], origins[..., : self.dim], beams.returned, reading.stamp)
 
-        return self._posed(reading.frame, reading.stamp, last, until, give_up, place, figures)
+        return self._posed(reading.frame, Times(reading.stamp, last, until), give_up, place, figures)

@@ -7,7 +7,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from enum import Enum
-from typing import Any
+from typing import Any, NamedTuple
 
 from ndtree.base.scan import Scan
 from ndtree.live.corrections import Correction, Motion
@@ -164,6 +164,14 @@ UNPOSED = {
 }
 
 
+class Times(NamedTuple):
+    """When a measurement began and last needs a pose, and up to when poses are known [s]."""
+
+    stamp: float
+    last: float
+    until: float
+
+
 class PosedIntake(Intake):
     """Takes measurements that may come before the poses of their time."""
 
@@ -179,9 +187,7 @@ class PosedIntake(Intake):
     def _posed(
         self,
         sensor: str,
-        stamp: float,
-        last: float,
-        until: float,
+        times: Times,
         give_up: bool,
         place: Callable[[], Scan],
         figures: LiveFigures,
@@ -189,11 +195,10 @@ class PosedIntake(Intake):
         """A scan with poses, if they are known or nothing is worth waiting for.
 
         `sensor`: That measured; the clock of each may begin again.
-        `stamp`, `last`: When it was measured, and the last time at which a pose is needed [s].
-        `until`: Up to when they are known [s].
         `give_up`: As for `scan`.
         `place`: Makes the scan; raises NoPose.
         """
+        stamp, last, until = times
         if last > until and not give_up:
             return Verdict.wait
         latest = self._latest.get(sensor, -math.inf)

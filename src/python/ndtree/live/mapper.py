@@ -16,59 +16,27 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, Protocol
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree._errors import marked, spelled
-from ndtree._native._core import AdaptiveMap, InsertReport, OccupancyMap
+from ndtree._errors import marked
+from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
-from ndtree.live.corrections import Corrections
-from ndtree.live.fading import Fading
+from ndtree.live.feed import Feed
 from ndtree.live.figures import LiveFigures
 from ndtree.live.intake import Intake, Verdict
-from ndtree.live.localizing import Localization, Localizer
-from ndtree.live.passing import Passing
-from ndtree.live.queue import Entry, ScanQueue
-from ndtree.live.robot import Robot
+from ndtree.live.publisher import Publisher
+from ndtree.live.queue import Entry
 from ndtree.live.session import Session
-from ndtree.live.slam import NOT_FOUND, Slam
-from ndtree.live.way import Way
-from ndtree.live.window import Window
+from ndtree.live.settings import LiveSettings
+from ndtree.live.target import LeftOut, target_of
 
-#: Measurements that wait, and how long one waits for its pose [s].
-QUEUE, PATIENCE = 100, 1.0
-#: The threads look up so often although nothing happens [s].
-_LOOKS = 0.05
-
-#: A sink is left alone for this many times as long as it took of the processor.
-_SINKS_REST = 5.0
-
-Make = Callable[[int, "dict[str, Any]"], OccupancyMap]
-
-
-class Sink(Protocol):
-    """Who is shown the map while it grows.
-
-    Attributes
-    ----------
-    period : float
-        Least time from one `update` to the next [s]; 0: after each scan. A sink that takes long is shown the
-        map less often, so that it takes a fifth of one processor at most.
-    """
-
-    period: float
-
-    def update(self, m: OccupancyMap, stamp: float) -> None:
-        """Look at a snapshot of the map, which stays as it is; `stamp` is that of its last scan [s]."""
-
-
-def _adaptive(dim: int, options: dict[str, Any]) -> OccupancyMap:
-    return AdaptiveMap(dim=dim, **options)
+_USUAL = LiveSettings()
 
 
 class LiveMapper:
@@ -78,41 +46,26 @@ class LiveMapper:
     ----------
     intake : Intake
         What items are, and how they become scans.
-    target : OccupancyMap, optional
-        The map to go on with. Left out, one is made as the intake decides.
-    make : callable, optional
-        Makes the map of a dimension and options; else an `AdaptiveMap`.
-    queue : int
-        Measurements that wait at most; the oldest of more is dropped, and counted.
-    patience : float
-        How long a measurement waits for the poses of its time, by the clock of its source [s].
-    threads : int
-        That insert, as for `OccupancyMap.insert`.
-    window : Window, optional
-        What is kept of the map.
-    fading : Fading, optional
-        What is forgotten because it was not seen for long.
-    sinks : sequence of Sink
-    clock : callable, optional
-        Says what time it is for the source [s]; left out, that is when the last item was received.
-    way : Way or Robot, optional
-        Is told where the sensor is.
-    corrections : Corrections, optional
-        Moves scans when their poses are corrected. The map is an `AdaptiveMap` then, made of scans alone: not
-        with a target, a window or fading, nor changed by others.
-    localizer : Localizer, optional
-        Finds each scan in `target`, which is not changed then; the intake's map frame is that of odometry.
-    localized : callable, optional
-        Is told each `Localization`.
-    slam : Slam, optional
-        Makes the poses of scans, with `corrections`; the intake's map frame is that of odometry.
-    passing : Passing, optional
-        Is told each scan before it is mapped.
+    how : LiveSettings, optional
+        The map, what happens to it, and who looks at it.
+    **given
+        Fields of `LiveSettings` that differ from `how`: ``target``, ``queue``, ``window``, ``sinks`` ...
+
+    Attributes
+    ----------
+    intake : Intake
+        That it was made with.
+    figures : LiveFigures
+        What became of measurements.
+    failures : dict of str to str
+        By sink, the last thing that went wrong.
+    position : (dim,) float64 or None
+        Where the sensor was last [m].
 
     Raises
     ------
     ValueError
-        If a number is out of its limits.
+        If a number is out of its limits, or two settings do not go together.
 
     Examples
     --------
@@ -126,73 +79,17 @@ class LiveMapper:
     1
     """
 
-    def __init__(
-        self,
-        intake: Intake,
-        *,
-        target: OccupancyMap | None = None,
-        make: Make = _adaptive,
-        queue: int = QUEUE,
-        patience: float = PATIENCE,
-        threads: int = 0,
-        window: Window | None = None,
-        fading: Fading | None = None,
-        sinks: Sequence[Sink] = (),
-        clock: Callable[[], float] | None = None,
-        way: Way | Robot | None = None,
-        corrections: Corrections | None = None,
-        localizer: Localizer | None = None,
-        localized: Callable[[Localization], None] | None = None,
-        slam: Slam | None = None,
-        passing: Passing | None = None,
-    ) -> None:
-        if queue < 1:
-            raise ValueError(f"queue = {queue}: must be >= 1")
-        if not patience >= 0:
-            raise ValueError(f"patience = {patience:g} s: must be >= 0")
-        others = {"target": target, "window": window, "fading": fading}
-        for name, other in others.items():
-            if corrections is not None and other is not None:
-                raise ValueError(
-                    f"{name}: expected none, as a map that follows corrections is of scans alone"
-                )
-        if localizer is not None and (target is None or corrections or window or fading):
-            raise ValueError("localizer: expected a target, and nothing that changes it")
-        if slam is not None and (corrections is None or localizer is not None):
-            raise ValueError("slam: expected corrections, and no localizer")
-        self._corrections, self._slam = corrections, slam
-        #: Who knows where the last scan's sensor was, and what was learned of earlier ones.
-        self._poser: Intake | Slam = slam or intake
-        self._localizer, self._localized = localizer, localized
+    def __init__(self, intake: Intake, how: LiveSettings = _USUAL, **given: Any) -> None:
+        how = replace(how, **given)
         self.figures = LiveFigures()
-        #: Why nothing is mapped yet, and by sink the last thing that went wrong.
-        self.undecided = ""
-        self.failures: dict[str, str] = {}
-        self._intake, self._target, self._make = intake, target, make
-        self._patience, self._threads = patience, threads
-        self._window, self._fading = window, fading
-        #: Measurements that are mapped again if it is decided anew how, and the map to begin with.
-        self._kept: list[Entry] = []
-        self._may_begin_again = localizer is None
-        self._again_until = -math.inf
-        self._first = target.snapshot() if target is not None and intake.may_revise else None
-        self._clock, self._way, self._passing = clock, way, passing
-        #: Where the sensor was last [m].
         self.position: NDArray[np.float64] | None = None
-        self._changed = threading.Condition()
-        self._queue = ScanQueue(queue)
-        self._poses: deque[tuple[Any, float]] = deque()
-        self._latest = -math.inf
-        self._is_closing = self._is_starved = False
-        self._error: BaseException | None = None
-        self._held: Entry | None = None
-        self._ordered = False
-        #: Of what had come before mapping began, what is not mapped yet: the queue may be longer by this.
-        self._backlog = 0
-        self._lock = threading.RLock()
-        self._stamp = 0.0
-        self._revision = 0
-        self._publisher = _Publisher(self, sinks)
+        self.intake, self._patience = intake, how.patience
+        self._target = target_of(intake, how, self.figures)
+        self._feed = Feed(intake, how, self.figures)
+        #: Measurements that arrived before are mapped again [s].
+        self._again_until = -math.inf
+        self._publisher = Publisher(self._target, how.sinks, self.figures)
+        self.failures = self._publisher.failures
         self._thread = threading.Thread(target=self._run, name="ndtree-live", daemon=True)
         self._thread.start()
 
@@ -215,42 +112,11 @@ class LiveMapper:
         BaseException
             What ended the mapper, if something did.
         """
-        received = time.time() if received is None else received
-        with self._changed:
-            self._check()
-            if self._is_closing:
-                raise RuntimeError("the mapper is closed, expected no more items")
-            if self._intake.is_pose(item):
-                self._latest = max(self._latest, received)
-                self.figures.poses += 1
-                self._poses.append((item, received))
-            else:
-                while wait and self._queue.is_full and not self._is_starved:
-                    self._changed.wait(_LOOKS)
-                    self._check()
-                self._latest = max(self._latest, received)
-                self.figures.received += 1
-                self._intake.begin(received)
-                if self._queue.is_full and not wait and self._may_drop():
-                    self._queue.drop()
-                self._queue.put(Entry(item, received, time.perf_counter()))
-            self._is_starved = False
-            self._changed.notify_all()
-
-    def _may_drop(self) -> bool:
-        """Whether the queue is full of more than what was looked at before mapping began."""
-        oldest = self._queue.oldest()
-        if self._intake.config is None:
-            waits = self._intake.look + self._patience
-            return oldest is not None and self._latest - oldest.received > waits
-        return len(self._queue) >= self._queue.capacity + self._backlog
+        self._feed.put(item, time.time() if received is None else received, wait=wait)
 
     def advance(self, now: float) -> None:
         """Tell what time it is for the source [s], where nothing comes: what waited long enough gives up."""
-        with self._changed:
-            self._latest = max(self._latest, now)
-            self._is_starved = False
-            self._changed.notify_all()
+        self._feed.advance(now)
 
     def close(self) -> None:
         """Map what waits, show sinks the last map, and end.
@@ -260,12 +126,13 @@ class LiveMapper:
         ValueError
             If nothing that came tells how to map; and whatever else ended the mapper.
         """
-        with self._changed:
-            self._is_closing = True
-            self._changed.notify_all()
+        self._end()
+        self._feed.check()
+
+    def _end(self, *, drop: bool = False) -> None:
+        self._feed.close(drop=drop)
         self._thread.join()
         self._publisher.close()
-        self._check()
 
     def __enter__(self) -> LiveMapper:
         return self
@@ -273,27 +140,23 @@ class LiveMapper:
     def __exit__(self, kind: Any, *_: Any) -> None:
         if kind is None:
             self.close()
-            return
-        with self._changed:  # Something else went wrong, which is what is told.
-            self._queue, self._is_closing = ScanQueue(1), True
-            self._changed.notify_all()
-        self._thread.join()
-        self._publisher.close()
+        else:  # Something else went wrong, which is what is told.
+            self._end(drop=True)
 
     @property
-    def intake(self) -> Intake:
-        """That it was made with."""
-        return self._intake
+    def undecided(self) -> str:
+        """Why nothing is mapped yet."""
+        return self._target.undecided
 
     @property
     def stamp(self) -> float:
         """Of the last scan in the map [s]; 0 before the first."""
-        return self._stamp
+        return self._target.stamp
 
     @property
     def has_map(self) -> bool:
         """Whether mapping has begun."""
-        return self._target is not None
+        return self._target.has_map
 
     @contextmanager
     def locked(self) -> Iterator[OccupancyMap]:
@@ -302,67 +165,24 @@ class LiveMapper:
         Raises
         ------
         RuntimeError
-            If there is none yet.
+            If there is none yet, or it follows corrections.
         """
-        with self._lock:
-            if self._target is None:
-                raise RuntimeError(f"there is no map yet: {spelled(self.undecided) or 'nothing was mapped'}")
-            if self._corrections is not None:
-                raise RuntimeError("the map follows corrections: what is changed in it would be lost")
-            self._may_begin_again = False
-            yield self._target
-            self._revision += 1
+        with self._target.changed() as m:
+            yield m
         self._publisher.wake()
 
     def snapshot(self) -> OccupancyMap:
         """The map as it is now, which stays so; RuntimeError if there is none yet."""
-        with self._lock:
-            if self._target is None:
-                raise RuntimeError(f"there is no map yet: {spelled(self.undecided) or 'nothing was mapped'}")
-            return self._target.snapshot() if self._corrections is None else self._corrections.map
+        return self._target.snapshot()
 
     def replace(self, m: OccupancyMap | None) -> None:
         """Go on with another map, or with an empty one of the same options."""
-        with self._lock:
-            self._may_begin_again = False
-            if self._corrections is not None and m is not None:
-                raise ValueError("the map follows corrections: expected no other to go on with")
-            if self._corrections is not None and self._target is not None:
-                if self._slam is not None:
-                    self._slam.forget()
-                self._begin_corrected()
-            elif m is None and self._target is not None:
-                assert self._intake.config is not None
-                m = self._make(self._target.dim, self._intake.config.options)
-            if m is None and self._corrections is None:
-                return
-            if m is not None and self._target is not None and m.dim != self._target.dim:
-                raise ValueError(f"the map is {m.dim}-D, expected {self._target.dim}-D as its sensors")
-            self._target = self._target if m is None else m
-            self._revision += 1
+        self._target.replace(m)
         self._publisher.wake()
 
     def session(self) -> Session:
         """What slam can go on with; RuntimeError or ValueError if there is nothing yet."""
-        with self._lock:
-            if self._slam is None or self._corrections is None or self._intake.config is None:
-                raise RuntimeError("nothing is mapped by slam yet")
-            config = self._intake.config
-            longest = {"max_range": config.max_range} if math.isfinite(config.max_range) else {}
-            return self._slam.session(self._corrections, {**config.options, **longest})
-
-    def _begin_corrected(self) -> None:
-        """Begin with an empty map, which scans will make."""
-        assert self._intake.config is not None and self._corrections is not None
-        with self._lock:
-            self._corrections.begin(self._intake.dim, self._intake.config.options)
-            if self._slam is not None:
-                self._slam.begin(self._corrections)
-            self._target = self._corrections.map
-
-    def _check(self) -> None:
-        if self._error is not None:
-            raise self._error
+        return self._target.session()
 
     # All of what follows runs in the mapper's thread.
 
@@ -370,128 +190,69 @@ class LiveMapper:
         try:
             while self._step():
                 pass
-            self._settle()
+            self._target.settle()
         except BaseException as error:  # It is raised by put() and close().
-            self._error = error
-        with self._changed:
-            self._changed.notify_all()
+            self._feed.end(error)
+        else:
+            self._feed.end()
 
     def _step(self) -> bool:
         """Wait for something to do, and do it; False at the end."""
-        with self._changed:
-            is_idle = not self._poses and (self._is_starved or not (self._held or len(self._queue)))
-            if is_idle and not self._is_closing:
-                self._changed.wait(_LOOKS)
-            now, closing = self._now(), self._is_closing
-        if self._intake.config is None:
+        now, closing = self._feed.pause()
+        if self.intake.config is None:
             self._take_poses(math.inf)
             if not self._decided(now, closing):
                 return not closing
-        elif self._intake.may_revise and (closing or self._intake.is_decidable(now)):
+        elif self.intake.may_revise and (closing or self.intake.is_decidable(now)):
             self._revise(closing)
-        if self._target is None and self._corrections is not None:
-            self._begin_corrected()
-        if self._target is None:
-            config = self._intake.config
-            assert config is not None
-            self._target = self._make(self._intake.dim, config.options)
+        self._target.begin()
         return self._map_some(now, closing)
 
-    def _take_poses(self, until: float, *, one: bool = False) -> bool:
-        """Take note of poses that were received until a time [s], or of the first; False if there is none."""
-        taken = False
-        while self._poses and self._poses[0][1] <= until and not (one and taken):
-            self._intake.pose(self._poses.popleft()[0], self.figures)
-            taken = True
-            self._correct()
-        return taken
+    def _take_poses(self, until: float) -> None:
+        """Take note of poses that were received until a time [s]."""
+        while self._take_pose(until):
+            pass
 
-    def _correct(self) -> None:
-        """Move scans by what was learned of their poses."""
-        learned = [] if self._corrections is None or self._target is None else self._poser.corrections()
-        if not learned:
-            return
-        assert self._corrections is not None
-        with self._lock:
-            for one in learned:
-                self._corrections.correct(one)
-            self._corrected()
-
-    def _settle(self) -> None:
-        if self._corrections is None or self._target is None:
-            return
-        with self._lock:
-            if self._slam is not None:
-                self._slam.finish()
-                self._correct()
-            self._corrections.settle()
-            self._corrected()
-
-    def _corrected(self) -> None:
-        assert self._corrections is not None
-        figures, done = self.figures, self._corrections
-        figures.corrections, figures.moved, figures.frozen = done.applied, done.moved, done.frozen
-        figures.correction_seconds = done.seconds
-        self._revision += 1
-
-    def _now(self) -> float:
-        return self._latest if self._clock is None else max(self._latest, self._clock())
+    def _take_pose(self, until: float) -> bool:
+        pose = self._feed.take_pose(until)
+        if pose is None:
+            return False
+        self.intake.pose(pose, self.figures)
+        self._target.learn()
+        return True
 
     def _decided(self, now: float, closing: bool) -> bool:
-        if closing or self._intake.is_decidable(now):
-            with self._changed:
-                waiting = self._queue.entries()
+        """Whether it is decided how to map."""
+        if closing or self.intake.is_decidable(now):
+            waiting = self._feed.entries()
             if closing and not waiting:
                 return False
             try:
-                self._intake.decide(waiting, closing)
+                self.intake.decide(waiting, closing)
             except ValueError as error:
                 if closing:
                     raise
-                self.undecided = marked(error)
-        if self._intake.config is not None:
-            self.undecided = ""
-            with self._changed:
-                self._backlog = len(self._queue)
-            return True
-        with self._changed:
-            self._is_starved = True
-            self._changed.notify_all()
-        return False
+                self._target.undecided = marked(error)
+        if self.intake.config is None:
+            self._feed.starve()
+            return False
+        self._target.undecided = ""
+        self._feed.begin()
+        return True
 
     def _revise(self, closing: bool) -> None:
         """Decide anew by all that has come; if that is another way, map all of it so."""
         self._take_poses(math.inf)
-        with self._changed:
-            waiting = [*self._kept, *self._queue.entries()]
-        if self._intake.decide(waiting, closing):
-            if self._may_begin_again:
-                self._begin_again()
+        if self.intake.decide(self._feed.entries(), closing):
+            if self._target.may_begin_again:
+                self._feed.begin_again()
+                self._again_until = time.perf_counter()
+                self._target.begin_again()
             else:
-                self._intake.notes.append(f"{self.figures.mapped} earlier scans stay as they were mapped")
-        if not self._intake.may_revise:
-            self._kept, self._first = [], None
-
-    def _begin_again(self) -> None:
-        with self._changed:
-            self._queue.begin_again(self._kept)
-            self._kept, self._held, self._ordered = [], None, False
-            self._backlog = len(self._queue)
-            self.figures.begin_again()
-            self._again_until = time.perf_counter()
-        with self._lock:
-            for one in (self._window, self._fading, self._way, self._passing):
-                if one is not None:
-                    one.begin()
-            config = self._intake.config
-            assert config is not None
-            if self._corrections is not None:
-                self._begin_corrected()
-            elif self._first is not None:
-                self._target = self._first.snapshot()
-            else:
-                self._target = self._make(self._intake.dim, config.options)
-            self._revision += 1
+                self.intake.notes.append(f"{self.figures.mapped} earlier scans stay as they were mapped")
+        if not self.intake.may_revise:
+            self._feed.decide()
+            self._target.decide()
 
     def _map_some(self, now: float, closing: bool) -> bool:
         """Map until there is nothing, or a pose is missing; False at the end.
@@ -499,221 +260,47 @@ class LiveMapper:
         Poses are taken as far as a measurement needs them, so that the map does not depend on how far the
         threads are.
         """
-        self._correct()  # By what was learned before mapping began.
+        self._target.learn()  # What was told before mapping began.
         while True:
-            with self._changed:
-                if len(self._intake.sensors) > 1 and not self._ordered:
-                    self._queue.order_by(self._intake.key, self._intake.sensors)
-                    self._ordered = True
-                if self._held is None:
-                    self._held = self._queue.take(everything=closing)
-                    if self._held is not None and self._intake.may_revise:
-                        self._kept.append(self._held)
-                self._is_starved = self._held is None and len(self._queue) > 0
-                self.figures.waiting = len(self._queue) + (self._held is not None)
-                self.figures.dropped = self._queue.dropped
-                self._changed.notify_all()
-            entry = self._held
+            entry = self._feed.head(closing=closing)
             if entry is None:
                 self._take_poses(now)
-                return not (closing and not len(self._queue) and not self._poses)
+                return not (closing and self._feed.is_empty)
             found = self._found(entry, now, closing)
             if found is Verdict.wait:
-                with self._changed:
-                    self._is_starved = not self._poses
-                    self._changed.notify_all()
+                self._feed.starve(but_for_poses=True)
                 return True
-            self._held = None
-            self._backlog = max(self._backlog - 1, 0)
+            self._feed.done()
             if isinstance(found, Scan):
-                self._insert(found, entry)
-            if self._slam is not None:
-                self._correct()
-            if self._intake.may_revise and (closing or self._intake.is_decidable(self._now())):
+                self._map(found, entry)
+            self._target.learn()  # What slam has found.
+            if self.intake.may_revise and (closing or self.intake.is_decidable(self._feed.now())):
                 return True
 
     def _found(self, entry: Entry, now: float, closing: bool) -> Scan | Verdict:
         """A scan of a measurement, or why there is none."""
         until = entry.received + self._patience
         while True:
-            found = self._intake.scan(entry, False, self.figures)
-            if found is not Verdict.wait or not self._take_poses(until, one=True):
+            found = self.intake.scan(entry, False, self.figures)
+            if found is not Verdict.wait or not self._take_pose(until):
                 break
         gives_up = closing or now >= until
-        return self._intake.scan(entry, True, self.figures) if found is Verdict.wait and gives_up else found
+        return self.intake.scan(entry, True, self.figures) if found is Verdict.wait and gives_up else found
 
-    def _insert(self, scan: Scan, entry: Entry) -> None:
-        config, figures = self._intake.config, self.figures
-        assert config is not None and self._target is not None
-        if self._slam is not None:
-            placed = self._place(scan, self._slam, entry)
-            if placed is None:
-                return
-            scan = placed
-        origins = np.atleast_2d(scan.origin)
-        self.position = origins[-1] if len(origins) else self.position
-        usable = config.usable(scan)
-        if self._localizer is not None:
-            self._localize(usable, entry, self._localizer)
-            return
+    def _map(self, scan: Scan, entry: Entry) -> None:
+        figures, is_new = self.figures, entry.arrived > self._again_until
         try:
-            with self._lock:
-                if self._passing is not None:
-                    m = self._target if self._corrections is None else self._corrections.map
-                    self._passing.note(m, usable)
-                one = self._mapped(usable, config.max_range)
-                if self._window is not None:
-                    self._window.moved(self._target, scan)
-                if self._fading is not None:
-                    self._fading.follow(self._target, usable, config.max_range)
-                self._stamp = scan.stamp
-                self._revision += 1
-        except ValueError:
-            figures.leave_out("scans that cannot be mapped")
+            scan = self._target.placed(scan, is_new)
+            origins = np.atleast_2d(scan.origin)
+            self.position = origins[-1] if len(origins) else self.position
+            usable = self._target.config.usable(scan)
+            report = self._target.add(scan, usable)
+        except LeftOut as error:
+            figures.leave_out(str(error))
             return
-        except MemoryError:
-            figures.leave_out("no memory left for the map")
-            return
-        counts = {
-            key: getattr(one, key)
-            for key in ("beams", "returned", "not_returned", "beyond_max_range", "invalid")
-        }
-        ignored = len(scan) - len(usable)
-        if ignored:
-            counts["beams"] += ignored
-            counts["ignored"] = ignored
-        for key, count in counts.items():
-            figures.beams[key] = figures.beams.get(key, 0) + count
-        figures.insert_seconds += one.seconds
-        if self._way is not None:
-            self._way.add(scan)
         figures.mapped += 1
-        if entry.arrived > self._again_until:
+        if is_new:
             figures.mapped_delays.append(time.perf_counter() - entry.arrived)
-        self._publisher.mapped(max(entry.arrived, self._again_until))
-
-    def _place(self, scan: Scan, slam: Slam, entry: Entry) -> Scan | None:
-        """A scan where slam has it; None where it says nothing of that."""
-        try:
-            with self._lock:
-                placed = slam.placed(scan, self._intake.motion())
-        except ValueError:
-            self.figures.leave_out("scans that slam cannot place")
-            return None
-        if placed is None:
-            self.figures.leave_out(NOT_FOUND)
-        elif self._localized is not None and entry.arrived > self._again_until:  # Not told before.
-            self._localized(slam.located())
-        return placed
-
-    def _localize(self, scan: Scan, entry: Entry, localizer: Localizer) -> None:
-        """Find a scan in the map."""
-        motion, figures = self._intake.motion(), self.figures
-        if motion is None or scan.dim != 2:
-            figures.leave_out("scans without odometry" if motion is None else "scans that are not 2-D")
-            return
-        ends = scan.endpoints[scan.did_return]
-        sensor, body = (pose.level().matrix(2) for pose in (motion.sensor, motion.odometry))
-        ends = (ends - sensor[:2, 2]) @ sensor[:2, :2]
-        found = localizer.track(ends, sensor, motion.stamp, body=body)
-        self._stamp = scan.stamp
-        figures.mapped += 1
-        figures.lost += found.is_lost
-        figures.mapped_delays.append(time.perf_counter() - entry.arrived)
-        if self._localized is not None:
-            self._localized(found)
-
-    def _mapped(self, scan: Scan, max_range: float) -> InsertReport:
-        if self._corrections is None:
-            assert self._target is not None
-            return scan.insert_into(self._target, max_range=max_range, threads=self._threads)
-        motion = self._poser.motion()
-        if motion is None:
-            raise ValueError("nothing moves between the map and the sensor: there are no poses to follow")
-        return self._corrections.insert(scan, motion, max_range)
-
-
-class _Publisher:
-    """A thread that shows sinks snapshots of the map."""
-
-    def __init__(self, mapper: LiveMapper, sinks: Sequence[Sink]) -> None:
-        self._mapper = mapper
-        self._due = [(sink, -math.inf) for sink in sinks]  # And when it may be shown the map again [s].
-        self._shown: dict[int, int] = {}
-        self._wake = threading.Condition()
-        self._arrived: list[float] = []
-        self._is_awake = self._is_closing = False
-        self._thread = threading.Thread(target=self._run, name="ndtree-live-sinks", daemon=True)
-        if sinks:
-            self._thread.start()
-
-    def mapped(self, arrived: float) -> None:
-        """A scan that arrived at a time is in the map."""
-        if self._due:
-            with self._wake:
-                self._arrived.append(arrived)
-                self._is_awake = True
-                self._wake.notify()
-
-    def wake(self) -> None:
-        """The map has changed."""
-        with self._wake:
-            self._is_awake = True
-            self._wake.notify()
-
-    def close(self) -> None:
-        """Show the last map to all."""
-        if not self._due:
-            return
-        with self._wake:
-            self._is_closing = True
-            self._wake.notify()
-        self._thread.join()
-
-    def _run(self) -> None:
-        while True:
-            with self._wake:
-                if not self._is_awake and not self._is_closing:
-                    self._wake.wait(self._pause())
-                closing, self._is_awake = self._is_closing, False
-                arrived, self._arrived = self._arrived, []
-            self._show(closing, arrived)
-            if closing:
-                return
-
-    def _pause(self) -> float:
-        """How long nothing is to be shown, if nothing happens [s]."""
-        now, revision = time.monotonic(), self._mapper._revision
-        behind = [at for number, (_, at) in enumerate(self._due) if self._shown.get(number) != revision]
-        return min(max(min(behind, default=math.inf) - now, 0.0), _LOOKS) or 1e-3
-
-    def _show(self, closing: bool, arrived: list[float]) -> None:
-        now = time.monotonic()
-        revision = self._mapper._revision
-        due = [
-            number
-            for number, (sink, next_time) in enumerate(self._due)
-            if (closing or now >= next_time) and self._shown.get(number) != revision
-        ]
-        if not due or not self._mapper.has_map:
-            self._arrived[:0] = arrived
-            return
-        with self._mapper._lock:
-            m, stamp, revision = self._mapper.snapshot(), self._mapper._stamp, self._mapper._revision
-        at_once = False
-        for number in due:
-            sink, _ = self._due[number]
-            begin = time.thread_time()
-            try:
-                sink.update(m, stamp)
-            except Exception as error:  # A sink that fails does not stop the map.
-                self._mapper.failures[type(sink).__name__] = f"{type(error).__name__}: {error}"
-            took = time.thread_time() - begin
-            self._due[number] = sink, now + max(sink.period, _SINKS_REST * took)
-            self._shown[number] = revision
-            at_once |= sink.period == 0
-        if not at_once:
-            self._arrived[:0] = arrived
-        else:
-            shown = time.perf_counter()
-            self._mapper.figures.published_delays.extend(shown - one for one in arrived)
+        if report is not None:
+            figures.count(report, len(scan) - len(usable))
+            self._publisher.wake(max(entry.arrived, self._again_until))

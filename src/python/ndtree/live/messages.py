@@ -21,7 +21,7 @@ from typing import Any
 from ndtree.base.scan import Scan
 from ndtree.live.corrections import Correction, Jumps, Motion
 from ndtree.live.figures import LiveFigures
-from ndtree.live.intake import PosedIntake, Verdict, motion_in
+from ndtree.live.intake import PosedIntake, Times, Verdict, motion_in
 from ndtree.live.queue import Entry
 from ndtree.logs.core.rules import OneByOne, Selection
 from ndtree.logs.poses.transforms import plain
@@ -306,7 +306,7 @@ class MessagesIntake(PosedIntake):
             follower.asked(measured.topic, last)
             return log.completed(reader.scan(measured))
 
-        found = self._posed(measured.topic, first, last, until, give_up, place, figures)
+        found = self._posed(measured.topic, Times(first, last, until), give_up, place, figures)
         if self._selected is None or not isinstance(found, Scan):
             return found
         part = self._selected.part(found)

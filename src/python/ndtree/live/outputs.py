@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
 from typing import Literal, NamedTuple
 
@@ -15,6 +16,7 @@ from ndtree._native._core import FrontierSearch, OccupancyMap
 from ndtree._native.results import Changes, Leaves
 from ndtree.base.scan import COLOR
 from ndtree.live.palette import color_of
+from ndtree.live.way import Way
 
 #: Cells that are shown.
 State = Literal["occupied", "free"]
@@ -97,6 +99,37 @@ class FrontierPose(NamedTuple):
 
     position: tuple[float, float, float]
     quaternion: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What of a live map an application shows.
+
+    Attributes
+    ----------
+    period : float
+        From one time to the next [s].
+    height : (low, high), optional
+        Of a 3-D map: the grid is of cells between these heights [m].
+    way : Way, optional
+        Of the sensor.
+    min_cells : float
+        Smaller frontiers are left out.
+
+    Raises
+    ------
+    ValueError
+        If the period is not >= 0 and finite.
+    """
+
+    period: float
+    height: tuple[float, float] | None = None
+    way: Way | None = None
+    min_cells: float = 8.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.period < math.inf:
+            raise ValueError(f"period = {self.period:g} s: must be >= 0 and finite")
 
 
 class Frontiers:

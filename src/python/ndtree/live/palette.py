@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from ndtree.live.grid import FREE, OCCUPIED, UNKNOWN
+from ndtree.maps.ground import FREE, OCCUPIED, UNKNOWN
 
 #: Of cells by their size, the smallest first: red, green, blue.
 _SIZES = ((0.9, 0.3, 0.1), (0.95, 0.6, 0.1), (0.9, 0.85, 0.2), (0.4, 0.75, 0.3), (0.2, 0.55, 0.8))

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable, Sequence
 from itertools import repeat
@@ -15,9 +14,8 @@ from numpy.typing import NDArray
 from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
 from ndtree.live.grid import GridFollower
-from ndtree.live.outputs import Frontiers, by_size, cell_points
+from ndtree.live.outputs import Frontiers, Shown, by_size, cell_points
 from ndtree.live.palette import GRID_COLORS
-from ndtree.live.way import Way
 
 with needs("ndtree.live.FoxgloveSink needs foxglove-sdk", "foxglove"):
     import foxglove
@@ -44,14 +42,8 @@ class FoxgloveSink:
         On which of this machine's addresses; "0.0.0.0" for all.
     frame : str or callable
         Of the map.
-    period : float
-        From one time to the next [s].
-    height : (low, high), optional
-        Of a 3-D map: the grid is of cells between these heights [m].
-    way : Way, optional
-        Of the sensor.
-    min_cells : float
-        Smaller frontiers are left out.
+    **shown
+        Fields of `Shown`: ``period``, ``height``, ``way``, ``min_cells``.
 
     Raises
     ------
@@ -67,19 +59,15 @@ class FoxgloveSink:
         *,
         host: str = "127.0.0.1",
         frame: str | Callable[[], str] = "map",
-        period: float = PERIOD,
-        height: tuple[float, float] | None = None,
-        way: Way | None = None,
-        min_cells: float = 8.0,
+        **shown: Any,
     ) -> None:
         if not 0 <= port <= 65535:
             raise ValueError(f"port = {port}: must be from 0 to 65535")
-        if not 0 <= period < math.inf:
-            raise ValueError(f"period = {period:g} s: must be >= 0 and finite")
-        self.period = period
-        self._frame, self._way = frame, way
-        self._grid, self._frontiers = GridFollower(None, height), Frontiers(min_cells)
-        self._z = 0.0 if height is None else height[0]
+        how = Shown(**{"period": PERIOD, **shown})
+        self.period = how.period
+        self._frame, self._way = frame, how.way
+        self._grid, self._frontiers = GridFollower(None, how.height), Frontiers(how.min_cells)
+        self._z = 0.0 if how.height is None else how.height[0]
         self._last: tuple[OccupancyMap, float] | None = None
         self._lock = threading.Lock()
         self._context = context = foxglove.Context()  # Without it, its channels are gone.

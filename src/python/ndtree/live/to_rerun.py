@@ -3,18 +3,18 @@
 
 from __future__ import annotations
 
-import math
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
-from ndtree.live.grid import FREE, OCCUPIED, UNKNOWN, GridFollower
-from ndtree.live.outputs import Frontiers, by_size, cell_points, direction_of
+from ndtree.live.grid import GridFollower
+from ndtree.live.outputs import Frontiers, Shown, by_size, cell_points, direction_of
 from ndtree.live.palette import GRID_COLORS
-from ndtree.live.way import Way
+from ndtree.maps.ground import FREE, OCCUPIED, UNKNOWN
 
 with needs("ndtree.live.RerunSink needs rerun-sdk", "rerun"):
     import rerun
@@ -41,14 +41,8 @@ class RerunSink:
     ----------
     target : str or path
         A file whose name ends in .rrd, or the address of a viewer: ``rerun+http://127.0.0.1:9876/proxy``.
-    period : float
-        From one time to the next [s].
-    height : (low, high), optional
-        Of a 3-D map: the grid is of cells between these heights [m].
-    way : Way, optional
-        Of the sensor.
-    min_cells : float
-        Smaller frontiers are left out.
+    **shown
+        Fields of `Shown`: ``period``, ``height``, ``way``, ``min_cells``.
 
     Raises
     ------
@@ -59,21 +53,15 @@ class RerunSink:
     def __init__(
         self,
         target: str | os.PathLike[str],
-        *,
-        period: float = PERIOD,
-        height: tuple[float, float] | None = None,
-        way: Way | None = None,
-        min_cells: float = 8.0,
+        **shown: Any,
     ) -> None:
-        if not 0 <= period < math.inf:
-            raise ValueError(f"period = {period:g} s: must be >= 0 and finite")
-        name = os.fspath(target)
+        how, name = Shown(**{"period": PERIOD, **shown}), os.fspath(target)
         if not name.startswith(ADDRESS) and Path(name).suffix != ".rrd":
             raise ValueError(
                 f"rerun = {name}: expected a file that ends in .rrd, or an address {ADDRESS}http://..."
             )
-        self.period, self._way = period, way
-        self._grid, self._frontiers = GridFollower(None, height), Frontiers(min_cells)
+        self.period, self._way = how.period, how.way
+        self._grid, self._frontiers = GridFollower(None, how.height), Frontiers(how.min_cells)
         self._sizes: set[float] = set()
         self._recording = rerun.RecordingStream("ndtree")
         if name.startswith(ADDRESS):

@@ -52,34 +52,32 @@ def ground_below(levels: Floats, pixel: float, slope: float = SLOPE) -> Floats:
 
 
 def seen_above_ground(
-    first: Ints,
-    last: Ints,
+    pixels: tuple[Ints, Ints],
     bounds: tuple[Floats, Floats],
     state: NDArray[np.int8],
     shape: tuple[int, int],
     pixel: float,
-    height: tuple[float, float],
-    slope: float = SLOPE,
+    band: tuple[float, float, float],
 ) -> NDArray[np.int8]:
     """A grid of what is between two heights above the ground.
 
-    `first`, `last` (n, 2): First pixel (x, y) of each known cell, and those behind the last; inside the grid.
+    `pixels` (first, last): First pixel (x, y) of each known cell, and those behind the last; inside the grid.
     `bounds` (bottom, top): Of each cell, (n,) each [m].
     `state` (n,): 0 free, 1 occupied.
     `shape`: (rows, columns).
     `pixel`: Edge of a pixel [m].
-    `height` (low, high): Above the ground [m].
-    `slope`: As for `ground_below`.
+    `band` (low, high, slope): Heights above the ground [m], and how steep that is, as for `ground_below`.
     Returns (rows, columns) int8: 100 where some occupied cell overlaps low <= height < high, else 0 where a
     free one does, else -1.
     """
     bottom, top = bounds
-    at, which = pixels_in(first, last, shape[1])
+    low, high, slope = band
+    at, which = pixels_in(*pixels, shape[1])
     levels = np.full(shape[0] * shape[1], np.inf)
     np.minimum.at(levels, at, np.where(state == 1, top, bottom)[which])
     ground = ground_below(levels.reshape(shape), pixel, slope).ravel()[at]
     within = 1e-6 * pixel
-    inside = (top[which] > ground + height[0] + within) & (bottom[which] < ground + height[1] - within)
+    inside = (top[which] > ground + low + within) & (bottom[which] < ground + high - within)
     values = np.full(shape[0] * shape[1], UNKNOWN, dtype=np.int8)
     for one, value in ((0, FREE), (1, OCCUPIED)):
         values[at[inside & (state[which] == one)]] = value

@@ -140,7 +140,7 @@ def _check_values(given: Config) -> None:
 
 
 #: Of options whose flags have other names.
-_FLAGS = {"start": "--from", "stop": "--to"}
+_FLAGS = {"start": "--from", "stop": "--to", "initial_pose": "--guess"}
 _CONFIG = _flag("config", Path, "A file of TOML that says how LOG is read and mapped.", _OF_LOGS)
 #: What is read of a log, and of its format.
 _READING = (

@@ -6,11 +6,10 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Optional, Union
+from typing import Any, Optional
 
-from ndtree._native._core import OccupancyMap
 from ndtree.alignment.aligning import moves
 from ndtree.alignment.writing import is_trajectory
 from ndtree.base.exit_status import WrongCall
@@ -25,27 +24,25 @@ from ndtree.cli.commands.options import Json, LogArgument, Port, World, flag
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.shows import FoxgloveOption, RerunOption, foxglove_sink, rerun_sink, wait_at
 from ndtree.live import (
-    Corrections,
-    Fading,
     Intake,
     LiveMapper,
+    LiveSettings,
     Localization,
     Localizer,
     MessagesIntake,
     Saver,
     ScansIntake,
     Session,
-    Slam,
     Way,
-    Window,
     play,
 )
 from ndtree.live.corrections import MEMORY
-from ndtree.live.localizing import ODOMETRY, place_of, quaternion_of
-from ndtree.live.mapper import PATIENCE, QUEUE
+from ndtree.live.localizing import quaternion_of
 from ndtree.live.messages import LOOK, NOT_SELECTED
+from ndtree.live.options import LiveOptions
 from ndtree.live.playing import messages_of, scans_of
 from ndtree.live.serving import MapServer, address_of
+from ndtree.live.settings import PATIENCE, QUEUE
 from ndtree.live.slam import scans_beside
 from ndtree.logs import recognised
 from ndtree.logs.poses.transforms import plain
@@ -104,6 +101,12 @@ class _Call:
     rerun: RerunOption = None
     json_file: Json = None
 
+    def options(self) -> LiveOptions:
+        """How the map is made."""
+        given = {one.name: getattr(self, one.name, None) for one in fields(LiveOptions)}
+        given |= {"look": self.look_for, "initial_pose": self.guess}
+        return LiveOptions(**{name: value for name, value in given.items() if value is not None})
+
 
 @command(
     "live",
@@ -131,7 +134,7 @@ def live(call: _Call, given: Any = None) -> None:
     is the node ndtree_map.
     """
     _refuse_mixtures(call, given)
-    run = _Run(call, _given_by_map(call, given))
+    run = _Run(call, given)
     with ExitStack() as stack:
         items = run.prepared(stack)
         begin = time.perf_counter()
@@ -144,58 +147,29 @@ def live(call: _Call, given: Any = None) -> None:
 
 
 def _refuse_mixtures(call: _Call, given: Config) -> None:
-    """Refuse flags that do not go together."""
-    for one, value, needs, other in (
-        ("save-every", call.save_every, "-o MAP", call.output),
-        ("follow-frame", call.follow_frame, "--follow", call.follow),
+    """Refuse flags that do not go together, beside those of `LiveOptions`."""
+    for one, value, needs, is_there in (
+        ("save-every", call.save_every, "-o MAP", call.output is not None),
+        ("follow-frame", call.follow_frame, "--follow", call.follow is not None),
         (
             "guess",
             call.guess,
             "--localize, or --slam with --resume",
-            call.localize or ((call.slam or None) and call.resume),
+            call.localize is not None or (call.slam and call.resume is not None),
         ),
     ):
-        if value is not None and other is None:
+        if value is not None and not is_there:
             raise WrongCall(f"--{one}: expected {needs}, too")
     if call.port is not None and not call.watch:
         raise WrongCall("--port: is for the page of --watch")
-    fixed = call.fixed or None
-    others: dict[str, Any] = {"window": call.window, "fade": call.fade, "resume": call.resume, "fixed": fixed}
-    for name, other in others.items():
-        if call.follow is not None and other is not None:
-            raise WrongCall(f"--{name}: not with --follow, whose map is of scans alone, with adaptive cells")
-        if call.slam and other is not None and name != "resume":
-            raise WrongCall(f"--{name}: not with --slam, whose map is of scans alone, with adaptive cells")
-    if call.slam and call.follow is not None:
-        raise WrongCall("--follow: not with --slam, which corrects poses itself")
-    others |= {"follow": call.follow, "save-every": call.save_every, "slam": call.slam or None}
-    for name, other in (*others.items(), *((name, name) for name in given.typed)):
-        if call.localize is not None and other is not None:
+    for name in (["save_every"] if call.save_every is not None else []) + given.typed:
+        if call.localize is not None:
             raise WrongCall(f"{flag_of(name)}: not with --localize, which makes no map")
     if call.rate < 0:
         raise WrongCall(f"--rate {call.rate:g}: must be >= 0; 0 is as fast as it goes")
-    if call.resume is not None and (given.typed or fixed):
-        raise WrongCall(
-            f"{flag_of('fixed' if fixed else given.typed[0])}: the map of --resume has its own options"
-        )
-
-
-def _given_by_map(call: _Call, given: Config) -> tuple[Config, Union[OccupancyMap, Session, None]]:
-    """What was given, and a saved map says; and the map or the drive that is gone on with, or searched."""
-    if call.slam:
-        session = None if call.resume is None else Session.load(scans_beside(call.resume))
-        options = Config() if session is None else Config.of(**session.options)
-        return given.overridden(options.values), session
-    if call.localize is not None:
-        poses = Config.of(fixed_frame=ODOMETRY)
-        return poses.overridden({**given.values, **Config.of(dim=2).values}), load_map(call.localize)
-    target = None if call.resume is None else load_map(call.resume)
-    if target is not None:
-        given = given.overridden(Config.of(**target.options).values)
-    given = given.overridden(Config.of(fixed=call.fixed or None).values)
-    if target is None:
-        made(lambda: given.new_map(given.get("dim", 2)))
-    return given, target
+    if call.resume is not None and (given.typed or call.fixed):
+        name = "fixed" if call.fixed else given.typed[0]
+        raise WrongCall(f"{flag_of(name)}: the map of --resume has its own options")
 
 
 class _Run:
@@ -203,62 +177,34 @@ class _Run:
 
     mapper: LiveMapper
 
-    def __init__(self, call: _Call, given: tuple[Config, Union[OccupancyMap, Session, None]]) -> None:
-        self._call = call
-        self._given, earlier = given
-        self._session = earlier if isinstance(earlier, Session) else None
-        self._target = None if isinstance(earlier, Session) else earlier
+    def __init__(self, call: _Call, given: Config) -> None:
+        self._call, self._options = call, made(call.options)
+        self._given, self._begun = self._options.beginning(given, load_map)
+        if call.resume is None and call.localize is None and not call.slam:
+            made(lambda: self._given.new_map(self._given.get("dim", 2)))
         self._found: list[Localization] = []
-        place = None if call.guess is None else made(lambda: place_of(call.guess))
-        find = call.localize is not None
-        self._localizer = made(lambda: Localizer(self._target, place)) if find else None
-        self._slam: Optional[Slam] = None
+        self._how = LiveSettings()
         self._page: Optional[_Page] = None
         self._server: Any = None
 
     def prepared(self, stack: ExitStack) -> Iterator[tuple[Any, float]]:
         """What is in the recording, for a mapper that is there then."""
-        call = self._call
-        session = self._saved_session if call.slam else None
+        call, options = self._call, self._options
+        intake, items = _source(call, self._given, options, stack)
+        moving = None
+        if call.slam and not isinstance(intake, MessagesIntake):
+            moving = moves(open_log(call.log, call.world, self._given))
+        self._how = made(lambda: options.settings(self._given, self._begun, odometry=moving))
         every = call.save_every
+        session = self._saved_session if call.slam else None
         saver = [] if every is None else [made(lambda: Saver(call.output, every, session))]
-        window = None if call.window is None else made(lambda: Window(call.window))
-        memory = int(call.follow_memory * 2**20)
-        corrects = call.slam or call.follow is not None
-        corrections = made(lambda: Corrections(memory=memory)) if corrects else None
-        fading = None if call.fade is None else made(lambda: Fading(call.fade))
-        how: dict[str, Any] = {
-            "look": call.look_for,
-            "follow": call.follow or "",
-            "body": call.follow_frame or "",
-        }
-        how["poses_are_found"] = call.slam
-        localizes = self._localizer is not None
-        given = self._given
-        if call.slam and _is_bag(call.log, given):
-            given = Config.of(fixed_frame=ODOMETRY).overridden({**given.values, **Config.of(dim=2).values})
-        intake, items = _source(call.log, call.world, given, stack, how, localizes=localizes)
-        if call.slam:
-            place = None if call.guess is None else place_of(call.guess)
-            says = (
-                None if isinstance(intake, MessagesIntake) else moves(open_log(call.log, call.world, given))
-            )
-            self._slam = Slam(odometry=says, earlier=self._session, guess=place)
         way = Way()
         self.mapper = LiveMapper(
             intake,
-            target=self._target,
-            make=self._given.new_map,
-            queue=call.queue,
-            patience=call.patience,
-            window=window,
-            fading=fading,
+            self._how,
             sinks=[*saver, *self._sinks(intake, way, stack)],
             way=way,
-            corrections=corrections,
-            localizer=self._localizer,
-            localized=self._found.append if localizes else None,
-            slam=self._slam,
+            localized=self._found.append if self._how.localizer is not None else None,
         )
         return items
 
@@ -282,12 +228,12 @@ class _Run:
         if self._given.get("strict") and mapper.figures.left_out.keys() - {NOT_SELECTED}:
             raise ValueError(f"{call.log}: {mapper.figures.summary()}; expected none with --strict")
         name = str(call.log or f"world {call.world and call.world.value}")
-        if self._localizer is not None:
-            _report_places(mapper, self._localizer, self._found, call.output, call.json_file, name)
+        slam = self._how.slam
+        if self._how.localizer is not None:
+            _report_places(mapper, self._how.localizer, self._found, call, name)
         else:
-            said = None if self._slam is None else self._slam.figures()
-            _report(mapper, seconds, call.output, call.json_file, name, said)
-            if self._slam is not None and call.output is not None:
+            _report(mapper, seconds, call, name, None if slam is None else slam.figures())
+            if slam is not None and call.output is not None:
                 mapper.session().save(scans_beside(call.output))
         if self._page is not None:
             self._page.stay()
@@ -296,31 +242,21 @@ class _Run:
 
 
 def _source(
-    path: Optional[Path],
-    world: Optional[World],
-    given: Config,
-    stack: ExitStack,
-    how: dict[str, Any],
-    *,
-    localizes: bool,
+    call: _Call, given: Config, options: LiveOptions, stack: ExitStack
 ) -> tuple[Intake, Iterator[tuple[Any, float]]]:
     """How a recording is judged, and what is in it."""
-    follow = how["follow"]
-    if _is_bag(path, given):
+    path = call.log
+    if path is not None and recognised(path, format=given.get("format")) == "rosbag":
         require_taken(given, path)
         bag = stack.enter_context(open_bag(str(path.parent if path.name == "metadata.yaml" else path)))
-        _check_followed(bag, follow)
-        return made(lambda: MessagesIntake(str(path), given, **how)), messages_of(bag)
-    if localizes:
+        _check_followed(bag, options.follow)
+        return made(lambda: options.intake(str(path), given)), messages_of(bag)
+    if options.localize is not None:
         raise WrongCall("--localize: expected a ROS bag, whose transforms have the odometry")
-    if follow:
+    if options.follow:
         raise WrongCall("--follow: expected a ROS bag, which has the poses that a SLAM corrects")
-    log, config = inspected(open_log(path, world, given), given)
+    log, config = inspected(open_log(path, call.world, given), given)
     return ScansIntake(config, log.dim), scans_of(log)
-
-
-def _is_bag(path: Optional[Path], given: Config) -> bool:
-    return path is not None and recognised(path, format=given.get("format")) == "rosbag"
 
 
 def _check_followed(bag: Bag, follow: str) -> None:
@@ -397,12 +333,11 @@ def _report_places(
     mapper: LiveMapper,
     localizer: Localizer,
     found: list[Localization],
-    output: Optional[Path],
-    json_file: Optional[Path],
+    call: _Call,
     name: str,
 ) -> None:
     """What was found, as a trajectory and in a line."""
-    figures = mapper.figures
+    figures, output = mapper.figures, call.output
     if not found:
         raise ValueError(f"{name}: no scan could be looked for: {figures.summary()}")
     known = [one for one in found if not one.is_lost]
@@ -411,7 +346,7 @@ def _report_places(
             for one in known:
                 numbers = (one.body[0, 2], one.body[1, 2], 0.0, *quaternion_of(one.body))
                 file.write(f"{one.stamp:.9f} {' '.join(f'{x:.9g}' for x in numbers)}\n")
-    if not is_stdout(json_file):
+    if not is_stdout(call.json_file):
         print(f"{name}: {figures.summary()}")
         for line in mapper.intake.said():
             print(f"  {in_words(line)}")
@@ -429,26 +364,25 @@ def _report_places(
             "times_lost": localizer.times_lost,
             "is_lost": localizer.is_lost,
         },
-        json_file,
+        call.json_file,
     )
 
 
 def _report(
     mapper: LiveMapper,
     seconds: float,
-    output: Optional[Path],
-    json_file: Optional[Path],
+    call: _Call,
     name: str,
     slam: Optional[dict[str, Any]],
 ) -> None:
-    figures = mapper.figures
+    figures, output = mapper.figures, call.output
     if not figures.mapped:
         raise ValueError(f"{name}: nothing was mapped: {figures.summary()}")
     m = mapper.snapshot()
     if output is not None:
         m.save(output)
     of_map = map_figures(m)
-    if not is_stdout(json_file):
+    if not is_stdout(call.json_file):
         print(f"{name}: {figures.summary()}")
         for line in mapper.intake.said():
             print(f"  {in_words(line)}")
@@ -463,4 +397,4 @@ def _report(
     for sink, error in mapper.failures.items():
         print(f"ndtree: {sink}: {error}", file=sys.stderr)
     said = {} if slam is None else {"slam": slam}
-    write_json({"log": name, "seconds": seconds, "live": figures.as_dict(), **said, **of_map}, json_file)
+    write_json({"log": name, "seconds": seconds, "live": figures.as_dict(), **said, **of_map}, call.json_file)

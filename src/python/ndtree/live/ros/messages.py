@@ -23,7 +23,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ndtree.live.grid import GridPart
+from ndtree.live.canvas import GridPart
 from ndtree.live.localizing import quaternion_of
 from ndtree.live.outputs import FrontierPose, by_size
 

@@ -6,15 +6,17 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any
 
 from ndtree._errors import WrongValue, leading_key, marked, spelled
 from ndtree.live.corrections import MEMORY
-from ndtree.live.localizing import ODOMETRY
-from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK
+from ndtree.live.options import LiveOptions
 from ndtree.live.passing import STAYS
+from ndtree.live.settings import PATIENCE, QUEUE
+from ndtree.live.slam import scans_beside
 from ndtree.maps.ground import SLOPE
 from ndtree.maps.kinds import MAP_OPTIONS
 from ndtree.tuning.config import WORDS, Config
@@ -109,7 +111,9 @@ ROWS = (
     Row("diagnostics_period", 1.0, "Of diagnostics [s].", (0.01, 1e3)),
     Row("clear_radius", 1.0, "What clear_around forgets around the sensor [m].", (0.0, 1e6), True),
 )  # fmt: skip
-_OTHER_NAMES = {"topic": "topics"}
+_OTHER_NAMES = {"topic": "topics", "fixed": "fixed_cells"}
+#: Nothing where they are 0 or empty.
+_MAY_BE_NONE = {"window", "fade", "localize"}
 CHANGING = {row.name for row in ROWS if row.changes}
 
 
@@ -160,14 +164,10 @@ def config_of(value: Callable[[str], Any], options: dict[str, Any] | None = None
     topics = [topic for topic in value("topics") if topic]
     if topics:
         given["topic"] = topics
-    if value("fixed_cells"):
-        given["fixed"] = True
     for row in ROWS:
         row.check(value(row.name))
     whole = Config.load(value("config")) if value("config") else Config()
-    whole = whole.overridden(Config.of(**given, **(options or {})).values)
-    finds = value("localize") or value("slam")
-    return Config.of(fixed_frame=ODOMETRY).overridden(whole.values) if finds else whole
+    return whole.overridden(Config.of(**given, **(options or {})).values)
 
 
 def in_parameters(text: str | Exception) -> str:
@@ -183,6 +183,16 @@ def in_parameters(text: str | Exception) -> str:
 
     lines = filter(is_way, marked(text).split("\n"))
     return "\n".join(spelled(line, name_of) for line in lines)
+
+
+def live_options_of(value: Callable[[str], Any]) -> LiveOptions:
+    """What a user said of the map, of a function that tells the value of a parameter."""
+    names = {one.name for one in fields(LiveOptions)} & {row.name for row in ROWS}
+    given = {name: value(name) or None if name in _MAY_BE_NONE else value(name) for name in names}
+    file = value("map_file")
+    kept = scans_beside(file) if value("slam") and file else Path(file)
+    given["resume"] = file if value("resume") and file and kept.exists() else None
+    return LiveOptions(**given, fixed=value("fixed_cells"))
 
 
 def followed(follow: str) -> dict[str, Any]:

@@ -15,8 +15,8 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from ndtree._native._core import OccupancyMap
-from ndtree.live.above_ground import GroundFollower
-from ndtree.live.grid import GridFollower, GridPart, difference
+from ndtree.live.canvas import GridPart, difference
+from ndtree.live.grid import GridFollower, GroundFollower
 from ndtree.live.outputs import Frontiers, State, cell_points, changed_points
 from ndtree.live.passing import Passing, hide
 from ndtree.live.robot import Robot

@@ -12,10 +12,11 @@ from geometry_msgs.msg import PolygonStamped
 from nav_msgs.srv import GetMap, GetMapResponse, GetPlan, LoadMap
 from std_srvs.srv import Empty, EmptyResponse, Trigger
 
-from ndtree.live.ros.map_service import OCTOMAP_SERVICES, TICK, MapService
+from ndtree.live.ros.map_service import TICK, MapService
 from ndtree.live.ros.messages import class_of, optional_class
 from ndtree.live.ros.middleware import Level, Publisher
 from ndtree.live.ros.parameters import CHANGING, ROWS, config_of, followed
+from ndtree.live.ros.services import OCTOMAP_SERVICES
 from ndtree.live.ros1.parameters import Parameters
 from ndtree.live.ros1.sources import Sources
 from ndtree.logs.ros.storage import Raw
@@ -88,14 +89,16 @@ class MapNode:
             self._put, {**config_of(self.value).reading, **followed(self.value("follow"))}
         )
         self._services = [
-            rospy.Service("~save", Trigger, lambda request: self._map.save()),
-            rospy.Service("~load", LoadMap, lambda request: {"result": int(self._map.load(request.map_url))}),
-            rospy.Service("~reset", Empty, self._reset),
-            rospy.Service("~clear_around", Trigger, lambda request: self._map.clear_around()),
+            rospy.Service("~save", Trigger, lambda request: self._map.services.save()),
             rospy.Service(
-                "~get_map", GetMap, lambda request: GetMapResponse(*filter(None, [self._map.grid()]))
+                "~load", LoadMap, lambda request: {"result": int(self._map.services.load(request.map_url))}
             ),
-            rospy.Service("~get_plan", GetPlan, lambda request: {"plan": self._map.plan(request)}),
+            rospy.Service("~reset", Empty, self._reset),
+            rospy.Service("~clear_around", Trigger, lambda request: self._map.services.clear_around()),
+            rospy.Service(
+                "~get_map", GetMap, lambda request: GetMapResponse(*filter(None, [self._map.services.grid()]))
+            ),
+            rospy.Service("~get_plan", GetPlan, lambda request: {"plan": self._map.services.plan(request)}),
         ]
         get_octomap, query = (optional_class(f"octomap_msgs/srv/{name}") for name in OCTOMAP_SERVICES)
         if query is not None:
@@ -155,20 +158,20 @@ class MapNode:
             return
 
     def _reset(self, request: Any) -> EmptyResponse:
-        self._map.reset()
+        self._map.services.reset()
         return EmptyResponse()
 
     def _octomap(self, binary: bool) -> list[Any]:
         """Fields of an answer: none, where there is no map."""
-        found = self._map.octomap(binary=binary)
+        found = self._map.services.octomap(binary=binary)
         return [class_of("octomap_msgs/msg/Octomap")() if found is None else found]
 
     def _clear_bbox(self, request: Any) -> list[Any]:
-        self._map.clear_box("", [request.min, request.max])
+        self._map.services.clear_box("", [request.min, request.max])
         return []
 
     def _clear_box(self, message: PolygonStamped) -> None:
-        self._map.clear_box(message.header.frame_id, message.polygon.points)
+        self._map.services.clear_box(message.header.frame_id, message.polygon.points)
 
 
 def _current(name: str, default: Any) -> Any:

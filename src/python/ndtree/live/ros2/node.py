@@ -18,10 +18,11 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Empty, Trigger
 
-from ndtree.live.ros.map_service import OCTOMAP_SERVICES, TICK, MapService
+from ndtree.live.ros.map_service import TICK, MapService
 from ndtree.live.ros.messages import optional_class
 from ndtree.live.ros.middleware import Level, Publisher
 from ndtree.live.ros.parameters import CHANGING, check, config_of, followed
+from ndtree.live.ros.services import OCTOMAP_SERVICES
 from ndtree.live.ros2.parameters import declare, map_options, value
 from ndtree.live.ros2.sources import Sources
 from ndtree.logs.ros.storage import Raw
@@ -226,47 +227,47 @@ class MapNode(LifecycleNode):
 
     def _save(self, request: Any, response: Any) -> Any:
         assert self._map is not None
-        response.success, response.message = self._map.save()
+        response.success, response.message = self._map.services.save()
         return response
 
     def _load(self, request: Any, response: Any) -> Any:
         assert self._map is not None
-        response.result = int(self._map.load(request.map_url))
+        response.result = int(self._map.services.load(request.map_url))
         return response
 
     def _reset(self, request: Any, response: Any) -> Any:
         if self._map is not None:
-            self._map.reset()
+            self._map.services.reset()
         return response
 
     def _clear_around(self, request: Any, response: Any) -> Any:
         assert self._map is not None
-        response.success, response.message = self._map.clear_around()
+        response.success, response.message = self._map.services.clear_around()
         return response
 
     def _get_octomap(self, binary: bool) -> Callable[[Any, Any], Any]:
         def answered(request: Any, response: Any) -> Any:
             assert self._map is not None
-            response.map = self._map.octomap(binary=binary) or response.map
+            response.map = self._map.services.octomap(binary=binary) or response.map
             return response
 
         return answered
 
     def _clear_bbox(self, request: Any, response: Any) -> Any:
         assert self._map is not None
-        self._map.clear_box("", [request.min, request.max])
+        self._map.services.clear_box("", [request.min, request.max])
         return response
 
     def _clear_box(self, message: PolygonStamped) -> None:
         if self._map is not None:
-            self._map.clear_box(message.header.frame_id, message.polygon.points)
+            self._map.services.clear_box(message.header.frame_id, message.polygon.points)
 
     def _get_map(self, request: Any, response: Any) -> Any:
         assert self._map is not None
-        response.map = self._map.grid() or response.map
+        response.map = self._map.services.grid() or response.map
         return response
 
     def _get_plan(self, request: Any, response: Any) -> Any:
         assert self._map is not None
-        response.plan = self._map.plan(request)
+        response.plan = self._map.services.plan(request)
         return response
