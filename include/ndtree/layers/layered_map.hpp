@@ -121,7 +121,6 @@ class LayeredMap {
   static constexpr int kDim = Map::kDim;
   static constexpr std::size_t kNumLayers = sizeof...(Values);
   using MapType = Map;
-  using SensorType = typename Map::SensorType;
   using RefinementType = typename Map::RefinementType;
   using Layers = std::tuple<LayerOf<Values>...>;
   /// What the layers are called in files.
@@ -169,6 +168,10 @@ class LayeredMap {
 
   // What a ScanHistory asks of its map; one without layers has the same.
 
+  /// As of OccupancyMap.
+  [[nodiscard]] auto measurements(const ScanView<kDim>& scan, double max_range) const {
+    return map_.measurements(scan, max_range);
+  }
   /// Of a scan, one measurement a beam for each layer.
   using Measured = std::tuple<const std::vector<typename Values::Measurement>&...>;
   struct PackedMeasured {

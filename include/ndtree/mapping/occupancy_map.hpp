@@ -98,7 +98,6 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
  public:
   using Cells = MapCells<N, D, typename Refinement::Cell>;
   using RefinementType = Refinement;
-  using SensorType = Sensor;
   using typename Cells::Cell;
   using typename Cells::Tree;
 
@@ -148,6 +147,11 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
 
   // What a ScanHistory asks of its map; one with layers has the same.
 
+  /// A scan's beams as the map takes them. @param number of the scan, by which it is sampled.
+  [[nodiscard]] Measurements<D, Sensor> measurements(const ScanView<D>& scan, double max_range,
+                                                     std::uint64_t number = 0) const {
+    return Measurements<D, Sensor>(scan, max_range, sensor_, Refinement::least_sigma(options_), number);
+  }
   /// What a scan brings beside its beams: nothing.
   using Measured = NoMeasurements;
   using PackedMeasured = NoMeasurements;
@@ -488,8 +492,7 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::integrate(const ScanView<D>
   Workers workers(std::min(static_cast<std::size_t>(threads), Update::most_workers(scan.size)));
   Update update(tree_, refinement_, sensor_, options_, counters_);
   const std::uint64_t scan_number = scan.number.value_or(counters_.scans);
-  const Measurements<D, Sensor> measurements(scan, max_range, sensor_, Refinement::least_sigma(options_),
-                                             scan_number);
+  const Measurements<D, Sensor> measurements = this->measurements(scan, max_range, scan_number);
   // The survey checks the whole scan before the tree grows: from then on only out-of-memory, node-id
   // exhaustion or cancellation can interrupt.
   const ScanSurvey<D> survey = update.survey(measurements, workers);

@@ -11,6 +11,14 @@
 
 namespace ndtree::detail {
 
+/// The axis on which a face has no extent.
+template <int D>
+[[nodiscard]] int axis_of(const Box<D>& face) {
+  int axis = 0;
+  while (axis < D - 1 && face.lower[axis] != face.upper[axis]) ++axis;
+  return axis;
+}
+
 /// All directions that go through each of some axis-parallel faces: in the plane of each two axes they lie
 /// between two directions, as a face is a box. O(D) a face, whatever lies between.
 template <int D>
@@ -74,12 +82,6 @@ class Cone {
   };
   static constexpr double kInside = 1e-9;  // From the border, of the width, lest rounding leads out.
 
-  /// The one on which a face has no extent.
-  [[nodiscard]] static int axis_of(const Box<D>& face) {
-    int axis = 0;
-    while (axis < D - 1 && face.lower[axis] != face.upper[axis]) ++axis;
-    return axis;
-  }
   [[nodiscard]] static double cross(const Arm& a, const Arm& b) { return a[0] * b[1] - a[1] * b[0]; }
   [[nodiscard]] static std::size_t number(int i, int j) { return static_cast<std::size_t>(i + j - 1); }
 

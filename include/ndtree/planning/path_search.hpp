@@ -216,8 +216,7 @@ class PathSearch {
   /// Where a way from a point to the goal goes through a face; to no goal, where it comes nearest.
   [[nodiscard]] Vector<D> point_on(const Box<D>& face, const Vector<D>& from) const {
     if (!aims_) return nearest_in(face, from);
-    int axis = 0;
-    while (axis < D - 1 && face.lower[axis] != face.upper[axis]) ++axis;
+    const int axis = axis_of(face);
     const double before = std::abs(from[axis] - face.lower[axis]);
     const double after = std::abs(goal_[axis] - face.lower[axis]);
     const double fraction = before + after > 0.0 ? before / (before + after) : 0.0;

@@ -277,10 +277,7 @@ class ScanHistory {
   }
   /// Which cubes a scan crosses. @throws as survey_exactly().
   [[nodiscard]] CubeSet<D> cubes_of(const ScanView<D>& scan, double max_range) const {
-    const typename Map::SensorType sensor(map_.options());
-    const Measurements<D, typename Map::SensorType> measurements(
-        scan, max_range, sensor, Map::RefinementType::least_sigma(map_.options()));
-    return cubes_crossed(map_.tree().geometry(), measurements);
+    return cubes_crossed(map_.tree().geometry(), map_.measurements(scan, max_range));
   }
 
   /// Replaces the entries and the map. @param touched cubes that are made anew. @param moved, start for the
