@@ -631,3 +631,16 @@ def test_points_carry_the_layers_of_their_cells(tmp_path: Path) -> None:
         m.save_ply(tmp_path / "b.ply", leaves=np.isin(m.leaves().state, [1, 0][: len(states)]))
         assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
     assert b"uchar red" in (tmp_path / "a.ply").read_bytes()[:1000]
+
+
+def test_coloured_octomaps_become_layers_and_back(tmp_path: Path) -> None:
+    m = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1, layers={"color": "mean3"})
+    random = np.random.default_rng(3)
+    colors = random.integers(0, 250, (300, 3))
+    m.insert(random.uniform(-2, 2, (300, 3)), [0.0, 0.0, 0.0], layers={"color": colors})
+    ndtree.convert(m, tmp_path / "a.ot")
+    again = open_map(tmp_path / "a.ot").map
+    centres = m.leaves(states=["occupied"]).center
+    own = m.layer("color", centres)
+    assert again.layers == {"color": "mean3"} and np.isfinite(own).sum() > 100
+    np.testing.assert_allclose(again.layer("color", centres), own, atol=0.5)

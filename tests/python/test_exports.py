@@ -49,6 +49,22 @@ def test_grids_of_cells_no_larger_than_the_maps_hold_what_it_says_at_their_centr
     assert m.to_grid([[1.0] * dim, [1.0] * dim]).size == 0
 
 
+@pytest.mark.parametrize(
+    "box, options, message",
+    [
+        ([[0, 0, 0]], {}, r"box has shape \(1, 3\): must be \(2, 3\)"),
+        ([[1, 0, 0], [0, 1, 1]], {}, "box: axis 0 is from 1.0"),
+        ([[0, 0, 0], [1, 1, np.inf]], {}, "box: axis 2"),
+        ([[0, 0, 0], [1, 1, 1]], {"cell_size": 0}, "cell_size = 0.0"),
+        ([[0, 0, 0], [1, 1, 1]], {"cell_size": 1e-300}, "more cells than"),
+        ([[0, 0, 0], [1, 1, 1]], {"values": "colour"}, "values = 'colour'"),
+    ],
+)
+def test_grids_that_cannot_be_made_are_refused(box: Any, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        room(3).to_grid(box, **options)
+
+
 def test_files_that_cannot_be_opened_say_so(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"none\.bt"):
         ndtree.load_octomap(tmp_path / "none.bt")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,11 @@ import pytest
 
 pytest.importorskip("typer")
 
+from typer.testing import CliRunner
 
 import ndtree
 from ndtree.base.scan import Scan
+from ndtree.cli.commands import app
 from ndtree.live import Fading, LiveMapper, ScansIntake
 from ndtree.tuning.config import Config
 
@@ -162,3 +165,17 @@ def test_what_fades_does_so_after_its_time_and_at_most_a_tenth_more(seconds: flo
             known = now
     assert gone and not gone[-1][1]
     assert seconds < gone[0][0] and gone[-1][0] <= seconds + looks + step + 1e-6
+
+
+def test_the_command_fades_as_the_class_does(tmp_path: Path) -> None:
+    target, fading, m = tmp_path / "a.ndt", Fading(3.0), ndtree.AdaptiveMap(dim=2, range_sigma=0.03)
+    cleared = 0
+    for scan in ndtree.simulate("office"):
+        scan.insert_into(m)
+        cleared += fading.follow(m, scan)
+    words = ["live", "--world", "office", "-o", target, "--rate", 0, "--no-return", "free", "--fade", 3]
+    done = CliRunner().invoke(app, [str(one) for one in [*words, "--range-sigma", 0.03]])
+    assert done.exit_code == 0, done.stderr
+    assert target.read_bytes() == m.to_bytes() and cleared > 10
+    refused = CliRunner().invoke(app, [str(one) for one in [*words[:-1], 0]])
+    assert refused.exit_code == 2 and "fade = 0 s: must be > 0 and finite" in refused.stderr

@@ -101,3 +101,18 @@ def test_four_dimensions_hold_time_as_a_fourth_axis():
     for points, distance in ((closed, 1.05), (opened, 2.05)):
         ranges = m.cast_rays(points * [0, 0, 0, 1], ahead, at="cell")
         assert distance - cell <= np.median(ranges) <= distance
+
+
+@pytest.mark.skipif(not ndtree.has_octomap, reason="built without OctoMap")
+@pytest.mark.parametrize("options", [{}, {"insertion": "scan"}], ids=str)
+def test_octomap_is_a_map_like_others(options):
+    o = ndtree.OctoMap(min_cell_size=0.1, dim=3, **options)
+    f = ndtree.FixedMap(min_cell_size=0.1, dim=3)
+    for seed in range(20):
+        points, origin = room_scan(3, seed)
+        assert o.insert(points, origin).returned == f.insert(points, origin).returned == 300
+    inside = np.random.default_rng(0).uniform(-1.5, 1.5, (2000, 3))
+    known = (o.state(inside) != -1) & (f.state(inside) != -1)
+    assert known.mean() > 0.9 and (o.state(inside) == f.state(inside))[known].mean() > 0.98
+    again = pickle.loads(pickle.dumps(o))
+    np.testing.assert_array_equal(again.probability(inside), o.probability(inside))

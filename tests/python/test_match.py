@@ -104,6 +104,16 @@ def test_a_corridor_keeps_what_was_known_before():
     assert 0.8 * sigma < math.sqrt(told[0, 0]) < 1.5 * sigma and math.sqrt(told[1, 1]) < 0.02
 
 
+def test_a_map_finds_scans_as_its_matcher_does():
+    m, pose = room_map(), np.array([0.4, -0.3, 1.2])
+    points, guess = seen_from(room(0.09), pose), pose + np.array([0.5, -0.4, 0.2])
+    found = m.match(points, guess, window=(1, 1, 0.35))
+    assert np.abs(pose_of(found) - pose).max() < 0.03 and found.is_unique
+    again = m.matcher().match(points, guess, window=(1, 1, 0.35))
+    np.testing.assert_array_equal(again.pose, found.pose)
+    np.testing.assert_array_equal(again.covariance, found.covariance)
+
+
 @pytest.mark.parametrize("threads", [1, 2, 5])
 def test_many_scans_are_the_same_with_any_threads(threads):
     matcher = ndtree.Matcher(room(0.03))

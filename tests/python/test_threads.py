@@ -123,3 +123,18 @@ def test_a_distance_field_is_asked_while_it_is_updated() -> None:
     )
     assert min(asked.values()) > 0
     assert field.values.tobytes() == known[1]["values"]
+
+
+def test_two_writers_of_one_map_insert_all() -> None:
+    """In some order, scan by scan: evidence far from its limits adds up whatever that is."""
+    m, alone = (ndtree.FixedMap(dim=2, min_cell_size=0.1, log_odds_max=100, log_odds_min=-100) for _ in "ab")
+
+    def insert(target: ndtree.OccupancyMap, scans: list) -> None:
+        for points, origin in scans:
+            target.insert(points, origin)
+
+    insert(alone, SCANS)
+    together(lambda: insert(m, SCANS[::2]), lambda: insert(m, SCANS[1::2]))
+    assert m.stats().updates == alone.stats().updates
+    points = np.random.default_rng(2).uniform(-2, 2, (300, 2))
+    assert np.allclose(m.probability(points), alone.probability(points), atol=1e-5)
