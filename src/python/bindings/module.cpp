@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <pybind11/pybind11.h>
 
+#include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/version.hpp"
 #include "python_map.hpp"
 
@@ -28,6 +29,8 @@ PYBIND11_MODULE(_core, module) {
   namespace py = pybind11;
   module.doc() = "Compiled part of ndtree.";
   module.attr("__version__") = NDTREE_VERSION;
+  module.attr("reach_sigmas") = ndtree::BeamSensorModel::kReachSigmas;
+  module.attr("thinnest_surface") = ndtree::kThinnestSurface;
 
   ndtree::python::bind_errors(module);
   ndtree::python::bind_files(module);

@@ -45,12 +45,14 @@ INTERNAL = frozenset(
         "points_within",
         "pose_matrix",
         "pose_range_sigma",
+        "reach_sigmas",
         "sample_run",
         "sample_runs",
         "sample_step",
         "sample_stride",
         "simulate",
         "solve_pose_graph",
+        "thinnest_surface",
         "write_ply",
     )
 )

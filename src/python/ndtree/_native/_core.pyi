@@ -37,8 +37,10 @@ from ndtree.base.typing import (
 
 __version__: Final[str]
 has_octomap: Final[bool]
+reach_sigmas: Final[float]
 sample_run: Final[int]
 sample_runs: Final[int]
+thinnest_surface: Final[float]
 
 class ReplacedFile:
     """A file that is written under a hidden name, and takes its place when it is whole."""

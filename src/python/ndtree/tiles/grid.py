@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ndtree._errors import WrongValue
+from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
 from ndtree.tiles.kind import MapKind
@@ -23,8 +24,6 @@ Floats = NDArray[np.float64]
 
 #: A tile has at least this many of the coarsest cells along an edge, unless its size is given.
 CUBES = 16
-_REACH_SIGMAS = 3.0  # Beams have evidence up to this many standard deviations behind their end points.
-_LEAST_SIGMA = 0.6  # Of a smallest cell: noise counts as that at least.
 _STEP = 0.25  # Of a tile: how far apart beams are looked at.
 _GRAIN = 0.125  # Of a tile: ends that are nearer than this are taken for one.
 
@@ -183,8 +182,8 @@ def beams_of(scan: Scan, options: dict[str, float], max_range: float) -> tuple[F
         sigma = scan.range_sigma
         if sigma is None:
             sigma = options.get("range_sigma", 0.0) + options.get("range_sigma_quadratic", 0.0) * used**2
-        sigma = np.maximum(sigma, _LEAST_SIGMA * options["min_cell_size"])
-        reach = used + _REACH_SIGMAS * sigma + options["min_cell_size"]
+        sigma = np.maximum(sigma, options["min_cell_size"] / _core.thinnest_surface)
+        reach = used + _core.reach_sigmas * sigma + options["min_cell_size"]
         good &= np.isfinite(reach)
         way *= (reach / length)[:, None]
         way += origin
