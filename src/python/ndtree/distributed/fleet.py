@@ -17,14 +17,16 @@ from numpy.typing import ArrayLike
 
 from ndtree._errors import WrongValue
 from ndtree._native import _core
-from ndtree._native._core import OccupancyMap, pose_matrix
+from ndtree._native._core import OccupancyMap
 from ndtree.base.progress import Progress
 from ndtree.distributed import plan
 from ndtree.distributed.blocks import Block
 from ndtree.distributed.engines import Engine, engine_of
+from ndtree.distributed.moving import Moves
 from ndtree.distributed.plan import run_all
-from ndtree.distributed.scans import ScanIndex, StoredScans, index_name, moved, moves_name
-from ndtree.distributed.stages import BlockRecord, Job, entries_of, indexed, integrate, prepare
+from ndtree.distributed.report import FleetReport, Times, report_of
+from ndtree.distributed.scans import ScanIndex, StoredScans, index_name
+from ndtree.distributed.stages import BlockRecord, Job, entries_of, integrate, prepare
 from ndtree.tiles.grid import Tile, TileGrid
 from ndtree.tiles.kind import MapKind, with_counters
 from ndtree.tiles.manifest import TILES, Manifest, TileEntry, commit, open_manifest, store_bytes, tidy
@@ -32,86 +34,49 @@ from ndtree.tiles.order import Sources, named, opened
 from ndtree.tiles.resident import Growth
 from ndtree.tiles.storage import Storage, storage_of
 
-BLOCK_BEAMS = 50_000_000
-BATCH_BEAMS = 250_000
-CHECKPOINT_BEAMS = 20_000_000
-
 
 @dataclass(frozen=True)
-class FleetReport:
-    """What a run did.
+class FleetSettings:
+    """How logs become tiles.
 
     Attributes
     ----------
-    scans, beams : int
-        Taken in; each once, however many blocks it crosses.
-    refused, ignored : int
-        Scans that no map of the kind takes, and beams left out because they did not return.
-    tiles, blocks : int
-        That were mapped.
+    tile_size : float, optional
+        [m]; rounded up to a power of the branching of `max_cell_size`. Left out: 16 of these.
+    max_range : float
+        As for insert() [m].
+    no_return : {"free", "ignore"}
+        What a beam without return says: that the space up to its end is free, or nothing.
     block_beams : int
-        Beams over all blocks: those of a scan that crosses several count in each.
-    scan_bytes : int
-        Of the stored scans.
-    bytes_read, written_bytes : int
-        Beams that tasks have looked at, and all that was written: scans, states and tiles.
-    seconds : float
-        From beginning to end [s].
-    start_seconds : float
-        Of these, until the engine was there [s].
-    prepare_seconds, task_seconds, insert_seconds : float
-        Sums over all tasks: of reading logs, of blocks, and of these, insertion itself [s].
-    state_seconds, store_seconds : float
-        Of the time of blocks, what their states took, and the tiles in the end [s].
-    engine_seconds : float
-        Sum over all tasks, from when the engine got them to when it gave their results, without what they
-        took themselves: its scheduling, its messages, and the start of its workers [s].
-    cpu_seconds : float
-        Processor time of all tasks, and of the thread that called [s]; without the engine's own processes.
-    peak_memory : int
-        Of the worker that took most, as the system counts it, mapped files included [bytes].
-    longest_block_seconds : float
-        Of the block that took longest [s]: no number of workers is faster.
-    records : list of BlockRecord
-        Of each block.
+        What a worker maps at a time, a block of tiles, is made of at most this many beams, if it is more than
+        one tile; the part of each scan that is in it counts. With several workers there are a few for each,
+        whose scans are surveyed in every one that they cross.
+    batch_beams : int
+        Beams in a file of scans.
+    checkpoint_beams : int
+        A block's state is written whenever it has taken this many in: what a killed worker has to do again.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its limits.
     """
 
-    scans: int
-    beams: int
-    refused: int
-    ignored: int
-    tiles: int
-    blocks: int
-    block_beams: int
-    scan_bytes: int
-    bytes_read: int
-    written_bytes: int
-    seconds: float
-    start_seconds: float
-    prepare_seconds: float
-    task_seconds: float
-    insert_seconds: float
-    state_seconds: float
-    store_seconds: float
-    engine_seconds: float
-    cpu_seconds: float
-    peak_memory: int
-    longest_block_seconds: float
-    workers: int
-    records: list[BlockRecord]
+    tile_size: float | None = None
+    max_range: float = math.inf
+    no_return: str = "free"
+    block_beams: int = 50_000_000
+    batch_beams: int = 250_000
+    checkpoint_beams: int = 20_000_000
 
-    @property
-    def idle(self) -> float:
-        """Share of the workers' time, once there were any, in which they did nothing, planning included."""
-        there = (self.seconds - self.start_seconds) * self.workers
-        return max(0.0, 1.0 - (self.prepare_seconds + self.task_seconds) / there)
-
-    def figures(self) -> dict[str, Any]:
-        """All but the records, ready for JSON."""
-        return {
-            **{k: v for k, v in asdict(replace(self, records=[])).items() if k != "records"},
-            "idle": self.idle,
-        }
+    def __post_init__(self) -> None:
+        if self.no_return not in ("free", "ignore"):
+            raise WrongValue.of("no_return", f"{self.no_return!r}", "'free' or 'ignore'")
+        if not self.max_range > 0:
+            raise WrongValue.of("max_range", f"{self.max_range:g} m", "> 0")
+        for name in ("block_beams", "batch_beams", "checkpoint_beams"):
+            if getattr(self, name) < 1:
+                raise WrongValue.of(name, getattr(self, name), ">= 1")
 
 
 def map(
@@ -120,14 +85,9 @@ def map(
     *,
     engine: str | Engine = "processes",
     like: OccupancyMap | None = None,
-    tile_size: float | None = None,
-    max_range: float = math.inf,
-    no_return: str = "free",
     workers: int | None = None,
-    block_beams: int = BLOCK_BEAMS,
-    batch_beams: int = BATCH_BEAMS,
-    checkpoint_beams: int = CHECKPOINT_BEAMS,
     progress: Progress | None = None,
+    **how: Any,
 ) -> FleetReport:
     """Map logs into tiles, on an engine.
 
@@ -148,24 +108,12 @@ def map(
         "processes": of this machine; "local": threads of this process.
     like : OccupancyMap, optional
         A map with the options of the one to make. Left out: an adaptive one of the first log's dimension.
-    tile_size : float, optional
-        [m]; rounded up to a power of the branching of `max_cell_size`. Left out: 16 of these.
-    max_range : float
-        As for insert() [m].
-    no_return : {"free", "ignore"}
-        What a beam without return says: that the space up to its end is free, or nothing.
     workers : int, optional
         Tasks at a time. Left out: what the engine has.
-    block_beams : int
-        What a worker maps at a time, a block of tiles, is made of at most this many beams, if it is more than
-        one tile; the part of each scan that is in it counts. With several workers there are a few for each,
-        whose scans are surveyed in every one that they cross.
-    batch_beams : int
-        Beams in a file of scans.
-    checkpoint_beams : int
-        A block's state is written whenever it has taken this many in: what a killed worker has to do again.
     progress : callable, optional
         Called as ``progress(what, done, total)``.
+    **how
+        Fields of `FleetSettings`: ``tile_size``, ``max_range``, ``no_return`` ...
 
     Raises
     ------
@@ -176,39 +124,35 @@ def map(
     ImportError
         If the engine is not installed; it names the extra.
     """
-    times, sources = _Times(), named(logs)
-    sizes = {"block_beams": block_beams, "batch_beams": batch_beams, "checkpoint_beams": checkpoint_beams}
-    _check(max_range, no_return, sizes)
+    times, settings, sources = Times(), FleetSettings(**how), named(logs)
     target = _core.AdaptiveMap(dim=_dim_of(next(iter(sources.values())))) if like is None else like
     storage = storage_of(url)
     before = _manifest(storage)
-    job = replace(_job_of(url, before, target, tile_size), max_range=max_range, no_return=no_return)
-    job = replace(job, batch_beams=batch_beams, checkpoint_beams=checkpoint_beams)
-    _begin(storage, job, {"logs": _sizes(sources), "block_beams": block_beams})
-    made_from = {**_made_from(job, sources), "block_beams": block_beams}
+    job = _job_of(url, before, target, settings)
+    blocks = {"block_beams": settings.block_beams}
+    _begin(storage, job, {"logs": _sizes(sources), **blocks})
+    made_from = {**_made_from(job, sources), **blocks}
     with _engine(engine, workers, times) as chosen:
         run = _Run(chosen, job, storage, before, progress)
         prepared, at_engine = run.prepare(sources)
         return times.of_all(run.mapped(run.indexes(sources), None, made_from), prepared, at_engine)
 
 
-def _check(max_range: float, no_return: str, sizes: Mapping[str, int]) -> None:
-    if no_return not in ("free", "ignore"):
-        raise WrongValue.of("no_return", f"{no_return!r}", "'free' or 'ignore'")
-    if not max_range > 0:
-        raise WrongValue.of("max_range", f"{max_range:g} m", "> 0")
-    for name, value in sizes.items():
-        if value < 1:
-            raise WrongValue.of(name, value, ">= 1")
-
-
 def _job_of(
-    url: str | os.PathLike[str], before: Manifest | None, like: OccupancyMap, tile_size: float | None
+    url: str | os.PathLike[str], before: Manifest | None, like: OccupancyMap, how: FleetSettings
 ) -> Job:
     revision = before.revision + 1 if before is not None else 1
-    kind, grid = MapKind.of(like), TileGrid.of(like, tile_size)
-    name = f"run-{revision:06d}"
-    return Job(_everywhere(url), name, revision, kind, grid, math.inf, "free", BATCH_BEAMS, CHECKPOINT_BEAMS)
+    return Job(
+        _everywhere(url),
+        f"run-{revision:06d}",
+        revision,
+        MapKind.of(like),
+        TileGrid.of(like, how.tile_size),
+        how.max_range,
+        how.no_return,
+        how.batch_beams,
+        how.checkpoint_beams,
+    )
 
 
 def _made_from(job: Job, logs: Iterable[str]) -> dict[str, Any]:
@@ -223,38 +167,8 @@ def _made_from(job: Job, logs: Iterable[str]) -> dict[str, Any]:
     }
 
 
-class _Times:
-    """How long a call takes."""
-
-    def __init__(self) -> None:
-        self._begin, self._cpu_begin = time.perf_counter(), time.thread_time()
-        self.start = 0.0  # Until the engine was there.
-
-    def of(self, report: FleetReport) -> FleetReport:
-        """A report of the blocks, with what the call took."""
-        return replace(
-            report,
-            seconds=time.perf_counter() - self._begin,
-            start_seconds=self.start,
-            cpu_seconds=report.cpu_seconds + time.thread_time() - self._cpu_begin,
-        )
-
-    def of_all(self, report: FleetReport, prepared: list[Any], at_engine: float) -> FleetReport:
-        """The same, with what reading the logs took."""
-        seconds = sum(one.seconds for one in prepared)
-        of_blocks = self.of(report)
-        return replace(
-            of_blocks,
-            prepare_seconds=seconds,
-            engine_seconds=report.engine_seconds + max(0.0, at_engine - seconds),
-            cpu_seconds=of_blocks.cpu_seconds + sum(one.cpu_seconds for one in prepared),
-            peak_memory=max(report.peak_memory, *(one.peak_memory for one in prepared)),
-            written_bytes=report.written_bytes + report.scan_bytes,
-        )
-
-
 @contextmanager
-def _engine(engine: str | Engine, workers: int | None, times: _Times) -> Iterator[Engine]:
+def _engine(engine: str | Engine, workers: int | None, times: Times) -> Iterator[Engine]:
     """An engine, which ends with the call that has begun it."""
     begin = time.perf_counter()
     chosen = engine_of(engine, workers)
@@ -298,7 +212,7 @@ def remap(
     ValueError
         If the map holds no scans, or a log or a number is not known, or a motion is not rigid.
     """
-    times = _Times()
+    times = Times()
     storage = storage_of(url)
     manifest = open_manifest(storage)
     held = manifest.made_from
@@ -318,7 +232,7 @@ def remap(
         1,
         int(held["checkpoint_beams"]),
     )
-    move = _Moves(storage, job, held)
+    move = Moves(storage, job, held)
     for log, of_log in poses.items():
         move.log(log, of_log)
     job = replace(job, moves=tuple(move.moves.items()))
@@ -328,45 +242,6 @@ def remap(
         run = _Run(chosen, job, storage, manifest, progress)
         made_from = {**held, "moves": move.moves, "indexes": move.names}
         return times.of(run.mapped(list(move.indexes.values()), touched, made_from))
-
-
-class _Moves:
-    """Scans that move: their new places are written, and the blocks that they touch are collected."""
-
-    def __init__(self, storage: Storage, job: Job, held: Mapping[str, Any]) -> None:
-        self._storage, self._job = storage, job
-        self.names, self.moves = dict(held["indexes"]), dict(held["moves"])
-        self.indexes = {log: ScanIndex.from_bytes(storage.read(name)) for log, name in self.names.items()}
-        self.touched: set[Block] = set()
-        self._blocks = [Block.from_json(one["block"]) for one in held["blocks"]]
-        self._original = StoredScans(storage, job.run, {})
-
-    def log(self, log: str, poses: Mapping[int, ArrayLike]) -> None:
-        """Move scans of a log."""
-        if log not in self.indexes:
-            raise ValueError(f"log {log!r}: must be one of {', '.join(self.indexes)}")
-        job, index = self._job, self.indexes[log]
-        motions = _motions(self._storage, self.moves.get(log), len(index.scans), job.kind.dim)
-        for number, pose in sorted(poses.items()):
-            if not 0 <= number < len(index.scans):
-                raise ValueError(f"log {log!r}: scan {number}: there are {len(index.scans)}")
-            matrix = pose_matrix(pose, dim=job.kind.dim, name=f"log {log!r}: scan {number}: pose")
-            if not np.array_equal(matrix, motions[number]):
-                motions[number] = matrix
-                self._scan(log, index, number, matrix)
-        self.moves[log] = moves_name(job.run, log, job.revision)
-        self._storage.write_array(self.moves[log], motions)
-        self.names[log] = index_name(job.run, log, job.revision)
-        self._storage.write(self.names[log], index.as_bytes())
-
-    def _scan(self, log: str, index: ScanIndex, number: int, matrix: Any) -> None:
-        before = index.scans[number]
-        at = (before.batch, before.position, before.row)
-        scan = self._original.get(log, number, *at, before.beams)
-        there = indexed(self._job, moved(scan, matrix), before.time, at)
-        index.scans[number] = there
-        tiles = {*before.tiles, *there.tiles}
-        self.touched.update(block for block in self._blocks if any(tile in block for tile in tiles))
 
 
 @dataclass(frozen=True)
@@ -419,7 +294,7 @@ class _Run:
         storage.remove_folder(f"{job.run}/work")
         if before is not None and before.made_from.get("run", job.run) != job.run:
             storage.remove_folder(before.made_from["run"])
-        return _report(records, scans, indexes, at_engine, self.engine.workers)
+        return report_of(records, scans, indexes, at_engine, self.engine.workers)
 
     def _frame(self, scans: list[Any], blocks: list[dict[str, Any]]) -> bytes:
         """The file of an empty map that has grown as one of all scans, with its counters."""
@@ -445,36 +320,6 @@ def _kept(
         tile: entry for tile, entry in before.tiles.items() if not any(tile in block for block in touched)
     }
     return tiles, [one for one in before.made_from["blocks"] if Block.from_json(one["block"]) not in touched]
-
-
-#: Of a report, what is a sum over blocks, and what of their records.
-_SUMS = {
-    "block_beams": "beams", "bytes_read": "bytes_read", "written_bytes": "written_bytes",
-    "task_seconds": "seconds", "insert_seconds": "insert_seconds", "state_seconds": "state_seconds",
-    "store_seconds": "store_seconds", "cpu_seconds": "cpu_seconds",
-}  # fmt: skip
-
-
-def _report(
-    records: list[BlockRecord], scans: list[Any], indexes: list[ScanIndex], at_engine: float, workers: int
-) -> FleetReport:
-    sums = {name: sum(getattr(record, of) for record in records) for name, of in _SUMS.items()}
-    return FleetReport(
-        scans=len(scans),
-        beams=sum(scan.beams for _, scan in scans),
-        refused=sum(index.refused for index in indexes),
-        ignored=sum(index.ignored for index in indexes),
-        tiles=sum(len(record.entries) for record in records),
-        blocks=len(records),
-        scan_bytes=sum(index.stored_bytes for index in indexes),
-        engine_seconds=max(0.0, at_engine - sums["task_seconds"]),
-        peak_memory=max((record.peak_memory for record in records), default=0),
-        longest_block_seconds=max((record.seconds for record in records), default=0.0),
-        workers=workers,
-        records=records,
-        **dict.fromkeys(("seconds", "start_seconds", "prepare_seconds"), 0.0),
-        **sums,
-    )
 
 
 def _begin(storage: Storage, job: Job, more: dict[str, Any]) -> None:
@@ -519,9 +364,3 @@ def _dim_of(source: Any) -> int:
             raise ValueError("the first log: no scans, expected at least one")
         dim = first.dim
     return int(dim)
-
-
-def _motions(storage: Storage, name: str | None, scans: int, dim: int) -> Any:
-    if name is None:
-        return np.broadcast_to(np.eye(dim + 1), (scans, dim + 1, dim + 1)).copy()
-    return np.array(storage.array(name))
