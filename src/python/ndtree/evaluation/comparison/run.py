@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from typing import Any
 
@@ -41,10 +41,6 @@ def compare(
     log: Log | Iterable[Scan],
     maps: Maps | None = None,
     *,
-    held_out: int = 10,
-    max_range: float = math.inf,
-    no_return: str = AUTO,
-    repeat: int = 1,
     progress: Progress | None = None,
     calibration: bool = False,
     certify: bool = False,
@@ -61,15 +57,6 @@ def compare(
         "octomap-scan" (updated once a scan), with @ and a cell size [m] where it is not the common one, as
         in "fixed@0.1". A mapping has own names with functions that make the maps. Left out: adaptive, fixed
         and, where there is one, OctoMap.
-    held_out : int
-        Each held_out-th scan is not mapped, and tells how true the maps are; 0 maps all.
-    max_range : float
-        Longer beams are free up to there and have no end point [m].
-    no_return : str
-        What a beam without return says: "free", that space is free up to its end point; "ignore", nothing;
-        "auto": what `ndtree.evaluation.no_returns.judge` finds.
-    repeat : int
-        How often each map is made, in turns, for the times. Updates and cells do not depend on it.
     progress : callable, optional
         Called as ``progress(what, done, total)`` with numbers of scans.
     calibration : bool
@@ -80,7 +67,9 @@ def compare(
         Whether to bound the share of what each map calls free that is occupied: "certificate", see
         `OccupancyMap.certify`.
     **options
-        As in `AdaptiveMap`; each map gets those that it knows.
+        As in `AdaptiveMap`; each map gets those that it knows. And the fields of `Turns`: ``held_out=10``,
+        each held_out-th scan is not mapped, and tells how true the maps are, 0 maps all; ``max_range`` [m];
+        ``no_return="auto"``, or "free" or "ignore"; ``repeat=1``, how often each map is made, for the times.
 
     Returns
     -------
@@ -106,14 +95,27 @@ def compare(
     ValueError
         If an option is out of its limits, or the log is damaged or empty.
     """
-    turns = Turns(held_out, max_range, no_return, repeat)
+    turns = Turns(**{one.name: options.pop(one.name) for one in fields(Turns) if one.name in options})
     trial = map_in_turns(log, maps, turns, progress=progress, **options)
     return trial.judged(progress, calibration=calibration, certify=certify)
 
 
 @dataclass(frozen=True)
 class Turns:
-    """How maps are made in turns: as of `compare`."""
+    """How maps are made in turns.
+
+    Attributes
+    ----------
+    held_out : int
+        Each held_out-th scan is not mapped, and tells how true the maps are; 0 maps all.
+    max_range : float
+        Longer beams are free up to there and have no end point [m].
+    no_return : str
+        What a beam without return says: "free", that space is free up to its end point; "ignore", nothing;
+        "auto": what `ndtree.evaluation.no_returns.judge` finds.
+    repeat : int
+        How often each map is made, in turns, for the times. Updates and cells do not depend on it.
+    """
 
     held_out: int = 10
     max_range: float = math.inf
