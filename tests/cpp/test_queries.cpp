@@ -399,23 +399,5 @@ TEST(Queries, BadRaysAreRefused) {
   EXPECT_EQ(cases, 8);
 }
 
-TEST(Queries, OccupiedWithinByHand) {
-  const auto map = map_of_one_wall();
-  struct Row {
-    Vector<2> point;
-    double radius;
-    bool occupied;
-  };
-  const Row rows[] = {{{1.5, 0.5}, 0.0, true},  {{1.0, 0.0}, 0.0, true},    {{2.0, 1.0}, 0.0, true},
-                      {{0.5, 0.5}, 0.5, true},  {{0.5, 0.5}, 0.499, false}, {{5.0, 5.0}, 5.0, true},
-                      {{5.0, 5.0}, 4.99, false}};  // The corner (2, 1) is 3 and 4 away.
-  int cases = 0;
-  for (const Row& row : rows) {
-    EXPECT_EQ(occupied_within(map, row.point, row.radius), row.occupied) << row.point.transpose();
-    ++cases;
-  }
-  EXPECT_EQ(cases, 7);
-}
-
 }  // namespace
 }  // namespace ndtree::test::test_queries
