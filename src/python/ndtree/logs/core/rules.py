@@ -59,38 +59,48 @@ class Decision:
 Floats = NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
 class Selection:
-    """Which scans of a log, and what of them; see `Log.select` for the parameters."""
+    """Which scans of a log of a dimension, and what of them; see `Log.select` for the parameters."""
 
-    def __init__(
-        self,
-        dim: int,
-        *,
-        every: int = 1,
-        start: float | None = None,
-        stop: float | None = None,
-        min_range: float = 0.0,
-        stride: int = 1,
-        box: tuple[ArrayLike, ArrayLike] | None = None,
-        origin: ArrayLike | None = None,
-    ) -> None:
-        for name, value in (("every", every), ("stride", stride)):
+    dim: int
+    every: int = 1
+    start: float | None = None
+    stop: float | None = None
+    min_range: float = 0.0
+    stride: int = 1
+    box: tuple[ArrayLike, ArrayLike] | None = None
+    origin: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in (("every", self.every), ("stride", self.stride)):
             if value != int(value) or value < 1:
                 raise WrongValue.of(name, value, "a whole number >= 1")
-        self.every, self._stride = int(every), int(stride)
-        if not 0 <= min_range < math.inf:
-            raise WrongValue.of("min_range", f"{min_range:g} m", ">= 0 and finite")
-        self._min_range = float(min_range)
-        self.is_timed = start is not None or stop is not None
-        self.start = 0.0 if start is None else float(start)
-        self.stop = math.inf if stop is None else float(stop)
-        if not 0 <= self.start < self.stop:
+        if not 0 <= self.min_range < math.inf:
+            raise WrongValue.of("min_range", f"{self.min_range:g} m", ">= 0 and finite")
+        start, stop = self.times
+        if not 0 <= start < stop:
             raise WrongValue(
-                f"{key('start')} = {self.start:g} s, {key('stop')} = {self.stop:g} s: must be 0 <= "
+                f"{key('start')} = {start:g} s, {key('stop')} = {stop:g} s: must be 0 <= "
                 f"{key('start')} < {key('stop')}"
             )
-        self._box = None if box is None else _box(box, dim)
-        self._origin = None if origin is None else _point("origin", origin, dim)
+        if self.box is not None:
+            object.__setattr__(self, "box", _box(self.box, self.dim))
+        if self.origin is not None:
+            object.__setattr__(self, "origin", _point("origin", self.origin, self.dim))
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether it asks when scans were measured."""
+        return self.start is not None or self.stop is not None
+
+    @property
+    def times(self) -> tuple[float, float]:
+        """Of the scans, [start, stop) since the first [s]."""
+        return (
+            0.0 if self.start is None else float(self.start),
+            math.inf if self.stop is None else float(self.stop),
+        )
 
     def of(self, scans: Iterable[Scan], name: str) -> Iterator[Scan]:
         """The part of some scans, read as they are asked for; `name` is how errors call their log."""
@@ -104,16 +114,16 @@ class Selection:
 
     def cut(self, scan: Scan) -> Scan:
         """What of one scan is used, wherever it stands among the others."""
-        if self._origin is not None:
+        if self.origin is not None:
             # In double precision whatever the log has: far-away coordinates lose nothing more than they have.
-            ends = scan.endpoints.astype(np.float64) - self._origin
-            scan = replace(scan, endpoints=ends, origin=scan.origin.astype(np.float64) - self._origin)
-        if self._stride > 1:
-            scan = scan.only(slice(None, None, self._stride))
-        if self._min_range > 0 and not scan.points_only:
+            ends = scan.endpoints.astype(np.float64) - self.origin
+            scan = replace(scan, endpoints=ends, origin=scan.origin.astype(np.float64) - self.origin)
+        if self.stride > 1:
+            scan = scan.only(slice(None, None, int(self.stride)))
+        if self.min_range > 0 and not scan.points_only:
             length = np.linalg.norm(scan.endpoints - scan.origin, axis=1)
-            scan = scan.only(~(length < self._min_range))
-        return scan if self._box is None else _cropped(scan, *self._box)
+            scan = scan.only(~(length < self.min_range))
+        return scan if self.box is None else _cropped(scan, *self.box)
 
 
 class OneByOne:
@@ -133,6 +143,7 @@ class OneByOne:
     def part(self, scan: Scan) -> Scan | None:
         """What of the next scan is used; None for nothing."""
         selection = self._selection
+        start, stop = selection.times
         if self._seen == 0:
             self._first = scan.stamp
         elif self._seen == 1 and selection.is_timed and self._first == scan.stamp == 0.0:
@@ -141,11 +152,11 @@ class OneByOne:
             )
         self._seen += 1
         after = scan.stamp - self._first
-        self.is_over = self.is_over or after >= selection.stop
-        if self.is_over or not after >= selection.start:
+        self.is_over = self.is_over or after >= stop
+        if self.is_over or not after >= start:
             return None
         self._number += 1
-        return selection.cut(scan) if (self._number - 1) % selection.every == 0 else None
+        return selection.cut(scan) if (self._number - 1) % int(selection.every) == 0 else None
 
 
 def _cropped(scan: Scan, lower: Floats, upper: Floats) -> Scan:

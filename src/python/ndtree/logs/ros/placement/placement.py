@@ -84,16 +84,24 @@ def placed(path: str, survey: Survey, topic: Topic, asked: BagOptions, others: d
     `others`: Topics with poses that the bag has and their types, for errors.
     Raises ValueError if there is none: which frames there are, and what to say.
     """
-    own = survey.seen[topic.name].frame
-    frame = plain(asked.sensor_frame) if asked.sensor_frame is not None else own
+    frame = _frame_of(survey, topic, asked)
     if asked.still:
         return _still(path, survey, topic.name, frame, asked)
-    may_be_registered = topic.type in CLOUDS and asked.mount is None and asked.sensor_frame is None
-    if may_be_registered and any(row.parent == frame != row.child for row in survey.poses[:1]):
+    if _may_be_registered(topic, asked) and any(row.parent == frame != row.child for row in survey.poses[:1]):
         return _registered(path, survey, topic.name, frame, asked)
     if asked.trajectory is not None or asked.poses is not None:
         return _by_poses(path, survey, topic.name, frame, asked)
-    return _by_transforms(path, survey, topic.name, frame, asked, others, may_be_registered)
+    return _by_transforms(path, survey, topic, asked, others)
+
+
+def _frame_of(survey: Survey, topic: Topic, asked: BagOptions) -> str:
+    """The sensor's."""
+    return survey.seen[topic.name].frame if asked.sensor_frame is None else plain(asked.sensor_frame)
+
+
+def _may_be_registered(topic: Topic, asked: BagOptions) -> bool:
+    """Whether points may be in the fixed frame already."""
+    return topic.type in CLOUDS and asked.mount is None and asked.sensor_frame is None
 
 
 def _still(path: str, survey: Survey, topic: str, frame: str, asked: BagOptions) -> Placement:
@@ -194,25 +202,20 @@ def _add_poses(path: str, tree: TransformTree, rows: list[PoseRow], body: str, t
 
 
 def _by_transforms(
-    path: str,
-    survey: Survey,
-    topic: str,
-    frame: str,
-    asked: BagOptions,
-    others: dict[str, str],
-    may_be_registered: bool,
+    path: str, survey: Survey, topic: Topic, asked: BagOptions, others: dict[str, str]
 ) -> Placement:
-    tree, sensor = survey.tree_of(topic, frame), frame
+    frame = _frame_of(survey, topic, asked)
+    tree, sensor = survey.tree_of(topic.name, frame), frame
     if asked.mount is not None and tree.frames():
         base = _base(path, tree, asked)
         sensor = _mounted(frame)
         tree.add_fixed(base, sensor, mount_of(asked.mount))
     connected = tree.connected(sensor)
     if len(connected) == 1:
-        raise NowhereKnown(unconnected(path, tree, topic, frame, others))
-    stamps = np.array(survey.seen[topic].own_stamps)
+        raise NowhereKnown(unconnected(path, tree, topic.name, frame, others))
+    stamps = np.array(survey.seen[topic.name].own_stamps)
     notes: tuple[str, ...] = ()
-    observer = observer_of(tree, frame, asked.base_frame) if may_be_registered else None
+    observer = observer_of(tree, frame, asked.base_frame) if _may_be_registered(topic, asked) else None
     if asked.base_frame is not None and asked.mount is None and plain(asked.base_frame) != observer:
         below = "" if observer is None else f", or it as one of {listed(tree.below(frame))}"
         raise WrongValue(
@@ -221,7 +224,9 @@ def _by_transforms(
         )
     if observer is not None:
         fixed = _fixed_frame(path, tree, observer, asked.fixed_frame, stamps, others)
-        return Placement(tree, fixed, frame, False, TRANSFORMS, (_said(topic, frame, observer),), observer)
+        return Placement(
+            tree, fixed, frame, False, TRANSFORMS, (_said(topic.name, frame, observer),), observer
+        )
     fixed = _fixed_frame(path, tree, sensor, asked.fixed_frame, stamps, others)
     if _share_known(tree, fixed, sensor, stamps) < ENOUGH:
         # Transforms that were said only once in a while, though nothing moves in them.
