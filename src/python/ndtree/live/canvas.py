@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pixels of a plane as far as something is known of them, and the part of them that has changed."""
+"""Pixels of a plane around what a map has observed, and the part of them that has changed."""
 
 from __future__ import annotations
 

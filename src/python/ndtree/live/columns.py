@@ -98,7 +98,7 @@ class Counts:
         return 0
 
     def begin(self, rows: int, columns: int) -> None:
-        """Begin with a grid of which nothing is known."""
+        """Begin with a grid that is all unknown."""
         self._counts = np.zeros((2, rows, columns), dtype=np.int32)
 
     def grow(self, around: tuple[tuple[int, int], tuple[int, int]]) -> None:

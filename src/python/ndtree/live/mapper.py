@@ -53,8 +53,6 @@ class LiveMapper:
 
     Attributes
     ----------
-    intake : Intake
-        That it was made with.
     figures : LiveFigures
         What became of measurements.
     failures : dict of str to str
@@ -162,10 +160,7 @@ class LiveMapper:
     def locked(self) -> Iterator[OccupancyMap]:
         """The map itself, which does not change meanwhile but by who holds it.
 
-        Raises
-        ------
-        RuntimeError
-            If there is none yet, or it follows corrections.
+        RuntimeError if there is none yet, or it follows corrections.
         """
         with self._target.changed() as m:
             yield m
@@ -191,10 +186,9 @@ class LiveMapper:
             while self._step():
                 pass
             self._target.settle()
+            self._feed.end()
         except BaseException as error:  # It is raised by put() and close().
             self._feed.end(error)
-        else:
-            self._feed.end()
 
     def _step(self) -> bool:
         """Wait for something to do, and do it; False at the end."""

@@ -31,49 +31,22 @@ _EXCLUDES = {
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """How a live map is made, as far as a `Config` does not say it; checked as it is made.
+    """How a live map is made, as far as a `Config` does not say it; WrongOption if two do not go together."""
 
-    Attributes
-    ----------
-    look, queue, patience, threads
-        As of `MessagesIntake` and `LiveSettings`.
-    window, fade : float, optional
-        Of a `Window` [m], and of `Fading` [s].
-    follow, follow_frame : str
-        As `follow` and `body` of `MessagesIntake`.
-    follow_memory : float
-        Of scans that can move [MiB].
-    slam : bool
-        Poses are found.
-    localize : path, optional
-        A map that the sensor is found in; nothing is mapped.
-    initial_pose : str
-        X,Y,YAW of the sensor in a saved map; else it is looked for.
-    resume : path, optional
-        A map that is gone on with.
-    fixed : bool
-        All cells have one size.
-
-    Raises
-    ------
-    WrongOption
-        If two do not go together.
-    """
-
-    look: float = LOOK
-    queue: int = QUEUE
+    look: float = LOOK  # As of `MessagesIntake` [s].
+    queue: int = QUEUE  # As of `LiveSettings`, ...
     patience: float = PATIENCE
     threads: int = 0
-    window: float | None = None
-    fade: float | None = None
-    follow: str = ""
+    window: float | None = None  # Of a `Window` [m].
+    fade: float | None = None  # Of `Fading` [s].
+    follow: str = ""  # As of `MessagesIntake`; the frame is its `body`.
     follow_frame: str = ""
-    follow_memory: float = MEMORY / 2**20
-    slam: bool = False
-    localize: str | os.PathLike[str] | None = None
-    initial_pose: str = ""
-    resume: str | os.PathLike[str] | None = None
-    fixed: bool = False
+    follow_memory: float = MEMORY / 2**20  # Of scans that can move [MiB].
+    slam: bool = False  # Poses are found.
+    localize: str | os.PathLike[str] | None = None  # A map that the sensor is found in; nothing is mapped.
+    initial_pose: str = ""  # X,Y,YAW of the sensor in a saved map; else it is looked for.
+    resume: str | os.PathLike[str] | None = None  # A map that is gone on with.
+    fixed: bool = False  # All cells have one size.
 
     def __post_init__(self) -> None:
         for way, (others, why) in _EXCLUDES.items():

@@ -2,33 +2,26 @@
 """``ndtree live``: a recording is mapped as on a robot, message by message as they come."""
 
 import sys
-import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Optional
 
 from ndtree.alignment.aligning import moves
-from ndtree.alignment.writing import is_trajectory
 from ndtree.base.exit_status import WrongCall
-from ndtree.base.files import replaced
-from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.figures import map_figures, print_map
 from ndtree.cli.commands.flags import flag_of, map_options, require_taken, takes
+from ndtree.cli.commands.live_reports import Page, line, report, report_places
 from ndtree.cli.commands.logs import inspected, load_map, made, open_log
-from ndtree.cli.commands.messages import in_words
 from ndtree.cli.commands.options import Json, LogArgument, Port, World, flag
-from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.shows import FoxgloveOption, RerunOption, foxglove_sink, rerun_sink, wait_at
 from ndtree.live import (
     Intake,
     LiveMapper,
     LiveSettings,
     Localization,
-    Localizer,
     MessagesIntake,
     Saver,
     ScansIntake,
@@ -37,7 +30,6 @@ from ndtree.live import (
     play,
 )
 from ndtree.live.corrections import MEMORY
-from ndtree.live.localizing import quaternion_of
 from ndtree.live.messages import LOOK, NOT_SELECTED
 from ndtree.live.options import LiveOptions
 from ndtree.live.playing import messages_of, scans_of
@@ -51,9 +43,6 @@ from ndtree.logs.ros.messages.beams import short
 from ndtree.logs.ros.options import listed
 from ndtree.logs.ros.survey import PATH
 from ndtree.tuning.config import Config
-
-#: How often a page is drawn anew, and a line on a terminal [s].
-PAGE, LINE = 0.5, 0.5
 
 
 @dataclass(frozen=True)
@@ -139,7 +128,7 @@ def live(call: _Call, given: Any = None) -> None:
         items = run.prepared(stack)
         begin = time.perf_counter()
         try:
-            with run.mapper, _line(run.mapper):
+            with run.mapper, line(run.mapper):
                 play(items, run.mapper, rate=call.rate)
         except KeyboardInterrupt:
             run.mapper.close()
@@ -184,7 +173,7 @@ class _Run:
             made(lambda: self._given.new_map(self._given.get("dim", 2)))
         self._found: list[Localization] = []
         self._how = LiveSettings()
-        self._page: Optional[_Page] = None
+        self._page: Optional[Page] = None
         self._server: Any = None
 
     def prepared(self, stack: ExitStack) -> Iterator[tuple[Any, float]]:
@@ -215,7 +204,7 @@ class _Run:
         """What shows the map while it grows."""
         call = self._call
         served = [_served(call.serve, stack)] if call.serve is not None else []
-        self._page = _Page(call.port) if call.watch else None
+        self._page = Page(call.port) if call.watch else None
         if call.foxglove is not None:
             self._server = foxglove_sink(call.foxglove, lambda: _frame(intake), way, stack)
         recorded = rerun_sink(call.rerun, way, stack) if call.rerun is not None else None
@@ -230,9 +219,9 @@ class _Run:
         name = str(call.log or f"world {call.world and call.world.value}")
         slam = self._how.slam
         if self._how.localizer is not None:
-            _report_places(mapper, self._how.localizer, self._found, call, name)
+            report_places(mapper, self._how.localizer, self._found, (call.output, call.json_file), name)
         else:
-            _report(mapper, seconds, call, name, None if slam is None else slam.figures())
+            report(mapper, seconds, (call.output, call.json_file), name, slam)
             if slam is not None and call.output is not None:
                 mapper.session().save(scans_beside(call.output))
         if self._page is not None:
@@ -282,119 +271,3 @@ def _served(serve: str, stack: ExitStack) -> MapServer:
 def _frame(intake: Intake) -> str:
     log = intake.log if isinstance(intake, MessagesIntake) else None
     return "map" if log is None else log.fixed_frame
-
-
-class _Page:
-    """A page of the map as it grows, as a sink."""
-
-    period = PAGE
-
-    def __init__(self, port: Optional[int]) -> None:
-        from ndtree.viewer import PORT, Viewer
-
-        self._viewer = Viewer(port=PORT if port is None else port)
-        print(f"{self._viewer.url} shows the map as it grows", file=sys.stderr, flush=True)
-
-    def update(self, m: Any, stamp: float) -> None:
-        if m.stats().observed_leaves:
-            self._viewer.show(m)
-
-    def stay(self) -> None:
-        """Until the user interrupts."""
-        print(f"{self._viewer.url} until Ctrl-C", file=sys.stderr, flush=True)
-        self._viewer.wait()
-        self._viewer.close()
-
-
-@contextmanager
-def _line(mapper: LiveMapper) -> Iterator[None]:
-    """One line on a terminal that says what becomes of the scans."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    ended = threading.Event()
-
-    def run() -> None:
-        while not ended.wait(LINE):
-            said = in_words(mapper.undecided) or mapper.figures.summary()
-            print(f"\r\x1b[2K{said[:110]}", end="", file=sys.stderr, flush=True)
-
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
-        print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
-
-
-def _report_places(
-    mapper: LiveMapper,
-    localizer: Localizer,
-    found: list[Localization],
-    call: _Call,
-    name: str,
-) -> None:
-    """What was found, as a trajectory and in a line."""
-    figures, output = mapper.figures, call.output
-    if not found:
-        raise ValueError(f"{name}: no scan could be looked for: {figures.summary()}")
-    known = [one for one in found if not one.is_lost]
-    if output is not None:
-        with replaced(output, is_trajectory) as written, open(written, "w", encoding="ascii") as file:
-            for one in known:
-                numbers = (one.body[0, 2], one.body[1, 2], 0.0, *quaternion_of(one.body))
-                file.write(f"{one.stamp:.9f} {' '.join(f'{x:.9g}' for x in numbers)}\n")
-    if not is_stdout(call.json_file):
-        print(f"{name}: {figures.summary()}")
-        for line in mapper.intake.said():
-            print(f"  {in_words(line)}")
-        lost = f"lost {number_of(localizer.times_lost, 'time')}" if localizer.times_lost else "never lost"
-        print(
-            f"{len(known)} of {len(found)} scans localized, {lost}; from arrival to "
-            f"pose: {1e3 * figures.delay(0.5):.1f} ms, 99 % within {1e3 * figures.delay(0.99):.1f} ms"
-            + (f"; wrote {output}" if output else "")
-        )
-    write_json(
-        {
-            "log": name,
-            "live": figures.as_dict(),
-            "found": len(known),
-            "times_lost": localizer.times_lost,
-            "is_lost": localizer.is_lost,
-        },
-        call.json_file,
-    )
-
-
-def _report(
-    mapper: LiveMapper,
-    seconds: float,
-    call: _Call,
-    name: str,
-    slam: Optional[dict[str, Any]],
-) -> None:
-    figures, output = mapper.figures, call.output
-    if not figures.mapped:
-        raise ValueError(f"{name}: nothing was mapped: {figures.summary()}")
-    m = mapper.snapshot()
-    if output is not None:
-        m.save(output)
-    of_map = map_figures(m)
-    if not is_stdout(call.json_file):
-        print(f"{name}: {figures.summary()}")
-        for line in mapper.intake.said():
-            print(f"  {in_words(line)}")
-        if slam is not None:
-            print(f"  poses are {slam['verdict']}" + "".join(f"; {one}" for one in slam["doubts"]))
-        print_map(of_map)
-        median, late = (1e3 * figures.delay(q) for q in (0.5, 0.99))
-        print(
-            f"{seconds:.3f} s, of which {figures.insert_seconds:.3f} s inserting; from arrival to map: "
-            f"{median:.1f} ms, 99 % within {late:.1f} ms" + (f"; wrote {output}" if output else "")
-        )
-    for sink, error in mapper.failures.items():
-        print(f"ndtree: {sink}: {error}", file=sys.stderr)
-    said = {} if slam is None else {"slam": slam}
-    write_json({"log": name, "seconds": seconds, "live": figures.as_dict(), **said, **of_map}, call.json_file)

@@ -178,9 +178,10 @@ def frontier_message(poses: Sequence[FrontierPose], frame: str, stamp: float) ->
 
 
 def octomap_message(
-    kind: Any, name: str, resolution: float, nodes: bytes, frame: str, stamp: float, *, binary: bool
+    kind: Any, content: tuple[str, float, bytes], frame: str, stamp: float, *, binary: bool
 ) -> Any:
-    """An octomap_msgs/Octomap."""
+    """An octomap_msgs/Octomap of what `octomap_nodes` has."""
+    name, resolution, nodes = content
     return _of_numbers(kind)(
         header=header(frame, stamp),
         binary=binary,

@@ -273,4 +273,4 @@ class OctomapSink(NodeSink):
     def message(self, m: OccupancyMap, stamp: float, *, binary: bool) -> Any:
         """A 3-D map as an Octomap."""
         found = octomap_nodes(m, self._node.value("octomap_cell_size") or None, binary=binary)
-        return octomap_message(self._kind, *found, self._frame(), stamp, binary=binary)
+        return octomap_message(self._kind, found, self._frame(), stamp, binary=binary)

@@ -10,7 +10,7 @@ from typing import Any
 
 from ndtree._errors import WrongValue, key
 from ndtree._native._core import OccupancyMap
-from ndtree.maps.writers import arrays, map_server, mesh, octomap, pcd, ply, rosbag, vtu
+from ndtree.maps.writers import arrays, map_server, mesh, pcd, ply, rosbag, vtu
 from ndtree.maps.writers.cells import STATES
 
 __all__ = ["FORMATS", "OPTIONS", "STATES", "MapFormat", "format_of", "write"]
@@ -39,10 +39,14 @@ def _save(m: OccupancyMap, path: Path) -> None:
     m.save(path)
 
 
+def _octomap(m: OccupancyMap, path: Path, *, cell_size: float | None = None) -> None:
+    m.save_octomap(path, cell_size=cell_size)
+
+
 #: Of several formats with one ending, the first is chosen unless another is named.
 FORMATS = (
     MapFormat("ndtree", (".ndt",), (), _save),
-    MapFormat("octomap", (".bt", ".ot"), ("cell_size",), octomap.write),
+    MapFormat("octomap", (".bt", ".ot"), ("cell_size",), _octomap),
     MapFormat(
         "map_server", (".yaml", ".pgm", ".png"), ("cell_size", "height", "wall_depth"), map_server.write
     ),

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What ``ndtree live`` says of its map, while it grows and in the end."""
+
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Optional
+
+from ndtree.alignment.writing import is_trajectory
+from ndtree.base.files import replaced
+from ndtree.base.words import number_of
+from ndtree.cli.commands.figures import map_figures, print_map
+from ndtree.cli.commands.messages import in_words
+from ndtree.cli.commands.output import is_stdout, write_json
+from ndtree.live import LiveMapper, Localization, Localizer, Slam
+from ndtree.live.localizing import quaternion_of
+
+#: How often a page is drawn anew, and a line on a terminal [s].
+PAGE, LINE = 0.5, 0.5
+#: Where the map or the trajectory goes, and the figures.
+Files = tuple[Optional[Path], Optional[Path]]
+
+
+class Page:
+    """A page of the map as it grows, as a sink."""
+
+    period = PAGE
+
+    def __init__(self, port: Optional[int]) -> None:
+        from ndtree.viewer import PORT, Viewer
+
+        self._viewer = Viewer(port=PORT if port is None else port)
+        print(f"{self._viewer.url} shows the map as it grows", file=sys.stderr, flush=True)
+
+    def update(self, m: Any, stamp: float) -> None:
+        if m.stats().observed_leaves:
+            self._viewer.show(m)
+
+    def stay(self) -> None:
+        """Until the user interrupts."""
+        print(f"{self._viewer.url} until Ctrl-C", file=sys.stderr, flush=True)
+        self._viewer.wait()
+        self._viewer.close()
+
+
+@contextmanager
+def line(mapper: LiveMapper) -> Iterator[None]:
+    """One line on a terminal that says what becomes of the scans."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    ended = threading.Event()
+
+    def run() -> None:
+        while not ended.wait(LINE):
+            said = in_words(mapper.undecided) or mapper.figures.summary()
+            print(f"\r\x1b[2K{said[:110]}", end="", file=sys.stderr, flush=True)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
+
+
+def report_places(
+    mapper: LiveMapper,
+    localizer: Localizer,
+    found: list[Localization],
+    files: Files,
+    name: str,
+) -> None:
+    """What was found, as a trajectory and in a line."""
+    figures, (output, json_file) = mapper.figures, files
+    if not found:
+        raise ValueError(f"{name}: no scan could be looked for: {figures.summary()}")
+    known = [one for one in found if not one.is_lost]
+    if output is not None:
+        with replaced(output, is_trajectory) as written, open(written, "w", encoding="ascii") as file:
+            for one in known:
+                numbers = (one.body[0, 2], one.body[1, 2], 0.0, *quaternion_of(one.body))
+                file.write(f"{one.stamp:.9f} {' '.join(f'{x:.9g}' for x in numbers)}\n")
+    if not is_stdout(json_file):
+        print(f"{name}: {figures.summary()}")
+        for line in mapper.intake.said():
+            print(f"  {in_words(line)}")
+        lost = f"lost {number_of(localizer.times_lost, 'time')}" if localizer.times_lost else "never lost"
+        print(
+            f"{len(known)} of {len(found)} scans localized, {lost}; from arrival to "
+            f"pose: {1e3 * figures.delay(0.5):.1f} ms, 99 % within {1e3 * figures.delay(0.99):.1f} ms"
+            + (f"; wrote {output}" if output else "")
+        )
+    write_json(
+        {
+            "log": name,
+            "live": figures.as_dict(),
+            "found": len(known),
+            "times_lost": localizer.times_lost,
+            "is_lost": localizer.is_lost,
+        },
+        json_file,
+    )
+
+
+def report(
+    mapper: LiveMapper,
+    seconds: float,
+    files: Files,
+    name: str,
+    slam: Optional[Slam],
+) -> None:
+    """What was mapped, into a file and in some lines."""
+    figures, (output, json_file) = mapper.figures, files
+    if not figures.mapped:
+        raise ValueError(f"{name}: nothing was mapped: {figures.summary()}")
+    m = mapper.snapshot()
+    if output is not None:
+        m.save(output)
+    of_map, poses = map_figures(m), None if slam is None else slam.figures()
+    if not is_stdout(json_file):
+        print(f"{name}: {figures.summary()}")
+        for line in mapper.intake.said():
+            print(f"  {in_words(line)}")
+        if poses is not None:
+            print(f"  poses are {poses['verdict']}" + "".join(f"; {one}" for one in poses["doubts"]))
+        print_map(of_map)
+        median, late = (1e3 * figures.delay(q) for q in (0.5, 0.99))
+        print(
+            f"{seconds:.3f} s, of which {figures.insert_seconds:.3f} s inserting; from arrival to map: "
+            f"{median:.1f} ms, 99 % within {late:.1f} ms" + (f"; wrote {output}" if output else "")
+        )
+    for sink, error in mapper.failures.items():
+        print(f"ndtree: {sink}: {error}", file=sys.stderr)
+    said = {} if poses is None else {"slam": poses}
+    write_json({"log": name, "seconds": seconds, "live": figures.as_dict(), **said, **of_map}, json_file)
