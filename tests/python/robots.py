@@ -6,8 +6,9 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,68 @@ def grid_like(arrays: Any, m: Any, **options: Any) -> tuple[np.ndarray, np.ndarr
     expected = np.full_like(grid, -1)
     expected[row : row + image.shape[0], column : column + image.shape[1]] = image
     return grid, expected
+
+
+def check_office(received: Any, m: Any) -> None:
+    """What a receiver has of the office is the map."""
+    assert received.map == m.to_bytes()
+    grid, expected = received.grid_like(m)
+    assert np.array_equal(grid, expected) and np.count_nonzero(grid == 100) > 500
+    assert received.text["counts"]["map_updates"] > 0 and received.text["counts"]["map"] > 0
+    occupied = m.leaves(states=["occupied"])
+    order = np.lexsort(occupied.center.T)
+    points, boxes = received.arrays["points"], received.arrays["boxes"]
+    assert np.allclose(points[np.lexsort(points[:, :2].T), :2], occupied.center[order], atol=1e-5)
+    assert np.allclose(np.sort(points[:, 3]), np.sort(occupied.size))
+    assert len(boxes) == len(occupied) and np.allclose(np.sort(boxes[:, 3]), np.sort(occupied.size))
+    frontiers = np.array([one.goal for one in m.frontiers()])
+    found = received.arrays["frontiers"]  # Of those of one size the order may be another one.
+    assert np.allclose(*(rows[np.lexsort(np.round(rows, 6).T)] for rows in (found, frontiers)), atol=1e-6)
+    assert received.text["diagnostics"]["mapped"] == "120" and received.text["frame"] == "map"
+
+
+def check_services(said: Any, file: Path) -> None:
+    """What a client was answered."""
+    assert "no map yet" in said["early save"]
+    assert said["save"] == [True, str(file)] and said["cleared"]
+    assert 300 < said["known"] - said["known around"] < 500  # 1 m square of pixels of 5 cm.
+    assert said["known without a box"] < said["known around"]
+    assert said["plans"] == [["odom", 0.8, 2.0], ["odom"]]
+    assert said["known after reset"] == 0
+    assert said["load"] == [0, 1, 2]
+    assert said["known after load"] == said["known"]
+
+
+class Processes:
+    """Processes that talk to each other; their output is in files of their names."""
+
+    def __init__(self, folder: Path, python: str, environment: Mapping[str, str]) -> None:
+        self.folder, self.python, self.environment = folder, python, {**environment, "PYTHONUNBUFFERED": "1"}
+
+    def running(
+        self, name: str, *words: object, python: str = ""
+    ) -> AbstractContextManager[subprocess.Popen[bytes]]:
+        command = [python or self.python, *map(str, words)]
+        return in_background(command, self.environment, self.folder / f"{name}.log")
+
+    def log(self, name: str = "node") -> str:
+        return "".join(one.read_text(errors="replace") for one in self.folder.glob(f"{name}*.log"))
+
+    def wait(self, happens: Callable[[], bool], process: subprocess.Popen[bytes], name: str = "node") -> None:
+        """Until something happens, as long as a process runs."""
+        deadline = time.monotonic() + PATIENCE
+        while not happens():
+            assert process.poll() is None and time.monotonic() < deadline, self.log(name)
+            time.sleep(0.02)
+
+    def ended(self, process: subprocess.Popen[bytes], name: str, node: subprocess.Popen[bytes]) -> None:
+        """Wait for the good end of a process, as long as the node runs."""
+        self.wait(lambda: process.poll() is not None, node)
+        assert process.returncode == 0, self.log(name) + self.log()
+
+    def interrupt(self, node: subprocess.Popen[bytes]) -> None:
+        node.send_signal(signal.SIGINT)
+        assert node.wait(PATIENCE) == 0, self.log()
 
 
 @contextmanager

@@ -13,14 +13,12 @@ import json
 import math
 import os
 import shutil
-import signal
 import socket
 import subprocess
 import sys
 import sysconfig
-import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 from xmlrpc.client import ServerProxy
@@ -31,7 +29,7 @@ import pytest
 pytest.importorskip("rosbags")
 
 from bags import write_bag
-from robots import PATIENCE, apartment, grid_like, in_background, mapped, office
+from robots import PATIENCE, Processes, apartment, check_office, check_services, grid_like, mapped, office
 from slams import bag_of, drifted, path_message
 from slams import office as driven
 
@@ -52,7 +50,6 @@ def environment() -> dict[str, str]:
     return {
         **kept,
         "PYTHONPATH": os.pathsep.join([*dict.fromkeys(own), "/usr/lib/python3/dist-packages"]),
-        "PYTHONUNBUFFERED": "1",
         "ROS_IP": "127.0.0.1",
     }
 
@@ -70,19 +67,15 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-class Robot:
-    """A master, and processes that know it; their output is in files of their names."""
+class Robot(Processes):
+    """A master, and processes that know it."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             self._port = probe.getsockname()[1]
-        self.environment = {
-            **environment(),
-            "ROS_MASTER_URI": f"http://127.0.0.1:{self._port}",
-            "ROS_HOME": str(folder),
-        }
+        own = {"ROS_MASTER_URI": f"http://127.0.0.1:{self._port}", "ROS_HOME": str(folder)}
+        super().__init__(folder, PYTHON, {**environment(), **own})
 
     @contextmanager
     def master(self) -> Iterator[None]:
@@ -94,12 +87,6 @@ class Robot:
     def _answers(self) -> bool:
         with socket.socket() as probe:
             return probe.connect_ex(("127.0.0.1", self._port)) == 0
-
-    def running(
-        self, name: str, *words: object, python: str = PYTHON
-    ) -> AbstractContextManager[subprocess.Popen[bytes]]:
-        command = [python, *map(str, words)]
-        return in_background(command, self.environment, self.folder / f"{name}.log")
 
     def parameter(self, name: str) -> Any:
         """Of the master's parameters."""
@@ -117,21 +104,6 @@ class Robot:
     def node(self, name: str = "node", **parameters: object) -> Any:
         words = [f"_{key}:={value}" for key, value in parameters.items()]
         return self.running(name, "-m", "ndtree.live.ros1", *words)
-
-    def log(self, name: str) -> str:
-        return (self.folder / f"{name}.log").read_text(errors="replace")
-
-    def wait(self, happens: Callable[[], bool], process: subprocess.Popen[bytes], name: str) -> None:
-        """Until something happens, as long as a process runs."""
-        deadline = time.monotonic() + PATIENCE
-        while not happens():
-            assert process.poll() is None and time.monotonic() < deadline, self.log(name)
-            time.sleep(0.02)
-
-    def ended(self, process: subprocess.Popen[bytes], name: str, node: subprocess.Popen[bytes]) -> None:
-        """Wait for the good end of a process, as long as the node runs."""
-        self.wait(lambda: process.poll() is not None, node, "node")
-        assert process.returncode == 0, self.log(name) + self.log("node")
 
 
 @pytest.fixture
@@ -155,8 +127,7 @@ class Received:
             words = PROCESSES / "publisher.py", bag, rate
             with robot.running("publisher", *words) as publisher:
                 robot.ended(publisher, "publisher", node)
-            node.send_signal(signal.SIGINT)
-            assert node.wait(PATIENCE) == 0, robot.log("node")
+            robot.interrupt(node)
             assert receiver.wait(PATIENCE) == 0, robot.log("receiver")
         self.map, self.arrays, self.log = target.read_bytes(), np.load(output), robot.log("node")
         self.text = json.loads(str(self.arrays["text"]))
@@ -186,21 +157,7 @@ def test_the_office_is_mapped_as_from_a_recording(robot: Robot, tmp_path: Path) 
     m = mapped(bag, range_sigma=0.02, no_return="free")
     assert "uses /scan (LaserScan in laser), poses in map from /tf" in received.log
     assert "120 scans received: 120 mapped, 0 dropped" in received.log
-    assert received.map == m.to_bytes()
-    grid, expected = received.grid_like(m)
-    assert np.array_equal(grid, expected) and np.count_nonzero(grid == 100) > 500
-    assert 0 < received.text["counts"]["map_updates"] and 0 < received.text["counts"]["map"]
-    occupied = m.leaves(states=["occupied"])
-    order = np.lexsort(occupied.center.T)
-    points = received.arrays["points"]
-    assert np.allclose(points[np.lexsort(points[:, :2].T), :2], occupied.center[order], atol=1e-5)
-    assert np.allclose(np.sort(points[:, 3]), np.sort(occupied.size))
-    boxes = received.arrays["boxes"]
-    assert len(boxes) == len(occupied) and np.allclose(np.sort(boxes[:, 3]), np.sort(occupied.size))
-    frontiers = np.array([one.goal for one in m.frontiers()])
-    found = received.arrays["frontiers"]  # Of those of one size the order may be another one.
-    assert np.allclose(*(rows[np.lexsort(np.round(rows, 6).T)] for rows in (found, frontiers)), atol=1e-6)
-    assert received.text["diagnostics"]["mapped"] == "120" and received.text["frame"] == "map"
+    check_office(received, m)
 
 
 def test_clouds_become_a_map_in_space_and_a_grid_of_a_band(robot: Robot, tmp_path: Path) -> None:
@@ -221,14 +178,7 @@ def test_services_and_parameters_that_change(robot: Robot, tmp_path: Path) -> No
         with robot.running("client", PROCESSES / "client.py", file) as client:
             robot.ended(client, "client", node)
     said = json.loads(robot.log("client").splitlines()[-1])
-    assert "no map yet" in said["early save"]
-    assert said["save"] == [True, str(file)] and said["cleared"]
-    assert 300 < said["known"] - said["known around"] < 500  # 1 m square of pixels of 5 cm.
-    assert said["known without a box"] < said["known around"]
-    assert said["plans"] == [["odom", 0.8, 2.0], ["odom"]]
-    assert said["known after reset"] == 0
-    assert said["load"] == [0, 1, 2]
-    assert said["known after load"] == said["known"]
+    check_services(said, file)
     assert said["changed"].startswith("within 0.75 m of ") and said["refused"] == said["changed"]
     assert said["warning"] == "~clear_radius = -1.0: must be from 0 to 1e+06; 0.75 holds"
 
@@ -281,8 +231,7 @@ def test_where_a_robot_is_is_told(robot: Robot, tmp_path: Path, how: str) -> Non
         node = stack.enter_context(robot.node(**given, diagnostics_period=0.1, patience=60.0))
         with robot.running("publisher", PROCESSES / "publisher.py", bag, 5.0) as publisher:
             robot.ended(publisher, "publisher", node)
-        node.send_signal(signal.SIGINT)
-        assert node.wait(PATIENCE) == 0, robot.log("node")
+        robot.interrupt(node)
         assert receiver.wait(PATIENCE) == 0, robot.log("places")
     said = json.loads(output.read_text())
     told = len(said["odometry"])

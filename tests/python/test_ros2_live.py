@@ -14,8 +14,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ pytest.importorskip("scipy")
 
 from bags import Messages, write_bag
 from drives import START
-from robots import PATIENCE, apartment, grid_like, in_background, mapped, office
+from robots import PATIENCE, Processes, apartment, check_office, check_services, grid_like, mapped, office
 from slams import bag_of, drifted, path_message
 from slams import office as driven
 from test_rosbag_clouds import START as CLOUDS_START
@@ -56,24 +55,35 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def running(folder: Path, name: str, *command: object) -> AbstractContextManager[subprocess.Popen[bytes]]:
-    environment = {
-        **os.environ,
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": DOMAIN,
-        "PYTHONUNBUFFERED": "1",
-        "FASTDDS_DEFAULT_PROFILES_FILE": str(PROCESSES / "patient.xml"),
-    }
-    return in_background([PYTHON, *map(str, command)], environment, folder / f"{name}.log")
+class Robot(Processes):
+    """As ROS 2 has them."""
+
+    def __init__(self, folder: Path) -> None:
+        own = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": DOMAIN}
+        own["FASTDDS_DEFAULT_PROFILES_FILE"] = str(PROCESSES / "patient.xml")
+        super().__init__(folder, PYTHON, {**os.environ, **own})
+        self.stop, self.file = folder / "stop", folder / "map.ndt"  # Of receivers, and of the node.
+
+    def script(self, name: str, *words: object, as_name: str = "") -> Any:
+        """One of the processes beside this file."""
+        return self.running(as_name or name, PROCESSES / f"{name}.py", *words)
+
+    def node(self, name: str = "node", **given: object) -> Any:
+        words = [word for key, value in given.items() for word in ("-p", f"{key}:={value}")]
+        return self.running(name, "-m", "ndtree.live.ros2", "--ros-args", *words)
+
+    def publish(self, bag: Path, rate: float, node: subprocess.Popen[bytes]) -> None:
+        with self.script("publisher", bag, rate, 1) as publisher:
+            self.ended(publisher, "publisher", node)
+
+    def end(self, receiver: subprocess.Popen[bytes], name: str = "receiver") -> None:
+        self.stop.touch()
+        assert receiver.wait(PATIENCE) == 0, self.log(name)
 
 
-def ended(process: subprocess.Popen[bytes], node: subprocess.Popen[bytes], log: Callable[[], str]) -> None:
-    """Wait for the end of a process, as long as the node runs."""
-    deadline = time.monotonic() + PATIENCE
-    while process.poll() is None:
-        assert node.poll() is None, log()
-        assert time.monotonic() < deadline, log()
-        time.sleep(0.05)
+@pytest.fixture
+def robot(tmp_path: Path) -> Robot:
+    return Robot(tmp_path)
 
 
 @dataclass
@@ -92,25 +102,14 @@ class Received:
 
 def published(bag: Path, folder: Path, rate: float, scans: int, **parameters: object) -> Received:
     """What a node makes of a bag that another process publishes, and a third one receives."""
-    stop, output, target = folder / "stop", folder / "out.npz", folder / "node.ndt"
+    robot, output, target = Robot(folder), folder / "out.npz", folder / "node.ndt"
     given = {"grid_stays": 0.0, **parameters, "reliable": "true", "queue": 5000, "patience": 120.0}
-    words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
-    ros = ["--ros-args", "-p", f"map_file:={target}", *words]
-
-    def log() -> str:
-        return (folder / "node.log").read_text(errors="replace")
-
-    with ExitStack() as stack:
-        receiver = stack.enter_context(running(folder, "receiver", PROCESSES / "receiver.py", output, stop))
-        node = stack.enter_context(running(folder, "node", "-m", "ndtree.live.ros2", *ros))
-        with running(folder, "publisher", PROCESSES / "publisher.py", bag, rate, 1) as publisher:
-            ended(publisher, node, log)
-        assert publisher.returncode == 0, (folder / "publisher.log").read_text()
-        node.send_signal(signal.SIGINT)
-        assert node.wait(PATIENCE) == 0, log()
-        stop.touch()
-        assert receiver.wait(PATIENCE) == 0, (folder / "receiver.log").read_text()
-    text = log()
+    with robot.script("receiver", output, robot.stop) as receiver:
+        with robot.node(map_file=target, **given) as node:
+            robot.publish(bag, rate, node)
+            robot.interrupt(node)
+        robot.end(receiver)
+    text = robot.log()
     assert f"{scans} scans received: " in text, text
     arrays = np.load(output)
     return Received(target.read_bytes(), arrays, json.loads(str(arrays["text"])), text)
@@ -121,23 +120,8 @@ def test_the_office_is_mapped_as_from_a_recording(tmp_path: Path) -> None:
     received = published(bag, tmp_path, 2.0, 120, range_sigma=0.02, no_return="free")
     m = mapped(bag, PYTHON, range_sigma=0.02, no_return="free")
     assert "120 mapped, 0 dropped" in received.log
-    assert received.map == m.to_bytes()
-    grid, expected = received.grid_like(m)
-    assert np.array_equal(grid, expected) and np.count_nonzero(grid == 100) > 500
-    counts = received.text["counts"]
-    assert 0 < counts["map_updates"] and 0 < counts["map"] < 40  # Fewer on a busy machine.
-    occupied = m.leaves(states=["occupied"])
-    order = np.lexsort(occupied.center.T)
-    points = received.arrays["points"]
-    assert np.allclose(points[np.lexsort(points[:, :2].T), :2], occupied.center[order], atol=1e-5)
-    assert np.allclose(np.sort(points[:, 3]), np.sort(occupied.size))
-    boxes = received.arrays["boxes"]
-    assert len(boxes) == len(occupied)
-    assert np.allclose(np.sort(boxes[:, 3]), np.sort(occupied.size))
-    frontiers = np.array([one.goal for one in m.frontiers()])
-    found = received.arrays["frontiers"]  # Of those of one size the order may be another one.
-    assert np.allclose(*(rows[np.lexsort(np.round(rows, 6).T)] for rows in (found, frontiers)), atol=1e-6)
-    assert received.text["diagnostics"]["mapped"] == "120" and received.text["frame"] == "map"
+    check_office(received, m)
+    assert received.text["counts"]["map"] < 40  # Fewer on a busy machine.
 
 
 def test_clouds_become_a_map_in_space_a_grid_of_a_band_and_octomaps(tmp_path: Path) -> None:
@@ -181,27 +165,18 @@ def octomap_of(m: Any, file: Path, **options: Any) -> bytes:
 
 
 @pytest.mark.skipif(not has_octomap_services(), reason="no services of octomap_msgs")
-def test_it_has_all_of_octomap_server(tmp_path: Path) -> None:
+def test_it_has_all_of_octomap_server(robot: Robot, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "apartment", *apartment("mcap", 6))
     changes: dict[str, Any] = {"range_sigma": 0.02, "min_cell_size": 0.1, "no_return": "free"}
     changes |= {"box": "-2,-2,-0.2,3,3,2.2", "stride": 2}
     of_node = {"octomap_cell_size": 0.2, "filter_speckles": "true", "reliable": "true", "patience": 120.0}
     of_node |= {"grid_layers": "['low:0.1,0.5', 'high:1.0,1.5']", "grid_low": 0.3, "grid_high": 1.5}
-    words = [word for name, value in {**changes, **of_node}.items() for word in ("-p", f"{name}:={value}")]
     output = tmp_path / "asked.npz"
-
-    def log() -> str:
-        return (tmp_path / "node.log").read_text(errors="replace")
-
-    with ExitStack() as stack:
-        node = stack.enter_context(running(tmp_path, "node", "-m", "ndtree.live.ros2", "--ros-args", *words))
-        asker = stack.enter_context(running(tmp_path, "asker", PROCESSES / "asker.py", 6, output))
-        with running(tmp_path, "publisher", PROCESSES / "publisher.py", bag, 1.0, 1) as publisher:
-            ended(publisher, node, log)
-        ended(asker, node, log)
-        assert asker.returncode == 0, (tmp_path / "asker.log").read_text() + log()
-        node.send_signal(signal.SIGINT)
-        assert node.wait(PATIENCE) == 0, log()
+    with robot.node(**{**changes, **of_node}) as node:
+        with robot.script("asker", 6, output) as asker:
+            robot.publish(bag, 1.0, node)
+            robot.ended(asker, "asker", node)
+        robot.interrupt(node)
     m, found = mapped(bag, PYTHON, **changes), np.load(output)
     assert (m.bounds()[1] < [3.7, 3.7, 2.7]).all()  # It ends inside of a cell.
     free, occupied = m.leaves(states=["free"]), m.leaves(states=["occupied"])
@@ -295,31 +270,21 @@ def test_a_robot_is_found_in_a_saved_map(tmp_path: Path) -> None:
 
 
 def places_of(
-    bag: Path, folder: Path, rate: float = 2.0, *, end: signal.Signals = signal.SIGINT, **given: object
+    bag: Path, folder: Path, *, end: signal.Signals = signal.SIGINT, **given: object
 ) -> tuple[Any, int, str]:
     """Where a node says that the robot was while a bag is published, its status, and what it says."""
-    given |= {"look": 0.5, "reliable": "true", "queue": 1000, "patience": 60.0}
-    words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
-    stop, output = folder / "stop", folder / "places.json"
-    stop.unlink(missing_ok=True)
-
-    def log() -> str:
-        return (folder / "node.log").read_text(errors="replace")
-
-    with ExitStack() as stack:
-        places = stack.enter_context(running(folder, "places", PROCESSES / "places.py", output, stop))
-        node = stack.enter_context(running(folder, "node", "-m", "ndtree.live.ros2", "--ros-args", *words))
-        with running(folder, "publisher", PROCESSES / "publisher.py", bag, rate, 1) as publisher:
-            ended(publisher, node, log)
-        assert publisher.returncode == 0, (folder / "publisher.log").read_text()
-        if end is signal.SIGKILL:  # As soon as it has saved what was published.
-            time.sleep(4.0)
-        node.send_signal(end)
-        status = node.wait(PATIENCE)
-        stop.touch()
-        assert places.wait(PATIENCE) == 0, (folder / "places.log").read_text()
-    assert end is signal.SIGKILL or status == 0, log()
-    return json.loads(output.read_text()), status, log()
+    robot, output = Robot(folder), folder / "places.json"
+    robot.stop.unlink(missing_ok=True)
+    with robot.script("places", output, robot.stop) as places:
+        with robot.node(**given, look=0.5, reliable="true", queue=1000, patience=60.0) as node:
+            robot.publish(bag, 2.0, node)
+            if end is signal.SIGKILL:  # As soon as it has saved what was published.
+                time.sleep(4.0)
+            node.send_signal(end)
+            status = node.wait(PATIENCE)
+        robot.end(places, "places")
+    assert end is signal.SIGKILL or status == 0, robot.log()
+    return json.loads(output.read_text()), status, robot.log()
 
 
 def test_a_slam_that_is_killed_goes_on_where_it_is(tmp_path: Path) -> None:
@@ -353,38 +318,25 @@ def test_a_slam_that_is_killed_goes_on_where_it_is(tmp_path: Path) -> None:
     assert np.mean(m.state(walls) == 1) > 0.5, "in the frame of the first odometry, which is the map's"
 
 
-def test_services_and_parameters(tmp_path: Path) -> None:
-    file = tmp_path / "map.ndt"
-    given = {"map_file": file, "range_sigma": 0.02, "look": 0.5, "clear_radius": 0.5}
-    given |= {"reliable": "true", "patience": 60.0}
-    words = [w for k, v in given.items() for w in ("-p", f"{k}:={v}")]
-    with running(tmp_path, "node", "-m", "ndtree.live.ros2", "--ros-args", *words) as node:
-        with running(tmp_path, "client", PROCESSES / "client.py", file) as client:
-            ended(client, node, (tmp_path / "node.log").read_text)
-        assert client.returncode == 0, (tmp_path / "client.log").read_text()
-    said = json.loads((tmp_path / "client.log").read_text().splitlines()[-1])
-    assert said["state"] == "active" and "no map yet" in said["early save"]
+def test_services_and_parameters(robot: Robot) -> None:
+    file = robot.file
+    given = {"range_sigma": 0.02, "look": 0.5, "clear_radius": 0.5, "reliable": "true", "patience": 60.0}
+    with robot.node(map_file=file, **given) as node, robot.script("client", file) as client:
+        robot.ended(client, "client", node)
+    said = json.loads(robot.log("client").splitlines()[-1])
+    assert said["state"] == "active"
     assert said["described"] == [True] * 3 and said["limits"] == [1]
     assert said["changed"] == [True, ""]
     assert said["refused"] == [False, "queue is read when the node is configured, and not while it maps"]
     assert not said["out of limits"][0] and "range" in said["out of limits"][1]
-    assert said["save"] == [True, str(file)] and said["cleared"]
-    assert 300 < said["known"] - said["known around"] < 500  # 1 m square of pixels of 5 cm.
-    assert said["known without a box"] < said["known around"]
-    assert said["plans"] == [["odom", 0.8, 2.0], ["odom"]]
-    assert said["known after reset"] == 0
-    assert said["load"] == [0, 1, 2]
-    assert said["known after load"] == said["known"]
+    check_services(said, file)
 
 
-def test_a_node_that_is_configured_again_begins_anew(tmp_path: Path) -> None:
-    given = {"range_sigma": 0.02, "look": 0.5, "reliable": "true", "autostart": "false"}
-    words = [w for k, v in given.items() for w in ("-p", f"{k}:={v}")]
-    with running(tmp_path, "node", "-m", "ndtree.live.ros2", "--ros-args", *words) as node:
-        with running(tmp_path, "manager", PROCESSES / "manager.py") as manager:
-            ended(manager, node, (tmp_path / "node.log").read_text)
-        assert manager.returncode == 0, (tmp_path / "manager.log").read_text()
-    said = json.loads((tmp_path / "manager.log").read_text().splitlines()[-1])
+def test_a_node_that_is_configured_again_begins_anew(robot: Robot) -> None:
+    with robot.node(range_sigma=0.02, look=0.5, reliable="true", autostart="false") as node:
+        with robot.script("manager") as manager:
+            robot.ended(manager, "manager", node)
+    said = json.loads(robot.log("manager").splitlines()[-1])
     once = ["inactive", "active", "inactive", "unconfigured"]
     assert said["states"] == ["unconfigured", *once, *once]
     assert said["publishers"] == [[1, 1], [1, 1]]  # None of before, which would publish an old map.
@@ -392,17 +344,21 @@ def test_a_node_that_is_configured_again_begins_anew(tmp_path: Path) -> None:
     assert first >= 12 / 0.05 > second >= 4 / 0.05
 
 
-def test_wrong_parameters_are_refused(tmp_path: Path) -> None:
-    for number, (word, said) in enumerate(
-        {
-            "no_return:=maybe": "no_return maybe: must be auto, free or ignore",
-            "min_cell_size:=-1.0": "min_cell_size -1",
-            "queue:=0": "queue",
-        }.items()
-    ):
-        with running(tmp_path, f"wrong{number}", "-m", "ndtree.live.ros2", "--ros-args", "-p", word) as node:
-            assert node.wait(PATIENCE) != 0
-        assert said in (tmp_path / f"wrong{number}.log").read_text()
+@pytest.mark.parametrize(
+    "given, said",
+    [
+        ({"no_return": "maybe"}, "no_return maybe: must be auto, free or ignore"),
+        ({"min_cell_size": -1.0}, "min_cell_size -1"),
+        ({"queue": 0}, "queue"),
+        ({"slam": "true", "window": 3.0}, "window: not with slam"),
+        ({"localize": "a.ndt", "fade": 3.0}, "fade: not with localize, which makes no map"),
+    ],
+    ids=str,
+)
+def test_wrong_parameters_are_refused(robot: Robot, given: dict[str, Any], said: str) -> None:
+    with robot.node("wrong", **given) as node:
+        assert node.wait(PATIENCE) != 0
+    assert said in robot.log("wrong")
 
 
 def test_without_ros_the_command_says_what_to_install(tmp_path: Path) -> None:
@@ -413,49 +369,43 @@ def test_without_ros_the_command_says_what_to_install(tmp_path: Path) -> None:
     assert done.returncode == 2 and "pip install 'ndtree-mapping[ros2]'" in done.stderr
 
 
-def wait_until(happens: Callable[[], bool], node: subprocess.Popen[bytes], log: Callable[[], str]) -> None:
-    """As long as the node runs."""
-    deadline = time.monotonic() + PATIENCE
-    while not happens():
-        assert node.poll() is None and time.monotonic() < deadline, log()
-        time.sleep(0.02)
+#: Of nodes that save while they map.
+SAVES = {"range_sigma": 0.02, "no_return": "free", "reliable": "true", "queue": 5000, "patience": 120.0}
+SAVES |= {"save_period": 0.2, "grid_stays": 0.0}
 
 
-def test_a_subscriber_that_hangs_holds_up_neither_the_map_nor_others(tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "office", *office("mcap", 120))
-    file, stop, output = tmp_path / "map.ndt", tmp_path / "stop", tmp_path / "out.npz"
-    given = {"range_sigma": 0.02, "no_return": "free", "reliable": "true", "queue": 5000, "patience": 120.0}
-    given |= {"map_file": file, "save_period": 0.2, "grid_stays": 0.0}
-    words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
-    empty = len(ndtree.AdaptiveMap(dim=2).to_bytes()) + 100
+def has_saved(file: Path) -> bool:
+    return file.exists() and file.stat().st_size > len(ndtree.AdaptiveMap(dim=2).to_bytes()) + 100
 
-    def log() -> str:
-        return (tmp_path / "node.log").read_text(errors="replace")
 
-    with ExitStack() as stack:
-        target = tmp_path / "hung.npz"
-        hung = stack.enter_context(running(tmp_path, "hung", PROCESSES / "receiver.py", target, stop))
-        receiver = stack.enter_context(running(tmp_path, "receiver", PROCESSES / "receiver.py", output, stop))
-        command = ["-m", "ndtree.live.ros2", "--ros-args", *words]
-        node = stack.enter_context(running(tmp_path, "node", *command))
-        with running(tmp_path, "publisher", PROCESSES / "publisher.py", bag, 2.0, 1) as publisher:
-            wait_until(lambda: file.exists() and file.stat().st_size > empty, node, log)
-            hung.send_signal(signal.SIGSTOP)
-            stack.callback(hung.send_signal, signal.SIGCONT)
-            ended(publisher, node, log)
-        node.send_signal(signal.SIGINT)
-        assert node.wait(PATIENCE) == 0, log()
-        stop.touch()
-        assert receiver.wait(PATIENCE) == 0, (tmp_path / "receiver.log").read_text()
-    assert "120 scans received: 120 mapped, 0 dropped" in log(), log()
-    m = mapped(bag, PYTHON, range_sigma=0.02, no_return="free")
-    assert file.read_bytes() == m.to_bytes()
-    received = Received(file.read_bytes(), np.load(output), {}, log())
+def check_grid(robot: Robot, output: Path, m: Any) -> None:
+    received = Received(robot.file.read_bytes(), np.load(output), {}, robot.log())
     grid, expected = received.grid_like(m)
     assert np.array_equal(grid, expected) and np.count_nonzero(grid == 100) > 500
 
 
-def test_a_node_that_is_killed_goes_on_from_its_last_saving(tmp_path: Path) -> None:
+def test_a_subscriber_that_hangs_holds_up_neither_the_map_nor_others(robot: Robot, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "office", *office("mcap", 120))
+    output = tmp_path / "out.npz"
+    with ExitStack() as stack:
+        words = tmp_path / "hung.npz", robot.stop
+        hung = stack.enter_context(robot.script("receiver", *words, as_name="hung"))
+        receiver = stack.enter_context(robot.script("receiver", output, robot.stop))
+        node = stack.enter_context(robot.node(map_file=robot.file, **SAVES))
+        with robot.script("publisher", bag, 2.0, 1) as publisher:
+            robot.wait(lambda: has_saved(robot.file), node)
+            hung.send_signal(signal.SIGSTOP)
+            stack.callback(hung.send_signal, signal.SIGCONT)
+            robot.ended(publisher, "publisher", node)
+        robot.interrupt(node)
+        robot.end(receiver)
+    assert "120 scans received: 120 mapped, 0 dropped" in robot.log(), robot.log()
+    m = mapped(bag, PYTHON, range_sigma=0.02, no_return="free")
+    assert robot.file.read_bytes() == m.to_bytes()
+    check_grid(robot, output, m)
+
+
+def test_a_node_that_is_killed_goes_on_from_its_last_saving(robot: Robot, tmp_path: Path) -> None:
     """Killed while scans come, the file is whole: the map of the first scans. A second node goes on with it,
     and a listener that saw both has the grid of the second."""
     make, content = office("mcap", 120)
@@ -464,31 +414,19 @@ def test_a_node_that_is_killed_goes_on_from_its_last_saving(tmp_path: Path) -> N
         write_bag(tmp_path / f"part{part}", make, [row for row in content if row[1] < START or place(row[1])])
         for part, place in enumerate((lambda at: at < edge, lambda at: at > edge))
     ]
-    file, stop, output = tmp_path / "map.ndt", tmp_path / "stop", tmp_path / "out.npz"
-    given = {"range_sigma": 0.02, "no_return": "free", "reliable": "true", "queue": 5000, "patience": 120.0}
-    given |= {"map_file": file, "resume": "true", "save_period": 0.2, "grid_stays": 0.0}
-    words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
-    command = ["-m", "ndtree.live.ros2", "--ros-args", *words]
-    empty = len(ndtree.AdaptiveMap(dim=2).to_bytes()) + 100
-
-    def log() -> str:
-        return "".join(one.read_text(errors="replace") for one in tmp_path.glob("node*.log"))
-
-    with running(tmp_path, "receiver", PROCESSES / "receiver.py", output, stop) as receiver:
-        with running(tmp_path, "node1", *command) as node:
-            with running(tmp_path, "publisher1", PROCESSES / "publisher.py", bags[0], 1.0, 1):
-                wait_until(lambda: file.exists() and file.stat().st_size > empty, node, log)
+    output, given = tmp_path / "out.npz", {**SAVES, "map_file": robot.file, "resume": "true"}
+    with robot.script("receiver", output, robot.stop) as receiver:
+        with robot.node("node1", **given) as node:
+            with robot.script("publisher", bags[0], 1.0, 1, as_name="publisher1"):
+                robot.wait(lambda: has_saved(robot.file), node)
                 node.kill()
                 assert node.wait(PATIENCE) == -signal.SIGKILL
-        saved = file.read_bytes()
-        with running(tmp_path, "node2", *command) as node:
-            with running(tmp_path, "publisher2", PROCESSES / "publisher.py", bags[1], 2.0, 1) as publisher:
-                ended(publisher, node, log)
-            node.send_signal(signal.SIGINT)
-            assert node.wait(PATIENCE) == 0, log()
-        stop.touch()
-        assert receiver.wait(PATIENCE) == 0, (tmp_path / "receiver.log").read_text()
-    assert "60 scans received: 60 mapped, 0 dropped" in log(), log()
+        saved = robot.file.read_bytes()
+        with robot.node("node2", **given) as node:
+            robot.publish(bags[1], 2.0, node)
+            robot.interrupt(node)
+        robot.end(receiver)
+    assert "60 scans received: 60 mapped, 0 dropped" in robot.log(), robot.log()
     m = ndtree.AdaptiveMap(dim=2, range_sigma=0.02)
     for scan in ndtree.read(bags[0]):
         scan.insert_into(m)
@@ -497,58 +435,37 @@ def test_a_node_that_is_killed_goes_on_from_its_last_saving(tmp_path: Path) -> N
     assert m.to_bytes() == saved
     for scan in ndtree.read(bags[1]):
         scan.insert_into(m)
-    assert file.read_bytes() == m.to_bytes()
-    received = Received(file.read_bytes(), np.load(output), {}, log())
-    grid, expected = received.grid_like(m)
-    assert np.array_equal(grid, expected) and np.count_nonzero(grid == 100) > 500
+    assert robot.file.read_bytes() == m.to_bytes()
+    check_grid(robot, output, m)
 
 
-def test_of_a_burst_it_is_counted_what_was_lost(tmp_path: Path) -> None:
+def test_of_a_burst_it_is_counted_what_was_lost(robot: Robot, tmp_path: Path) -> None:
     """More scans at once than wait to be taken, best effort as sensors are."""
-    bag, target = write_bag(tmp_path / "office", *office("mcap", 200)), tmp_path / "node.ndt"
-
-    def log() -> str:
-        return (tmp_path / "node.log").read_text(errors="replace")
-
-    words = ["-p", "patience:=120.0", "-p", "queue:=5000", "-p", f"map_file:={target}"]
-    with running(tmp_path, "node", "-m", "ndtree.live.ros2", "--ros-args", *words) as node:
-        with running(tmp_path, "publisher", PROCESSES / "publisher.py", bag, 1e6, 1) as publisher:
-            ended(publisher, node, log)
-        node.send_signal(signal.SIGINT)
-        assert node.wait(PATIENCE) == 0, log()
-    counts = re.search(r"(\d+) scans received.*, (\d+) lost by the middleware", log())
-    assert counts is not None and int(counts[1]) + int(counts[2]) == 200, log()
+    bag = write_bag(tmp_path / "office", *office("mcap", 200))
+    with robot.node(patience=120.0, queue=5000, map_file=robot.file) as node:
+        robot.publish(bag, 1e6, node)
+        robot.interrupt(node)
+    log = robot.log()
+    counts = re.search(r"(\d+) scans received.*, (\d+) lost by the middleware", log)
+    assert counts is not None and int(counts[1]) + int(counts[2]) == 200, log
 
 
-def test_a_clock_that_never_begins_is_said(tmp_path: Path) -> None:
-    def log() -> str:
-        return (tmp_path / "node.log").read_text(errors="replace")
-
-    words = ["--ros-args", "-p", "use_sim_time:=true"]
-    with running(tmp_path, "node", "-m", "ndtree.live.ros2", *words) as node:
-        wait_until(lambda: "nothing comes on /clock" in log(), node, log)
-        node.send_signal(signal.SIGINT)
-        assert node.wait(PATIENCE) == 0, log()
-    assert log().count("/clock") == 1
+def test_a_clock_that_never_begins_is_said(robot: Robot) -> None:
+    with robot.node(use_sim_time="true") as node:
+        robot.wait(lambda: "nothing comes on /clock" in robot.log(), node)
+        robot.interrupt(node)
+    assert robot.log().count("/clock") == 1
 
 
-def test_what_is_missing_is_said_with_parameters(tmp_path: Path) -> None:
+def test_what_is_missing_is_said_with_parameters(robot: Robot, tmp_path: Path) -> None:
     """A laser of whose place nothing is known."""
     make: Messages = Messages("mcap")
     content = [("/scan", START + 0.1 * i, make.laser(START + 0.1 * i, "laser", [2.0] * 9)) for i in range(60)]
     bag = write_bag(tmp_path / "alone", make, content)
-
-    def log() -> str:
-        return (tmp_path / "node.log").read_text(errors="replace")
-
-    with running(tmp_path, "node", "-m", "ndtree.live.ros2") as node:
-        with running(tmp_path, "publisher", PROCESSES / "publisher.py", bag, 1, 1) as publisher:
-            ended(publisher, node, log)
-        wait_until(lambda: "no transform to laser" in log(), node, log)
+    with robot.node() as node:
+        robot.publish(bag, 1, node)
+        robot.wait(lambda: "no transform to laser" in robot.log(), node)
         node.send_signal(signal.SIGINT)
         node.wait(PATIENCE)
-    assert (
-        "still, if the sensor does not move" in log()
-        and "--still" not in log()
-        and "--trajectory" not in log()
-    )
+    log = robot.log()
+    assert "still, if the sensor does not move" in log and "--still" not in log and "--trajectory" not in log
