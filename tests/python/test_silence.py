@@ -12,7 +12,7 @@ import pytest
 
 import ndtree
 from ndtree.logs.core.log import Log
-from ndtree.logs.core.silence import noise_below
+from ndtree.logs.core.silence import noise_below, noise_below_alone
 from ndtree.logs.ros.messages.laser import NoiseAtLimit
 
 LIMIT = 50.0
@@ -155,6 +155,37 @@ def test_a_wall_just_below_the_largest_range_is_no_noise(depth: float, seed: int
     wall = LIMIT - (LIMIT - depth) * np.hypot(1, turned)
     for below in (wall, generator.uniform(0, depth, 300)):
         assert all(noise_below(below[:n], there) == 0 for n in (100, 300) for there in (70, 150, 300))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_on_one_side_of_range_max_is_no_surface(seed: int) -> None:
+    """Readings above it fell out, as +inf or altogether."""
+    generator = np.random.default_rng(seed)
+    ranges, sigma = ranges_of(scans=240, seed=seed), 10 ** generator.uniform(-2.5, -1)
+    for above in (np.inf, np.nan, None):  # None: no noise upwards.
+        noise, seen = NoiseAtLimit(), []
+        for some in ranges:
+            there = some == LIMIT
+            error = generator.normal(0, sigma, len(some))
+            read = some - np.where(there & (above is None), np.abs(error), error)
+            read = np.where(read >= LIMIT, np.nan if above is None else above, read)
+            seen.append(np.where(there, read, some))
+            reach = noise.add(seen[-1].astype(np.float32), LIMIT)
+        below = np.concatenate(seen) < LIMIT
+        silent = below & (np.concatenate(seen) >= LIMIT - reach)
+        right = below & (np.concatenate(ranges) == LIMIT)
+        assert np.count_nonzero(right) > 512 and np.count_nonzero(right & ~silent) <= 2
+        assert not (silent & ~right).any()
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("depth", [0.5, 2.0, 5.0])
+def test_walls_below_the_largest_range_are_no_noise_on_one_side(depth: float, seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    turned = np.tan(generator.uniform(0, math.acos((LIMIT - depth) / LIMIT), 3000))
+    wall = LIMIT - (LIMIT - depth) * np.hypot(1, turned)
+    for below in (wall, generator.uniform(0, depth, 3000), np.abs(depth + generator.normal(0, 0.1, 3000))):
+        assert all(noise_below_alone(below[:n], 0.1 * LIMIT) == 0 for n in (600, 3000))
 
 
 def test_a_largest_reading_below_range_max_is_no_surface() -> None:

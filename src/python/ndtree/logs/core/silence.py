@@ -46,13 +46,37 @@ def noise_below(below: NDArray[np.floating[Any]], there: int) -> float:
         return 0.0
     below = np.sort(below.astype(np.float64))
     noisy = below[below <= _ALL * float(below[half - 1]) / _HALF]
+    if not max(half, LEAST_NOISY) <= len(noisy) <= 2 * there:
+        return 0.0
+    return _reach_of_half_a_bell(noisy, _BESIDE)
+
+
+def noise_below_alone(below: NDArray[np.floating[Any]], farthest: float) -> float:
+    """How far noise reaches below a limit at which no readings are: they fell out, or were not let there.
+
+    Half a bell from the limit on, and hardly anything as far behind it, tells it from surfaces, of which
+    there are the more the farther from the limit. `farthest`: What `below` goes to [m].
+    """
+    below = np.sort(below.astype(np.float64))
+    n, before = 8 * LEAST_NOISY, 0
+    while before < n <= len(below):  # From its dense part on, until it ends.
+        before = n
+        reach = _ALL * float(below[n // 2]) / _HALF
+        n = int(np.searchsorted(below, reach, side="right"))
+    if n != before or 2 * reach > farthest or np.searchsorted(below, 2 * reach) > n * (1 + _BESIDE):
+        return 0.0
+    return _reach_of_half_a_bell(below[:n], _BESIDE / 2)
+
+
+def _reach_of_half_a_bell(noisy: NDArray[np.float64], beside: float) -> float:
+    """How far sorted distances reach if they are half a bell [m], but for shares of `beside`; else 0."""
     n = len(noisy)
     sigma = float(noisy[n // 2]) / _HALF
-    if not (sigma > 0 and max(half, LEAST_NOISY) <= n <= 2 * there):
+    if not sigma > 0:
         return 0.0
     shares = np.array([math.erf(value) for value in (noisy / (math.sqrt(2) * sigma)).tolist()])
     apart = np.abs(shares - (np.arange(n) + 0.5) / n).max()
-    return _ALL * sigma if apart < max(_KOLMOGOROV / math.sqrt(n), _BESIDE) else 0.0
+    return _ALL * sigma if apart < max(_KOLMOGOROV / math.sqrt(n), beside) else 0.0
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.silence import LEAST_CUT_OFF, LEAST_NOISY, MOST_NOISY, NEAR, NOISE_REACH, noise_below
+from ndtree.logs.core.silence import (
+    LEAST_CUT_OFF,
+    LEAST_NOISY,
+    MOST_NOISY,
+    NEAR,
+    NOISE_REACH,
+    noise_below,
+    noise_below_alone,
+)
 from ndtree.logs.ros.messages.beams import LONGEST_SWEEP, Beams, Floats
 
 #: A laser that turns this far [rad] looks all around.
@@ -21,7 +29,8 @@ FULL_TURN = math.radians(350)
 class NoiseAtLimit:
     """Whether the ranges of a topic's messages have noise where nothing was hit, by those so far.
 
-    Simulators add it to range_max: about as many readings are a little below as at it and above. Some drivers
+    Simulators add it to range_max: about as many readings are a little below as at it and above, or those
+    become +inf, or there is no other half. Some drivers
     have a largest reading of their own below range_max, which comes more often than those just below it.
     """
 
@@ -42,8 +51,16 @@ class NoiseAtLimit:
             apart = apart[np.abs(apart) <= NOISE_REACH * limit]
             self._there += int(np.count_nonzero(apart <= 0))
             self._below = np.concatenate([self._below, apart[apart > 0]])[-MOST_NOISY:]
-            self.reach = noise_below(self._below, self._there) or self._largest_below()
+            self.reach = (
+                noise_below(self._below, self._there) or self._largest_below() or self._noise_below_alone()
+            )
         return self.reach
+
+    def _noise_below_alone(self) -> float:
+        """How far it reaches if its other half is not here [m]."""
+        if self._there >= LEAST_NOISY // 2:
+            return 0.0
+        return noise_below_alone(self._below, NOISE_REACH * self._limit)
 
     def _largest_below(self) -> float:
         """How far below the limit the largest reading is, if it means that nothing was hit; else 0 [m]."""
