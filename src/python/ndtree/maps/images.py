@@ -67,6 +67,12 @@ def map_image(name: str) -> MapImage:
         )
     occupied = _number(name, entries, "occupied_thresh", 0.65)
     free = _number(name, entries, "free_thresh", 0.196)
+    for key, value in (("occupied_thresh", occupied), ("free_thresh", free)):
+        if not 0 <= value <= 1:
+            raise ValueError(f"{name}: {key}: found {value:g}, expected a probability, 0 to 1")
+    if free > occupied:
+        least = f"occupied_thresh = {occupied:g}"
+        raise ValueError(f"{name}: free_thresh: found {free:g}, expected at most {least}")
     negate = bool(_number(name, entries, "negate", 0))
     mode = entries.get("mode", "trinary")
     if mode not in ("trinary", "scale", "raw"):
@@ -154,6 +160,8 @@ def _finite(value: Any) -> float | None:
 
 def _number(name: str, entries: dict[Any, Any], key: str, default: float | None = None) -> float:
     value = entries.get(key, default)
+    if value is None:
+        raise ValueError(f"{name}: {key}: found nothing, expected a number")
     number = _finite(value)
     if number is None:
         raise ValueError(f"{name}: {key}: found {shown(repr(value))}, expected a number")

@@ -58,9 +58,8 @@ class PlacedMap:
         """What `resampled` does without a cell size, in one line; empty where nothing is shifted."""
         if not self.offset.any():
             return ""
-        at, by = (
-            ", ".join(f"{value:g}" for value in one) for one in (self.offset, self._whole - self.offset)
-        )
+        at = ", ".join(f"{value:.10g}" for value in self.offset)
+        by = ", ".join(f"{value:.3g}" for value in self._whole - self.offset)
         return (
             f"origin ({at}) m is not a whole number of pixels of {self.cell_size:g} m from 0: "
             f"the map is moved by ({by}) m to the nearest"
