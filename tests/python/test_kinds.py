@@ -86,6 +86,7 @@ FILES: dict[str, tuple[Callable[[Path], None], str, str]] = {
     "a.xz": (save(b"\xfd7zXZ\0" + bytes(20)), "a file packed by xz", "xz -dk "),
     "a.h5": (save(b"\x89HDF\r\n\x1a\n" + bytes(20)), "an HDF5", "npz"),
     "a.npy": (lambda path: np.save(path, np.zeros((3, 3))), "an array of NumPy", "npz"),
+    "a.npz": (save(b"version https://git-lfs.github.com/spec/v1\n"), "a pointer of Git LFS", "git lfs pull"),
     "a.ulg": (save(b"ULog\x01\x12\x35" + bytes(20)), "a PX4 or other ULog", "--trajectory"),
     "00000012.BIN": (save(b"\xa3\x95\x80\x80\x59FMT" + bytes(20)), "a log of ArduPilot", "--trajectory"),
     "a.posegraph": (save(struct.pack("<Q", 22) + b"serialization::archive"), "a pose graph of", "map_saver"),

@@ -75,6 +75,8 @@ def _scan(kind: str, program: str, *endings: str) -> _Kind:
 
 #: Tried in this order. ``{path}`` in a help is the file.
 _KINDS = (
+    _Kind("a pointer of Git LFS", "git lfs pull in its clone", (b"version https://git-lfs",), first=True),
+    _Kind("a pointer of git-annex", "git annex get {path}", (b"/annex/objects/",), first=True),
     _Kind("a PNG image", _DEPTH, (b"\x89PNG\r\n",)),
     _Kind("a JPEG image", _DEPTH, (b"\xff\xd8\xff",)),
     _Kind("a TIFF image", _DEPTH, (b"II*\0", b"MM\0*")),
