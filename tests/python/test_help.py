@@ -140,3 +140,8 @@ def test_pages_fit_narrow_terminals(columns: int) -> None:
         assert [line[:20] for line in found.splitlines() if line.startswith("  --")] == heads
         count += 1
     assert count > 20
+
+
+def test_no_words_get_the_page_and_a_wrong_call() -> None:
+    done = RUN.invoke(app, [])
+    assert done.exit_code == 2 and done.stdout == "" and done.stderr == pages()["ndtree", False]

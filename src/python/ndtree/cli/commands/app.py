@@ -32,6 +32,9 @@ class Group(typer.core.TyperGroup):
         words = list(sys.argv[1:] if args is None else args)
         if not keywords.pop("standalone_mode", True):
             return super().main(words, *more, standalone_mode=False, **keywords)
+        if not words:
+            print(self.get_help(None), file=sys.stderr)
+            sys.exit(WRONG_CALL)
         try:
             status = super().main(words, *more, standalone_mode=False, **keywords)
         except Exception as error:
@@ -52,8 +55,7 @@ app = typer.Typer(
     name="ndtree",
     cls=Group,
     help="Occupancy maps whose cells adapt to what is measured.",
-    epilog="Exit status: 0 done, 1 the input is bad, 2 the call is wrong.",
-    no_args_is_help=True,
+    epilog="Exit status: 0 done, 1 the input is bad, 2 the call is wrong, 130 after Ctrl-C.",
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help", "--help-all"]},

@@ -46,7 +46,7 @@ def _first_page() -> str:
     lines += _entry("--version", "Print the version.", 22)
     lines += _entry("--install-completion", "The Tab key completes commands and flags.", 22)
     lines += ["", "first steps: ndtree demo; ndtree map LOG; ndtree info FILE"]
-    lines += ["exit status: 0 done, 1 the input is bad, 2 the call is wrong"]
+    lines += ["exit status: 0 done, 1 the input is bad, 2 the call is wrong, 130 after Ctrl-C"]
     return "\n".join(lines) + "\n"
 
 
