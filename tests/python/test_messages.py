@@ -40,6 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "a.txt").write_text("hello\n")
     (folder / "b.toml").write_text("hello\n")
     (folder / "few.txt").write_text("0 0 1 1\n0 0 1 2\n")
+    (folder / "far.txt").write_text("0 0 1e6 1\n0 0 1 2\n")
     (folder / "empty").mkdir()
     (folder / "cut.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
     (folder / "damaged.ndt").write_bytes((folder / "office.ndt").read_bytes()[:-9])
@@ -165,6 +166,12 @@ CALLS: tuple[tuple[str, int, str], ...] = (
     ("compare office.ndt office.ndt --picture a.doc", 2, "--picture a.doc: the name must end in"),
     ("compare office.ndt a.txt", 1, "a.txt"),
     ("convert office.ndt a.ndt --cell-size 1", 2, "--cell-size: format ndtree"),
+    ("info office.npz --origin-of-scan a,b,c", 2, "--origin-of-scan a,b,c: expected three numbers"),
+    (
+        "map far.txt --dim 2",
+        1,
+        "with cells of 0.05 m at most 52428.8 m; set --max-range, or a larger --min-cell-size",
+    ),
     ("info office.npz --origin 1,a", 2, "--origin 1,a: expected 2 numbers with commas"),
     ("info office.npz --from 3 --to 2", 2, "--from 3 s, --to 2 s: must be 0 <= --from < --to"),
     ("demo --to 2", 2, "--to: is for a LOG, not for the simulated office"),

@@ -119,7 +119,7 @@ def test_another_sensor_in_the_topic_does_not_confuse_the_times(ros2: Messages, 
     alone = read(sweeps(ros2, tmp_path / "alone", **options))
     shared = read(sweeps(ros2, tmp_path / "shared", ghosts=True, **options))
     assert off_walls(alone) < 0.012 and off_walls(shared) < 0.012
-    assert len(alone.notes) == 1 and "the stamp that of the end" in shared.notes[0]
+    assert len(alone.notes) == 1 and "the first one at the stamp" in shared.notes[0]
 
 
 def test_a_fast_sensor_has_an_origin_for_each_beam(ros2: Messages, tmp_path: Path) -> None:

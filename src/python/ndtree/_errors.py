@@ -55,6 +55,13 @@ def spelled(text: Any, spell: Callable[[str], str] | None = None) -> str:
     )
 
 
+def naming(error: ValueError, *options: str) -> WrongValue:
+    """An error of the library, in whose text these options are as `key` has them."""
+    if isinstance(error, WrongValue):
+        return error
+    return WrongValue(re.sub(rf"\b({'|'.join(options)})\b", lambda found: key(found[1]), str(error)))
+
+
 class Text(str):
     """A text with options, which are keywords of Python where it is printed as it is."""
 

@@ -163,9 +163,9 @@ class Alignment:
         moved = self.moved
         loops = f"{len(self.loops)} of {number_of(self.tested, 'possible loop')} closed"
         return (
-            f"poses moved by {np.median(moved):.2f} m, at most {moved.max():.2f} m; "
+            f"poses moved by {np.median(moved):.2f} m in the median, {moved.max():.2f} m at most; "
             f"{loops if self.tested else 'no loops found'}; "
-            f"end points fill {compared(after, before)} cells: {verdict(self.doubts)}"
+            f"end points fill {compared(after, before)} cells; {verdict(self.doubts)}"
         )
 
     __repr__ = __str__

@@ -120,8 +120,9 @@ class SpatialAlignment:
         way = float(np.linalg.norm(np.diff(self.poses[:, :3, 3], axis=0), axis=1).sum())
         closed = f"{number_of(len(self.loops), 'loop')} closed" if self.loops else "no loops found"
         return (
-            f"poses moved by {np.median(self.moved):.2f} m, at most {self.moved.max():.2f} m; a path of "
-            f"{way:.1f} m; {closed}; end points fill {compared(after, before)} cells: {verdict(self.doubts)}"
+            f"poses moved by {np.median(self.moved):.2f} m in the median, {self.moved.max():.2f} m at most; "
+            f"a path of {way:.1f} m; {closed}; "
+            f"end points fill {compared(after, before)} cells; {verdict(self.doubts)}"
         )
 
     __repr__ = __str__

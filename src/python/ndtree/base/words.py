@@ -6,9 +6,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 
-def number_of(count: int, thing: str, grouping: str = "") -> str:
-    """As "1 scan" and "20 scans"; with ``","`` as `grouping`, thousands stand apart."""
-    return f"{count:{grouping}} {thing}{'' if count == 1 else 's'}"
+def number_of(count: int, thing: str) -> str:
+    """As "1 scan" and "2,000 scans"."""
+    return f"{count:,} {thing}{'' if count == 1 else 's'}"
+
+
+def listed(things: Sequence[object]) -> str:
+    """As "a", "a and b", and "a, b and c"."""
+    *others, last = map(str, things)
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def aligned(rows: Sequence[Sequence[str]], left: int = 1) -> list[str]:

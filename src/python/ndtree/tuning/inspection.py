@@ -74,12 +74,13 @@ def inspect(
     zeros = min(1.0, look.zeros / look.beams) if look.beams else 0.0
     if decides:
         says_nothing = look.no_returns.choice == "ignore" or not zeros
-        word = "nothing" if says_nothing else "no echo"
-        why = f"range 0, in {100 * zeros:.0f} % of the beams, taken to mean {word}"
+        word = "invalid" if says_nothing else "no echo"
+        why = f"{100 * zeros:.2g} % of the ranges are 0, taken for {word}" if zeros else "no range is 0"
         values["zero_is"] = Decision(INVALID if says_nothing else NO_ECHO, MEASURED, why)
     if look.limit is not None or may_be_cut_off:
         limit = [] if look.limit is None else [look.limit.at, look.limit.tolerance]
-        values["cut_off"] = Decision(limit, MEASURED, "where many ranges of a scan end, and how exactly [m]")
+        why = "where many ranges of a scan end, and how exactly [m]" if limit else "no range ends many beams"
+        values["cut_off"] = Decision(limit, MEASURED, why)
     if choose_sigma:
         how = (MEASURED, "on flat surfaces") if look.is_measured else (USUAL, "for such sensors")
         values.update({name: Decision(value, *how) for name, value in look.options.items()})
@@ -103,9 +104,10 @@ def _said(
     lines = [f"chosen: {' '.join(config.chosen)}" + (f" (sigma is {how})" if sigma else "")]
     lines += [str(look.no_returns)] if no_return else []
     if zeros >= _FEW_ZEROS:
-        word, other = ("no echo", INVALID) if means == NO_ECHO else ("nothing", NO_ECHO)
+        word, other = ("no echo", INVALID) if means == NO_ECHO else ("invalid", NO_ECHO)
         lines.append(
-            f"{100 * zeros:.0f} % of the ranges are 0, taken to mean {word}; if not: {key('zero_is')} {other}"
+            f"{100 * zeros:.0f} % of the ranges are 0, taken for {word}; "
+            f"if that is wrong: {key('zero_is')} {other}"
         )
     if look.cut_off is not None:
         lines.append(f"readings of {look.cut_off:.4g} m, the log's largest range, are beams without return")

@@ -15,7 +15,7 @@ from ndtree.alignment import (
     align_by_kiss_icp,
 )
 from ndtree.base.exit_status import WrongCall
-from ndtree.base.words import number_of
+from ndtree.base.words import listed, number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import opened, reading_options, takes
 from ndtree.cli.commands.logs import inspected, warn_of_skipped
@@ -82,7 +82,7 @@ def align_(call: _Call, given: Any = None) -> None:
         written(mapped(*inspected(found.log, given)), call.map_file)
     if not is_stdout(call.json_file):
         print_alignment(source, found)
-        files = " and ".join(str(path) for path in (call.output, call.map_file, call.picture) if path)
+        files = listed([path for path in (call.output, call.map_file, call.picture) if path])
         print(f"in {found.seconds:.3f} s; wrote {files}")
     write_json({"log": source.name, "format": source.format, **found.figures()}, call.json_file)
     warn_of_skipped(found.source)

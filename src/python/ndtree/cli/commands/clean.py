@@ -8,11 +8,11 @@ from typing import Annotated, Any, Optional
 import numpy as np
 import typer
 
-from ndtree._errors import marked
-from ndtree.base.words import number_of
+from ndtree.base.words import listed, number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import map_options, opened
 from ndtree.cli.commands.logs import inspected, made, skipped, warn_of_skipped
+from ndtree.cli.commands.messages import indented
 from ndtree.cli.commands.options import GivenLog, Json
 from ndtree.cli.commands.output import check_picture, is_stdout, write_json
 from ndtree.cli.commands.pictures import plotting
@@ -91,17 +91,18 @@ def clean(
         cleaned.draw(picture)
     if not is_stdout(json_file):
         share = cleaned.moved / max(cleaned.points, 1)
-        print(f"{source.name}: {number_of(cleaned.scans, 'scan')}, {cleaned.points} points")
+        points_read = number_of(cleaned.points, "point")
+        print(f"{source.name}: {number_of(cleaned.scans, 'scan')}, {points_read}")
         for line in config.notes:
-            print(f"  {marked(line)}")
+            print(indented(line))
         moved = f"{number_of(cleaned.moved, 'point')} moved ({100 * share:.1f} %)"
-        unsure = f"; {cleaned.unknown} others were seen too rarely to tell" if cleaned.unknown else ""
+        unsure = f"; {cleaned.unknown:,} others were seen too rarely to tell" if cleaned.unknown else ""
         print(f"  {moved}{unsure}")
         if points.tilt.is_notable:
             print(f"  {points.tilt}")
         if cleaned.truth:
             scores = moved_scores(np.concatenate(cleaned.removed), truth)
             print(f"  compared with the log's array 'moving': {scores}")
-        print(f"in {figures['seconds']:.3f} s; wrote {output}{f' and {picture}' if picture else ''}")
+        print(f"in {figures['seconds']:.3f} s; wrote {listed([output, *filter(None, [picture])])}")
     write_json(figures, json_file)
     warn_of_skipped(source)

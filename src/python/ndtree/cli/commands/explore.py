@@ -88,7 +88,7 @@ def explore_world(call: _Call) -> None:
                 seed=call.seed,
                 start=call.from_scan,
                 max_looks=call.scans or _MOST_LOOKS,
-                progress=advance,
+                progress=lambda what, done, total, name=name: advance(f"{name}, {what}", done, total),
             )
     figures = _figures(done)
     if not is_stdout(call.json_file):

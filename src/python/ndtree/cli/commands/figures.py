@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from ndtree._native._core import OccupancyMap, default_options
 from ndtree.base.words import number_of
 from ndtree.cells.lattice import observed_bounds
 from ndtree.cli.commands.logs import length_of
-from ndtree.cli.commands.messages import in_words, line_width
+from ndtree.cli.commands.messages import indented
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log
 
@@ -50,10 +49,11 @@ def print_map(figures: dict[str, Any]) -> None:
     """What `map_figures` found."""
     stats, states = figures["stats"], figures["cells"]
     print(
-        f"  {stats['observed_leaves']} observed leaves of {stats['leaves']}: {states['occupied']} occupied, "
-        f"{states['free']} free; {stats['nodes']} nodes in {stats['memory_bytes'] / 2**20:.2f} MiB"
+        f"  {stats['observed_leaves']:,} observed leaves of {stats['leaves']:,}: "
+        f"{states['occupied']:,} occupied, {states['free']:,} free; "
+        f"{stats['nodes']:,} nodes in {stats['memory_bytes'] / 2**20:.2f} MiB"
     )
-    print(f"  {stats['updates']} updates, {stats['splits']} splits, {stats['merges']} merges")
+    print(f"  {stats['updates']:,} updates, {stats['splits']:,} splits, {stats['merges']:,} merges")
     if figures["observed_bounds"]:
         print(
             f"  observed from {point(figures['observed_bounds']['lower'])} "
@@ -64,7 +64,7 @@ def print_map(figures: dict[str, Any]) -> None:
         shown = "less than 0.01" if 0 < percent < 0.01 else f"{percent:.2g}"
         print(f"  disputed: {shown} % of the observed {_SPACES[figures['dim']]}")
     for row in figures["cell_sizes"]:
-        print(f"  cells of {row['size']:g} m: {row['observed']}")
+        print(f"  cells of {row['size']:g} m: {row['observed']:,}")
 
 
 _SPACES = {2: "area", 3: "volume", 4: "volume"}
@@ -184,24 +184,10 @@ def print_log(figures: dict[str, Any]) -> None:
         )
 
 
-def indented(text: str) -> str:
-    """What is said below a heading, in lines that fit a terminal."""
-    return "\n".join(
-        row
-        for part in in_words(text).split("\n")
-        for row in textwrap.wrap(
-            part.strip(),
-            line_width(),
-            initial_indent="  ",
-            subsequent_indent="    ",
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
-    )
-
-
 def counted(counts: dict[str, int]) -> str:
-    parts = [f"{count} {key.replace('_', ' ')}" for key, count in counts.items() if key != "beams" and count]
+    parts = [
+        f"{count:,} {key.replace('_', ' ')}" for key, count in counts.items() if key != "beams" and count
+    ]
     return number_of(counts["beams"], "beam") + (f": {', '.join(parts)}" if parts else "")
 
 

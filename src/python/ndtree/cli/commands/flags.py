@@ -18,6 +18,7 @@ from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.options import Dim, MaxRange, NoReturnKind, NoReturnOption
 from ndtree.logs import FORMATS, READER_OPTIONS, Log, contents, require_options
 from ndtree.logs.core.rules import Selection
+from ndtree.logs.core.source import point_of
 from ndtree.logs.ros.placement.mount import mount_of
 from ndtree.maps.kinds import MAP_OPTIONS
 from ndtree.tuning.config import Config
@@ -129,10 +130,10 @@ def require_none(given: Config, instead_of: str) -> None:
 
 def _check_values(given: Config) -> None:
     """Refuses values that are wrong for any log."""
-    mount = given.get("mount")
-    if mount is not None:
+    for name, parse in (("mount", mount_of), ("origin_of_scan", point_of)):
         try:
-            mount_of(mount)
+            if given.get(name) is not None:
+                parse(given.get(name))
         except ValueError as error:
             raise WrongOption(marked(error)) from None
     if given.get("format", FORMATS[0]) not in FORMATS:

@@ -10,9 +10,9 @@ from typing import Any, Optional
 from ndtree import distributed
 from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.figures import indented
 from ndtree.cli.commands.flags import fleet_options, takes
 from ndtree.cli.commands.logs import inspected, made
+from ndtree.cli.commands.messages import indented
 from ndtree.cli.commands.options import Json, argument, flag
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.progress import progress
@@ -82,7 +82,7 @@ def fleet(call: _Call, given: Any = None) -> None:
             progress=advance,
         )
     if not is_stdout(call.json_file):
-        beams = number_of(report.beams, "beam", ",")
+        beams = number_of(report.beams, "beam")
         print(f"{number_of(len(sources), 'log')}: {number_of(report.scans, 'scan')}, {beams}")
         for line in config.notes:
             print(indented(line))

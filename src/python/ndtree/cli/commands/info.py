@@ -7,10 +7,10 @@ from typing import Annotated, Any, Optional
 import typer
 
 from ndtree.base.exit_status import WrongCall
+from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import (
     FIRST_BEAMS,
-    indented,
     log_figures,
     map_figures,
     point,
@@ -20,7 +20,7 @@ from ndtree.cli.commands.figures import (
 )
 from ndtree.cli.commands.flags import contents_of, dim_options, opened, require_none
 from ndtree.cli.commands.logs import load_map, skipped, warn_of_skipped
-from ndtree.cli.commands.messages import in_words, laid_out
+from ndtree.cli.commands.messages import in_words, indented, laid_out
 from ndtree.cli.commands.options import Json, WriteConfig
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.progress import progress
@@ -96,7 +96,7 @@ def info(
             print(laid_out(f"{path}: {found.kind}").removeprefix("ndtree: "))
             if held:
                 lower, upper = (point(held["bounds"][name]) for name in ("lower", "upper"))
-                print(f"  {held['points']:,} points from {lower} to {upper} m")
+                print(f"  {number_of(held['points'], 'point')} from {lower} to {upper} m")
             for way in found.help:
                 print(f"  try {in_words(way)}")
     write_json(figures, json_file)

@@ -12,7 +12,7 @@ from ndtree.alignment.writing import is_trajectory
 from ndtree.base.files import replaced
 from ndtree.base.words import number_of
 from ndtree.cli.commands.figures import map_figures, print_map
-from ndtree.cli.commands.messages import in_words
+from ndtree.cli.commands.messages import in_words, indented
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.live import LiveMapper, Localization, Localizer, Slam
 from ndtree.live.localizing import quaternion_of
@@ -88,7 +88,7 @@ def report_places(
     if not is_stdout(json_file):
         print(f"{name}: {figures.summary()}")
         for line in mapper.intake.said():
-            print(f"  {in_words(line)}")
+            print(indented(line))
         lost = f"lost {number_of(localizer.times_lost, 'time')}" if localizer.times_lost else "never lost"
         print(
             f"{len(known)} of {len(found)} scans localized, {lost}; from arrival to "
@@ -125,9 +125,9 @@ def report(
     if not is_stdout(json_file):
         print(f"{name}: {figures.summary()}")
         for line in mapper.intake.said():
-            print(f"  {in_words(line)}")
+            print(indented(line))
         if poses is not None:
-            print(f"  poses are {poses['verdict']}" + "".join(f"; {one}" for one in poses["doubts"]))
+            print(indented("; ".join([f"poses are {poses['verdict']}", *poses["doubts"]])))
         print_map(of_map)
         median, late = (1e3 * figures.delay(q) for q in (0.5, 0.99))
         print(

@@ -7,12 +7,11 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Callable, Optional
 
-from ndtree._errors import marked
 from ndtree._native._core import OccupancyMap
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.scan import Scan
 from ndtree.cli.commands.flags import opened, require_none
-from ndtree.cli.commands.messages import in_words, laid_out
+from ndtree.cli.commands.messages import in_words, indented, laid_out
 from ndtree.cli.commands.options import World
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log, simulate
@@ -99,5 +98,7 @@ def inspected(log: Log, given: Config, *, with_sigma: bool = True) -> tuple[Log,
 
 def print_lines(log: Log, config: Config) -> None:
     """What was chosen, before what it was chosen for."""
+    if config.notes:
+        print(f"{log.name}:")
     for line in config.notes:
-        print(laid_out(f"{log.name}: {marked(line)}").removeprefix("ndtree: "))
+        print(indented(line))

@@ -8,10 +8,10 @@ from typing import Any, Optional
 from ndtree._errors import WrongValue
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.words import number_of
-from ndtree.cli.commands.figures import counted, indented
+from ndtree.cli.commands.figures import counted
 from ndtree.cli.commands.logs import length_of
 from ndtree.cli.commands.mapping import Passage
-from ndtree.cli.commands.messages import in_words
+from ndtree.cli.commands.messages import in_words, indented
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log
 from ndtree.maps.open import TILES_SUFFIX

@@ -11,13 +11,14 @@ from typing import Any, Optional
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree._errors import located
+from ndtree._errors import located, naming
 from ndtree._native._core import OccupancyMap
 from ndtree.base.progress import Progress
 from ndtree.base.scan import Scan
-from ndtree.base.words import number_of
-from ndtree.cli.commands.figures import counted, indented, map_figures, print_map
+from ndtree.base.words import listed, number_of
+from ndtree.cli.commands.figures import counted, map_figures, print_map
 from ndtree.cli.commands.logs import skipped, timed
+from ndtree.cli.commands.messages import indented
 from ndtree.cli.commands.pictures import draw
 from ndtree.cli.commands.progress import mapping_progress, progress
 from ndtree.evaluation.moved import MovedPoints
@@ -64,7 +65,8 @@ class StaticScans:
     def __str__(self) -> str:
         tilt = f"; {self.points.tilt}" if self.points.tilt.is_notable else ""
         kept = f"; {number_of(self.kept, 'cell')} of thin things stay occupied" if self.kept else ""
-        return f"{self.moved} points moved and were left out, found in {self.seconds:.3f} s{kept}{tilt}"
+        moved = number_of(self.moved, "point")
+        return f"{moved} moved and were left out, found in {self.seconds:.3f} s{kept}{tilt}"
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,7 @@ class Mapped:
         if self.static_scans is not None:
             print(indented(str(self.static_scans)))
         print_map(self._of_map)
-        files = " and ".join(str(path) for path in written if path)
+        files = listed([path for path in written if path])
         print(f"read in {self.read_seconds:.3f} s, inserted in {self.seconds:.3f} s; wrote {files}")
 
 
@@ -142,7 +144,8 @@ class Passage:
             except ValueError as error:
                 if is_final(error):
                     raise
-                self.log.skip("scans that cannot be mapped", located(name, error))
+                named = naming(error, "max_range", "min_cell_size", "range_sigma")
+                self.log.skip("scans that cannot be mapped", located(name, named))
                 continue
             except MemoryError:
                 raise ValueError(f"{name}: {BEYOND_MEMORY}") from None

@@ -56,6 +56,22 @@ def laid_out(message: str | Exception, has_flags: bool = True) -> str:
     return "\n".join(lines)
 
 
+def indented(text: str) -> str:
+    """What is said below a heading, in lines that fit a terminal."""
+    return "\n".join(
+        row
+        for part in in_words(text).split("\n")
+        for row in textwrap.wrap(
+            part.strip(),
+            line_width(),
+            initial_indent="  ",
+            subsequent_indent="    ",
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+    )
+
+
 def _parted(line: str) -> list[str]:
     """A line that is too long as several, without cutting names of files."""
     columns = terminal_width()

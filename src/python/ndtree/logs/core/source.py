@@ -170,7 +170,7 @@ class Unplaced:
             raise WrongOption(f"{path}: {' and '.join(given)}: expected one of them")
         if origin_of_scan is None:
             return Unplaced(None, bool(points_only))
-        return Unplaced(_point(origin_of_scan), False)
+        return Unplaced(point_of(origin_of_scan), False)
 
     def scan(self, points: NDArray[np.floating[Any]], stamp: float = 0.0) -> Scan:
         """Points in the map frame (n, 3), as a scan."""
@@ -180,7 +180,8 @@ class Unplaced:
         return Scan(points, self.origin, stamp=stamp)
 
 
-def _point(value: str | Sequence[float]) -> NDArray[np.float64]:
+def point_of(value: str | Sequence[float]) -> NDArray[np.float64]:
+    """The place that `origin_of_scan` names [m]. @raises WrongValue"""
     try:
         fields = value.split(",") if isinstance(value, str) else list(value)
         point = np.array([float(field) for field in fields])

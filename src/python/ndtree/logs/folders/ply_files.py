@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.logs.core.failures import shown
 from ndtree.logs.core.plain_file import open_regular
 
 _HEADER_LINES, _LINE_BYTES = 10_000, 1 << 16
@@ -180,8 +181,9 @@ def _columns_of(path: str, vertex: _Element, lines: list[bytes], axes: list[int]
             else np.zeros(0, np.float32)
             for column, kind in zip(columns, kinds)
         ]
-    except ValueError as error:
-        raise _damaged(path, str(error)) from None
+    except ValueError:
+        wrong = next((value for column in columns for value in column if not _is_number(value)), b"")
+        raise _damaged(path, f"found {shown(wrong.decode(errors='replace'))!r}, expected a number") from None
 
 
 def _of_binary(
@@ -250,6 +252,14 @@ def _with_lists(path: str, order: str, one: _Element, data: bytes, at: int) -> t
         at += equal * size
         run = run * 4 if equal == len(table) else max(1, run // 4)
     return lambda axis: np.concatenate(parts[axis]) if parts[axis] else np.zeros(0, np.float32), at
+
+
+def _is_number(value: bytes) -> bool:
+    try:
+        float(value)
+    except ValueError:
+        return False
+    return True
 
 
 def _damaged(path: str, what: str) -> ValueError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import re
+import struct
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
@@ -127,6 +128,6 @@ def line_of(error: Exception) -> str:
     if isinstance(error, KeyError) and error.args:  # A field of a record.
         name = error.args[0]
         return f"no {name.decode('utf-8', 'replace') if isinstance(name, bytes) else name} in a record"
-    if type(error).__name__ == "EndOfFile":
+    if isinstance(error, struct.error) or type(error).__name__ == "EndOfFile":
         return "it ends too early"
     return " ".join(str(error).split())[:200] or type(error).__name__

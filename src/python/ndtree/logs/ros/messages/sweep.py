@@ -127,10 +127,10 @@ OFF = Sweep("all beams at the stamp", is_used=False)
 #: What drivers do, beside what messages say.
 OTHERS = (
     OFF,
-    Sweep("each beam at its own time, the stamp being that of the last", ends_at_stamp=True),
-    Sweep("each beam at its own time, the last being the first measured", is_reversed=True),
+    Sweep("each beam at its own time, the last one at the stamp", ends_at_stamp=True),
+    Sweep("each beam at its own time, the last one measured first", is_reversed=True),
     Sweep(
-        "each beam at its own time, the last being the first measured, and the stamp that of the end",
+        "each beam at its own time, the last one measured first and the first one at the stamp",
         is_reversed=True,
         ends_at_stamp=True,
     ),
