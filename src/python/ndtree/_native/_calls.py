@@ -122,9 +122,9 @@ _WANTED: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
         (kind, lambda value: _are_texts(value), "several texts, as ['...', '...']")
         for kind in ("Sequence[str]", "list[str]", "List[str]")
     ),
-    ("SupportsFloat", lambda value: hasattr(value, "__float__") or hasattr(value, "__index__"), "a number"),
-    ("SupportsInt", lambda value: hasattr(value, "__index__"), "an integer"),
-    ("PathLike", lambda value: isinstance(value, (str, bytes)) or hasattr(value, "__fspath__"), "a path"),
+    ("SupportsFloat", lambda value: is_number(value), "a number"),
+    ("SupportsInt", lambda value: is_integer(value), "an integer"),
+    ("PathLike", lambda value: is_path(value), "a path"),
     ("tuple", lambda value: isinstance(value, (tuple, list)), "a pair of numbers"),
     ("bytes", lambda value: isinstance(value, bytes), "bytes"),
     ("str", lambda value: isinstance(value, str), "a text"),
@@ -134,6 +134,8 @@ _BOUND_CLASS = re.compile(r"ndtree\._native\._core\.(\w+)")
 #: What makes objects of a class that has no constructor of its own.
 _MADE_BY = {"Shape": "an ndtree.Sphere, Capsule or Box, or several joined by |"}
 _MOST_SHOWN = 60
+#: Of arguments whose type the compiled functions leave open.
+_OF_OBJECTS = {"max_seconds": "SupportsFloat | None"}
 #: Of integers: what the compiled functions' types hold.
 _OF_INT = (-(2**31), 2**31 - 1)
 _BOUNDS = {
@@ -155,6 +157,8 @@ def require_options(name: str, keywords: Mapping[str, Any], known: Collection[st
     Raises WrongOption for the first keyword that is not `known`, or that maps of the refinement do not read.
     """
     refinement = keywords.get("refinement", "fixed" if name == "FixedMap" else "evidence")
+    if not isinstance(refinement, str):
+        return  # Said by the call itself.
     for option in keywords:
         if option in INTERNAL_KEYWORDS.get(name, ()):
             continue
@@ -229,13 +233,13 @@ class Call:
             refused = self._refused(one, given[one], wanted)
             if refused:
                 return refused
-        shown = ", ".join(f"{key} = {_shown(value)}" for key, value in given.items())
-        return f"{shown or 'no arguments'}: a value is out of bounds, or of another kind than expected"
+        said = ", ".join(f"{key} = {shown(value)}" for key, value in given.items())
+        return f"{said or 'no arguments'}: a value is out of bounds, or of another kind than expected"
 
     def _too_many(self, arguments: tuple[Any, ...], positional: list[str]) -> str:
         most = f"at most {len(positional)} ({', '.join(positional)})" if positional else "none"
         own = _FIRST.get(self._name)
-        meant = f": did you mean {own} = {_shown(arguments[0])}?" if own and not positional else ""
+        meant = f": did you mean {own} = {shown(arguments[0])}?" if own and not positional else ""
         count = (
             "1 argument without a name"
             if len(arguments) == 1
@@ -245,33 +249,47 @@ class Call:
 
     def _refused(self, name: str, value: Any, wanted: str) -> str:
         """What a value must be; empty if it suits."""
+        wanted = _OF_OBJECTS.get(name, wanted) if wanted == "object" else wanted
         if value is None and "None" in wanted:
             return ""
         for word, suits, words in _WANTED:
             if word in wanted:
                 if not suits(value):
-                    return f"{name} = {_shown(value)}: must be {words}"
+                    return f"{name} = {shown(value)}: must be {words}"
                 if word == "SupportsInt":
                     _check_bounds(f"{self._name}(): {name}", value, _BOUNDS.get(name, _OF_INT))
                 return ""
         classes = tuple(getattr(_core, one) for one in _BOUND_CLASS.findall(wanted))
         if classes and not isinstance(value, classes):
             names = " or ".join(_MADE_BY.get(one.__name__, f"ndtree.{one.__name__}") for one in classes)
-            return f"{name} = {_shown(value)}: must be {names}"
+            return f"{name} = {shown(value)}: must be {names}"
         return ""
 
 
 def _check_bounds(what: str, value: Any, bounds: tuple[int, int]) -> None:
     number = operator.index(value)
     if not bounds[0] <= number <= bounds[1]:
-        raise ValueError(f"{what} = {_shown(number)}: must be from {bounds[0]} to {bounds[1]}")
+        raise ValueError(f"{what} = {shown(number)}: must be from {bounds[0]} to {bounds[1]}")
 
 
 def _are_texts(value: Any) -> bool:
     return isinstance(value, (list, tuple)) and all(isinstance(one, str) for one in value)
 
 
-def _shown(value: Any) -> str:
+def is_number(value: Any) -> bool:
+    """Whether it is one, of Python or NumPy; arrays of one value are none."""
+    return not getattr(value, "ndim", 0) and (hasattr(value, "__float__") or hasattr(value, "__index__"))
+
+
+def is_integer(value: Any) -> bool:
+    return not getattr(value, "ndim", 0) and hasattr(value, "__index__")
+
+
+def is_path(value: Any) -> bool:
+    return isinstance(value, (str, bytes)) or hasattr(value, "__fspath__")
+
+
+def shown(value: Any) -> str:
     """What a value is, in few words: that of an array would take many."""
     if hasattr(value, "shape") and hasattr(value, "dtype"):
         return f"array of shape {tuple(value.shape)} and dtype {value.dtype}"

@@ -136,8 +136,9 @@ def _wrapped(
                 return _plain(function(*arguments, **keywords))
             return shaped(_plain(function(arguments[0], **changed)), leading)
         except TypeError as error:
-            if "\n" not in str(error):  # pybind11's own lists all that it takes.
-                raise
+            said = str(error)
+            if "incompatible " not in said and "Unable to cast" not in said:  # pybind11's own.
+                raise (TypeError(" ".join(said.split())) if "\n" in said else error) from None
             takes = Call(name, function.__doc__.partition("\n")[0], is_method=is_method)
             refused = takes.error_of(arguments, keywords)
         raise refused

@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ndtree import _lazy
 from ndtree._native import _core
+from ndtree._native._calls import shown
+from ndtree._native._checked import checked
 from ndtree._native.results import Frontier
 
 _save_own = _core.OccupancyMap.save
@@ -40,7 +42,7 @@ def save(self: _core.OccupancyMap, path: str | os.PathLike[str]) -> None:
         The format needs a library that is not installed; it names the extra.
     """
     if not isinstance(path, (str, os.PathLike)):
-        raise TypeError(f"save(): path = {path!r}: must be a path")
+        raise TypeError(f"save(): path = {shown(path)}: must be a path")
     target = Path(path)
     suffix = target.suffix.lower()
     own = ".ot" if self.refinement == "octomap" else ".ndt"
@@ -216,6 +218,7 @@ def by_way(
 
 def _given(type_: type, name: str, function: Any) -> None:
     """Add a method that is written here."""
+    function = checked(function)
     function.__name__, function.__qualname__ = name, f"{type_.__name__}.{name}"
     function.__module__ = type_.__module__
     setattr(type_, name, function)

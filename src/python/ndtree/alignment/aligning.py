@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 
+from ndtree._native._checked import checked
 from ndtree.alignment.loops import Graph
 from ndtree.alignment.planar import Floats
 from ndtree.alignment.result import Alignment, between_keys
@@ -21,6 +22,7 @@ _BACKWARDS = 0.5  # Lower scales are of odometry that counts backwards, and misl
 _STILL = 1e-3  # Poses of a log that stay within this do not say how the sensor moved [m].
 
 
+@checked
 def align(
     log: Log,
     *,

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._native._arguments import refuse_masked
+from ndtree._native._checked import checked
 from ndtree.base.voxels import VoxelReport, voxelise
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 COLOR, COLOR_RULE = "color", "mean3"
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Scan:
     """One sensor reading in the map frame.

@@ -9,7 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._native._checked import checked
 
+
+@checked
 @dataclass(frozen=True, eq=False)
 class RangeSensor:
     """The beams of a range sensor in its own frame; mostly made by `laser`, `lidar` or `camera`.

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._errors import WrongValue
+from ndtree._native._checked import checked
 from ndtree._native._core import OccupancyMap
 from ndtree.base.certificate import Certificate
 from ndtree.base.scan import Scan
@@ -17,6 +18,7 @@ from ndtree.evaluation.sampling import beam_points
 from ndtree.tiles import TiledMap
 
 
+@checked
 def certify(
     target: OccupancyMap | TiledMap,
     scans: Iterable[Scan],

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._native import _core
+from ndtree._native._checked import checked
 from ndtree.base.scan import Scan
 
 
+@checked
 class DelayedMoved:
     """Judges scans by those before and after them, as `MovedEvidence` does, while a robot drives.
 

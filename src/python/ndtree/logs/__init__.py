@@ -9,6 +9,7 @@ import shlex
 from typing import Any
 
 from ndtree._errors import WrongValue, key
+from ndtree._native._checked import checked
 from ndtree.logs.core.failures import NotALog, readable
 from ndtree.logs.core.joined import JoinedLog
 from ndtree.logs.core.log import Log, SizedLog
@@ -91,6 +92,7 @@ MAP_MAGIC = b"\x89NDT"
 OCTOMAP_MAGIC = b"# Octomap OcTree"
 
 
+@checked
 def read(
     path: str | os.PathLike[str],
     *,

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
+from ndtree._native._checked import checked
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import require_no_input
 from ndtree.maps.open import PlacedMap, open_map
@@ -27,6 +28,7 @@ class WritingOptions(TypedDict, total=False):
     faces: bool
 
 
+@checked
 def convert(
     source: OccupancyMap | PlacedMap | str | os.PathLike[str],
     path: str | os.PathLike[str],

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ndtree._native._arguments import TAKEN, flattened, refuse_masked, shaped
+from ndtree._native._checked import checked
 from ndtree._native._core import DistanceField, OccupancyMap, Shape
 from ndtree._native.results import Frontier, Leaves, NearestOccupied, RayEnds
 from ndtree.tiles.grid import Floats, Tile, TileGrid
@@ -47,6 +48,7 @@ def _bulk(method: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
+@checked
 class TiledMap:
     """A map whose tiles lie in a folder; it answers as the whole one would, see `OccupancyMap`.
 
@@ -463,6 +465,7 @@ def _order(points: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.lexsort(points.T[::-1])
 
 
+@checked
 def open_tiles(url: str | os.PathLike[str], *, cache_bytes: int = CACHE_BYTES) -> TiledMap:
     """Open a map in tiles.
 

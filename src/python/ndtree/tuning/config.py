@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from ndtree._errors import WrongOption, key, marked
 from ndtree._native import _core
+from ndtree._native._checked import checked
 from ndtree._native._core import OccupancyMap
 from ndtree.base import checks
 from ndtree.base.checks import Check, Table, integer, number, one_of, text, true_or_false
@@ -71,6 +72,7 @@ AnyLog = TypeVar("AnyLog", bound=Log)
 _OF_POSES = {"fixed_frame", "odometry", "poses", "trajectory", "still"}
 
 
+@checked
 @dataclass(frozen=True)
 class Config:
     """Decisions of how a log is read and mapped, by the words of `read`, `Log.select` and the maps.

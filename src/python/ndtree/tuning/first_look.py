@@ -13,6 +13,7 @@ import numpy as np
 
 from ndtree._errors import Text, key
 from ndtree._native import _core
+from ndtree._native._checked import checked
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.base.typing import MapOptions
@@ -120,6 +121,7 @@ class FirstLook:
         return self.seconds + self.read_seconds + inserted, float(m.stats().memory_bytes)
 
 
+@checked
 def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
     """Read a log once, and find the options with which it should be mapped.
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ndtree._errors import Text, key
+from ndtree._native._checked import checked
 from ndtree.base.progress import Progress
 from ndtree.evaluation.no_returns import AUTO
 from ndtree.logs import Log
@@ -23,6 +24,7 @@ BEYOND_MEMORY = "beams are so long that there is not enough memory, expected ran
 _FEW_ZEROS = 0.01
 
 
+@checked
 def inspect(
     source: Log | str | os.PathLike[str],
     given: Config | None = None,

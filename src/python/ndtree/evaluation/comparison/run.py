@@ -13,6 +13,7 @@ import numpy as np
 
 from ndtree._errors import WrongValue, key
 from ndtree._native import _core
+from ndtree._native._checked import checked
 from ndtree._native._core import OccupancyMap, is_held_out
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
@@ -37,6 +38,7 @@ NO_RETURN = ("free", "ignore", AUTO)
 NEEDED = ("cells", "nodes", "updates", "memory_bytes", "resident_bytes")
 
 
+@checked
 def compare(
     log: Log | Iterable[Scan],
     maps: Maps | None = None,

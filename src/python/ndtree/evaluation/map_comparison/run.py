@@ -15,6 +15,7 @@ import numpy as np
 
 from ndtree._errors import WrongValue
 from ndtree._native import _core
+from ndtree._native._checked import checked
 from ndtree._native._core import OccupancyMap
 from ndtree.base.words import aligned
 from ndtree.evaluation.map_comparison.blocks import STATES, Floats, Integers, common_grid
@@ -145,6 +146,7 @@ class MapComparison(dict[str, Any]):
         return table_of(self)
 
 
+@checked
 def compare_maps(
     a: AnyMap, b: AnyMap, *, cell_size: float | None = None, max_points: int = MAX_POINTS
 ) -> MapComparison:

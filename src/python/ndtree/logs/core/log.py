@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from ndtree._errors import Text
 from ndtree._native import _core
+from ndtree._native._checked import checked
 from ndtree.base.files import require_no_input
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
@@ -55,6 +56,7 @@ def is_sampled(number: int) -> bool:
     return run % _core.sample_step(run * _core.sample_run + 1) == 0
 
 
+@checked
 class Log(ABC):
     """An iterable of `Scan`; every loop starts again from the first.
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ndtree._native import _core
+from ndtree._native._checked import checked
 from ndtree.base.scan import Scan
 from ndtree.logs.core.archive import save_archive
 from ndtree.logs.core.log import SizedLog
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from ndtree.base.typing import SimulationOptions, World
 
 
+@checked
 class SimulatedLog(SizedLog):
     """A log that measures each scan when it is asked for, and knows the world that it measures."""
 
@@ -134,6 +136,7 @@ class SimulatedLog(SizedLog):
         return _core.SeenSpace(scans, max_range=max_range, simulation=self._simulation, **options)
 
 
+@checked
 def simulate(
     world: World, *, seed: int = 1, scans: int | None = None, **options: Unpack[SimulationOptions]
 ) -> SimulatedLog:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ndtree._errors import WrongValue
 from ndtree._native import _core
+from ndtree._native._checked import checked
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.evaluation.comparison import NO_RETURN
@@ -26,6 +27,7 @@ SEED = 0
 LEAST_BEAMS = 100  # Returned ones, below which nothing is estimated.
 
 
+@checked
 def calibrate(
     log: Log | Iterable[Scan],
     *,
