@@ -107,7 +107,7 @@ def _refused(
 
 
 def _words_for(value: Any, wanted: str) -> str:
-    """What a value must be; empty if it suits, or the annotation names kinds that nothing is known of."""
+    """What a value must be; empty if it suits, or the annotation names kinds that nothing is said of."""
     words: list[str] = []
     rest = wanted.strip("'\"")
     while rest:

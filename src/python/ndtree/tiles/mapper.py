@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 import time
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ndtree._errors import WrongValue
+from ndtree._native._checked import checked
 from ndtree._native._core import OccupancyMap
 from ndtree._native.results import InsertReport
 from ndtree.base.scan import Scan
@@ -30,7 +32,7 @@ from ndtree.tiles.manifest import (
     tidy,
 )
 from ndtree.tiles.resident import Growth, Resident
-from ndtree.tiles.storage import Storage
+from ndtree.tiles.storage import Storage, storage_of
 
 #: Memory of cells, unless it is given.
 MAX_RESIDENT = 2 << 30
@@ -43,6 +45,7 @@ _NODES_OF_BEAM = 16  # A look takes a fraction of what insertion takes.
 _COUNTS = ("beams", "returned", "not_returned", "beyond_max_range", "invalid")
 
 
+@checked
 class TileMapper:
     """Takes scans in, one after the other, and keeps no more than so much of the map in memory.
 
@@ -53,6 +56,8 @@ class TileMapper:
 
     Parameters
     ----------
+    storage : str or os.PathLike or Storage
+        The folder of the map, or a URL of fsspec.
     m : OccupancyMap
         Any with the options that the map shall have; it is not changed.
     tile_size : float, optional
@@ -79,7 +84,7 @@ class TileMapper:
 
     def __init__(
         self,
-        storage: Storage,
+        storage: str | os.PathLike[str] | Storage,
         m: OccupancyMap,
         *,
         tile_size: float | None = None,
@@ -89,7 +94,7 @@ class TileMapper:
     ) -> None:
         if max_resident < 1 << 20:
             raise WrongValue.of("max_resident", f"{max_resident} bytes", f"at least {1 << 20}")
-        self._storage = storage
+        self._storage = storage if isinstance(storage, Storage) else storage_of(storage)
         self._kind = MapKind.of(m)
         self._grid = TileGrid.of(m, tile_size)
         self._limit = max_resident
