@@ -6,12 +6,18 @@ This module imports nothing of the package, so every folder may use it.
 
 from __future__ import annotations
 
+import re
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
+#: A requirement with its library, and what is said of Python behind it.
+_LINE = re.compile(
+    r"([\w.-]+(?:\[[^]]*\])?)[^;]*; (?:python_version (<|>=) \"3\.(\d+)\" and )?extra == \"([\w-]+)\""
+)
 #: Functions of folders above ``_native`` that methods of its classes call. The classes work without those
 #: folders; the methods that need them load them.
 METHODS = {
@@ -59,6 +65,29 @@ def needs(what: str, extra: str) -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        raise ImportError(
-            f"{what} ({error}); install it with:\n  pip install 'ndtree-mapping[{extra}]'"
-        ) from None
+        raise ImportError(f"{what} ({error}); install it with:\n  {install_of(extra)}") from None
+
+
+def install_of(extra: str) -> str:
+    """A line to type that installs the libraries of an extra, wherever the package itself is from."""
+    libraries = list(dict.fromkeys(_libraries(extra))) or [f"ndtree-mapping[{extra}]"]
+    return f"pip install {' '.join(map(shlex.quote, libraries))}"
+
+
+def _libraries(extra: str) -> list[str]:
+    from importlib.metadata import PackageNotFoundError, requires
+
+    try:
+        lines = requires("ndtree-mapping") or []
+    except PackageNotFoundError:
+        return []
+    found: list[str] = []
+    for line in lines:
+        part = _LINE.fullmatch(line)
+        if part is None or part[4] != extra:
+            continue
+        if part[2] and (sys.version_info[1] < int(part[3])) != (part[2] == "<"):
+            continue
+        own = re.fullmatch(r"ndtree-mapping\[([\w,-]+)\]", part[1])
+        found += [one for name in own[1].split(",") for one in _libraries(name)] if own else [part[1]]
+    return found

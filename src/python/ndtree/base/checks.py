@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ndtree._lazy import install_of
+
 
 @dataclass(frozen=True)
 class Check:
@@ -101,8 +103,7 @@ def parsed(file: Path) -> dict[str, Any]:
             import tomli as tomllib  # type: ignore[no-redef]
         except ImportError:
             raise ImportError(
-                "before Python 3.11 files of TOML need tomli; "
-                "install it with:\n  pip install 'ndtree-mapping[cli]'"
+                f"before Python 3.11 files of TOML need tomli; install it with:\n  {install_of('cli')}"
             ) from None
     try:
         with open(file, "rb") as opened:

@@ -7,6 +7,7 @@ import os
 import sys
 from typing import Any, NoReturn, TextIO
 
+from ndtree._lazy import install_of
 from ndtree.base.exit_status import WRONG_CALL
 from ndtree.cli import interrupt
 from ndtree.cli.help import page_asked_for
@@ -59,8 +60,7 @@ def main() -> NoReturn:
         if error.name is None or error.name.split(".")[0] not in ("typer", "rich"):
             raise
         print(
-            f"ndtree: the command line needs {error.name}; "
-            "install it with:\n    pip install 'ndtree-mapping[cli]'",
+            f"ndtree: the command line needs {error.name}; install it with:\n    {install_of('cli')}",
             file=sys.stderr,
         )
         sys.exit(WRONG_CALL)

@@ -8,10 +8,11 @@ import os
 from collections.abc import Callable, Collection
 from typing import Any
 
+from ndtree._lazy import install_of
 from ndtree.base.engines import Engine, ProcessEngine
 
 ENGINES = ("processes", "local", "ray", "dask")
-_MISSING = "engine = {0!r}: {0} is not installed: pip install 'ndtree-mapping[{0}]'"
+_MISSING = "engine = {0!r}: {0} is not installed: {1}"
 
 
 class LocalEngine(Engine):
@@ -42,7 +43,7 @@ class RayEngine(Engine):
         try:
             import ray
         except ImportError:
-            raise ImportError(_MISSING.format("ray")) from None
+            raise ImportError(_MISSING.format("ray", install_of("ray"))) from None
         self._ray: Any = ray
         self._is_ours = not ray.is_initialized()
         if self._is_ours:
@@ -85,7 +86,7 @@ class DaskEngine(Engine):
             import dask
             import distributed
         except ImportError:
-            raise ImportError(_MISSING.format("dask")) from None
+            raise ImportError(_MISSING.format("dask", install_of("dask"))) from None
         self._wait: Any = distributed.wait
         try:
             self._client: Any = distributed.get_client()

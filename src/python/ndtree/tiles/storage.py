@@ -14,6 +14,7 @@ from urllib.parse import unquote, urlsplit
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._lazy import install_of
 from ndtree.base.files import replaced
 
 
@@ -116,7 +117,7 @@ class RemoteStorage(Storage):
             import fsspec
         except ImportError:
             raise ImportError(
-                f"{url}: fsspec is needed for what is not a local folder: pip install 'ndtree-mapping[fleet]'"
+                f"{url}: fsspec is needed for what is not a local folder: {install_of('fleet')}"
             ) from None
         self._fs: Any
         self._fs, self._root = fsspec.core.url_to_fs(url)

@@ -8,9 +8,11 @@ import signal
 import sys
 from typing import Any
 
+from ndtree._lazy import install_of
+
 _NEEDED = (
     "ndtree_map needs rclpy and messages of ROS 2 ({}): source the setup file of an installed ROS, "
-    "or pip install 'ndtree-mapping[ros2]' for CPython 3.11"
+    "or for CPython 3.11 {}"
 )
 #: For how long one thread may run while others wait for the interpreter [s].
 SWITCH_INTERVAL = 5e-4
@@ -34,7 +36,7 @@ def main(arguments: list[str] | None = None) -> int:
         from ndtree.live.ros2.node import MapNode
         from ndtree.logs.core.failures import WrongOption
     except ImportError as error:
-        print(f"ndtree_map: {_NEEDED.format(error)}", file=sys.stderr)
+        print(f"ndtree_map: {_NEEDED.format(error, install_of('ros2'))}", file=sys.stderr)
         return 2
     # The thread that receives messages gets its turn sooner; by Python's default each takes up to 5 ms.
     sys.setswitchinterval(SWITCH_INTERVAL)

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._errors import WrongValue
-from ndtree._lazy import needs
+from ndtree._lazy import install_of, needs
 from ndtree.logs.core.failures import readable
 from ndtree.logs.core.plain_file import open_regular
 from ndtree.logs.folders.coordinate_system import METRES, Units, units_of_keys, units_of_wkt
 
-INSTALL = "install it with:\n  pip install 'ndtree-mapping[clouds]'"
 _POINTS_AT_ONCE = 1 << 20
 #: The first point of each chunk of a LAZ is not compressed, and no point is smaller.
 _SMALLEST_CHUNK = 20
@@ -41,7 +40,7 @@ def las_points(path: str) -> NDArray[np.float64]:
         with laspy.open(file, closefd=False) as reader:
             if reader.header.are_points_compressed:
                 if not laspy.LazBackend.detect_available():
-                    raise ImportError(f"LAZ files need lazrs; {INSTALL}")
+                    raise ImportError(f"LAZ files need lazrs; install it with:\n  {install_of('clouds')}")
                 if reader.header.point_count:
                     largest = _checked_chunks(path, file, reader.header)
                     if largest > _LARGE_CHUNK:  # Threads would make room for several at once.
