@@ -178,7 +178,7 @@ TEST(NoReturns, OfNothingAreLeftOut) {
   EXPECT_EQ(judged<2>({scan_of<2>(kWall)}).to_text(),
             "no beam without return in the scans that were looked at");
   EXPECT_EQ(judged<2>({scan_of<2>(kNothing)}).to_text(),
-            "beams without return (100.0 %) are left out: only 0 of them could be checked");
+            "beams without return (100.0 %) are left out: none of them could be checked");
 }
 
 TEST(NoReturns, InFourDimensionsAreNotJudged) {

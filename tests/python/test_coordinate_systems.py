@@ -78,9 +78,11 @@ def test_units_of_keys(case: str) -> None:
     assert (found.across, found.height) == pytest.approx((right.across, right.height), rel=1e-9)
 
 
-def las(path: Path, points: np.ndarray, wkt: str = "", keys: bytes = b"") -> Path:
+def las(
+    path: Path, points: np.ndarray, wkt: str = "", keys: bytes = b"", steps: tuple[float, ...] = (1e-4,) * 3
+) -> Path:
     header = laspy.LasHeader(point_format=6, version="1.4")
-    header.scales, header.offsets = np.full(3, 1e-4), points.min(axis=0)
+    header.scales, header.offsets = np.array(steps), points.min(axis=0)
     if wkt:
         header.global_encoding.wkt = True
         header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(wkt))
@@ -120,6 +122,20 @@ def test_degrees_are_refused_and_what_cannot_be_degrees_is_doubted(tmp_path: Pat
         list(ndtree.read(las(tmp_path / "a.las", points, wkt=DEGREES), points_only=True))
     log = ndtree.read(las(tmp_path / "a.las", POINTS, wkt=DEGREES), points_only=True)
     assert len(list(log)) == 1 and any("are taken for metres" in note for note in log.notes)
+
+
+@pytest.mark.parametrize(
+    "steps, doubted", [((1e-7, 1e-7, 0.01), True), ((1e-7, 1e-7, 1e-7), False), ((1e-3, 1e-3, 0.01), False)]
+)
+def test_steps_as_of_degrees_are_doubted(steps: tuple[float, ...], doubted: bool, tmp_path: Path) -> None:
+    points = np.array([[-89.7, 30.35, 10], [-89.69, 30.36, 12]])
+    log = ndtree.read(las(tmp_path / "a.las", points, steps=steps), points_only=True)
+    assert len(list(log)) == 1
+    assert [note for note in log.notes if "as of degrees" in note and "taken for metres" in note] == (
+        log.notes if doubted else []
+    )
+    far = ndtree.read(las(tmp_path / "b.las", points + 1000, steps=steps), points_only=True)
+    assert len(list(far)) == 1 and not far.notes
 
 
 def test_a_system_that_is_not_known_is_named(tmp_path: Path) -> None:

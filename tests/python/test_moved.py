@@ -244,8 +244,9 @@ def test_scores_are_those_of_the_field():
 def test_wrong_arguments_are_named():
     with pytest.raises(ValueError, match="dim = 4: must be 2 or 3"):
         ndtree.MovedEvidence(dim=4)
-    with pytest.raises(ValueError, match=r"error_rate = 0\.7: must be in"):
-        ndtree.MovedEvidence(dim=2, error_rate=0.7)
+    for wrong in (0.7, 1e-300):  # As many scans as 1 / error_rate are looked at.
+        with pytest.raises(ValueError, match=f"error_rate = {wrong:g}: must be in"):
+            ndtree.MovedEvidence(dim=2, error_rate=wrong)
     evidence = ndtree.MovedEvidence(dim=2)
     evidence.look(np.zeros((0, 2)), [0, 0])
     with pytest.raises(ValueError, match="add all scans before"):

@@ -83,6 +83,23 @@ def test_units_that_a_header_names_count(tmp_path: Path) -> None:
         np.testing.assert_allclose(text_points(str(tmp_path / "a.csv")), [[metres, 2 * metres, 3 * metres]])
 
 
+@pytest.mark.parametrize(
+    "header, size",
+    [
+        ("x_mm,y_mm,z_mm", 1e-3),
+        ("X(ft),Y(ft),Z(ft)", 0.3048),
+        ("x [feet],y [feet],z [feet]", 0.3048),
+        ("east_km,north_km,up_km", 1e3),
+        ("x_m,y_m,z_m", 1.0),
+        ("x,y,z", 1.0),
+    ],
+)
+def test_a_unit_behind_a_name_or_in_brackets_counts(header: str, size: float, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(f"{header}\n1,2,3\n4,5,6\n")
+    (scan,) = read(tmp_path / "a.csv", points_only=True)
+    np.testing.assert_allclose(scan.endpoints, size * np.array([[1, 2, 3], [4, 5, 6]]), rtol=1e-12)
+
+
 def test_what_was_not_measured_is_nan(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("x,y,z\n1,2,3\n,,\nnan,nan,nan\n4,5,inf\n")
     found = text_points(str(tmp_path / "a.csv"))

@@ -25,6 +25,8 @@ _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 _EXTRA_BYTES = 14
 _VARIABLE = 2**32 - 1
 _LARGE_CHUNK = 1 << 22
+#: Of degrees that are written to the decimetre; no scanner measures micrometres.
+_STEP_OF_DEGREES = 1e-6
 _DOUBLES = 34736  # The record with GeoTIFF's numbers of floating point.
 
 
@@ -90,11 +92,21 @@ def _units(reader: Any) -> Units:
             found = Units(unknown="its coordinate system")
     elif keys is not None:
         found = units_of_keys(_values(keys, by_kind.get("GeoDoubleParamsVlr")))
+    elif _are_finer_across(header):
+        return Units(unknown="a file with finer steps of x and y than of heights, as of degrees,")
     else:
         return METRES
     if found.are_degrees and not (_within(header, 0, 360) and _within(header, 1, 90)):
         return Units(unknown="a coordinate system of degrees, which its coordinates are not,")
     return found
+
+
+def _are_finer_across(header: Any) -> bool:
+    """Whether x and y may be degrees, in steps that would be micrometres, and heights are in coarser ones."""
+    x, y, z = header.scales
+    return bool(max(x, y) <= _STEP_OF_DEGREES and z >= 10 * max(x, y)) and (
+        _within(header, 0, 360) and _within(header, 1, 90)
+    )
 
 
 def _within(header: Any, axis: int, largest: float) -> bool:

@@ -39,7 +39,13 @@ _AXES = (
     ("easting", "northing", "z"),
     ("x1", "y1", "z1"),  # Ouster's first return.
 )
-_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_METRES = {
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
+    **dict.fromkeys(("ft", "foot", "feet"), 0.3048),
+    **{"km": 1e3, "cm": 1e-2, "mm": 1e-3},
+}
+#: Behind a name, its unit: in brackets, or as in x_mm.
+_UNIT = re.compile(rf"[\[(]\s*(\w+)\s*[\])]|_({'|'.join(_METRES)})$")
 #: In the first line that rostopic echo -p prints.
 ECHOED = b"field.header"
 #: What is between a name and its unit.
@@ -217,9 +223,10 @@ def _header(fields: list[bytes], is_comment: bool) -> _Header | None:
     names, units = [], []
     for field in fields:
         text = field.decode("utf-8", "replace")
-        unit = re.search(r"[\[(]\s*(\w+)\s*[\])]", text)
-        units.append(unit[1].lower() if unit else "")
-        name = re.sub(r"[\[(].*$", "", text).strip(" \"'/#\t").lower()
+        text = text.strip(" \"'/#\t").lower()
+        unit = _UNIT.search(text)
+        units.append((unit[1] or unit[2]) if unit else "")
+        name = re.sub(r"[\[(].*$", "", text[: unit.start()] if unit else text).strip()
         names.append(re.sub(r"^(?:pos|position|point|points|coord|cartesian)?[_.: ]?(?=[xyz]$)", "", name))
     for axes in _AXES:
         if all(names.count(axis) == 1 for axis in axes):
