@@ -259,19 +259,21 @@ def test_beams_that_are_cut_off_at_range_max_did_not_return(ros2: Messages, tmp_
     np.testing.assert_allclose(np.linalg.norm(scan.endpoints, axis=1), [1, 8, 8, 3])
 
 
-@pytest.mark.parametrize("is_clipped", [True, False])
-def test_noise_around_range_max_is_no_surface(is_clipped: bool, ros2: Messages, tmp_path: Path) -> None:
-    """Of a simulator that adds it where nothing was hit, and cuts it off at range_max or not."""
+@pytest.mark.parametrize("above", ["kept", "clipped", "infinite", "none"])
+def test_noise_around_range_max_is_no_surface(above: str, ros2: Messages, tmp_path: Path) -> None:
+    """Of a simulator that adds it where nothing was hit, and what becomes of it above range_max."""
     generator = np.random.default_rng(1)
     rows = []
     for i in range(10):
-        ranges = np.where(np.arange(400) % 2, 5.0, 3.0) + generator.normal(0, 0.01, 400)
-        message = ros2.laser(START + i, "a", np.minimum(ranges, 5.0) if is_clipped else ranges, range_max=5.0)
-        rows.append(("/scan", START + i, message))
+        noise = generator.normal(0, 0.01, 1200)
+        ranges = np.where(np.arange(1200) % 2, 5.0, 3.0) + (-np.abs(noise) if above == "none" else noise)
+        if above in ("clipped", "infinite"):
+            ranges[ranges > 5.0] = 5.0 if above == "clipped" else np.inf
+        rows.append(("/scan", START + i, ros2.laser(START + i, "a", ranges, range_max=5.0)))
     log = read(write_bag(tmp_path / "bag", ros2, rows), still=True)
     for scan in log:
         lengths = np.linalg.norm(scan.endpoints, axis=1)
-        assert np.count_nonzero(scan.returned) == 200 and lengths[scan.returned].max() < 3.1
+        assert np.count_nonzero(scan.returned) == 600 and lengths[scan.returned].max() < 3.1
         np.testing.assert_allclose(lengths[~scan.returned], 5.0)
     assert any("within 0.04" in note and "of range_max mean that nothing" in note for note in log.notes)
 

@@ -30,12 +30,12 @@ class NoiseAtLimit:
     """Whether the ranges of a topic's messages have noise where nothing was hit, by those so far.
 
     Simulators add it to range_max: about as many readings are a little below as at it and above, or those
-    become +inf, or there is no other half. Some drivers
-    have a largest reading of their own below range_max, which comes more often than those just below it.
+    become +inf, or there is no other half. Some drivers have a largest reading of their own below range_max,
+    which comes more often than those just below it.
     """
 
     def __init__(self) -> None:
-        self._limit, self._there = 0.0, 0
+        self._limit, self._there, self._beyond = 0.0, 0, 0  # Readings at it, and +inf.
         self._below, self._has_shorter = np.empty(0), False
         self.reach = 0.0  # How far it reaches to both sides of range_max [m].
 
@@ -44,15 +44,20 @@ class NoiseAtLimit:
         if not 0 < limit < math.inf:
             return 0.0
         if limit != self._limit:
-            self._limit, self._there, self._below, self.reach = limit, 0, np.empty(0), 0.0
+            self._limit, self._there, self._beyond = limit, 0, 0
+            self._below, self.reach = np.empty(0), 0.0
         if self._there < MOST_NOISY:
             apart = np.float64(np.float32(limit)) - ranges[np.isfinite(ranges)].astype(np.float64)
             self._has_shorter |= bool((apart > NOISE_REACH * limit).any())
             apart = apart[np.abs(apart) <= NOISE_REACH * limit]
             self._there += int(np.count_nonzero(apart <= 0))
+            self._beyond += int(np.count_nonzero(np.isposinf(ranges)))
             self._below = np.concatenate([self._below, apart[apart > 0]])[-MOST_NOISY:]
             self.reach = (
-                noise_below(self._below, self._there) or self._largest_below() or self._noise_below_alone()
+                noise_below(self._below, self._there)
+                or noise_below(self._below, self._there + self._beyond)
+                or self._largest_below()
+                or self._noise_below_alone()
             )
         return self.reach
 
