@@ -48,7 +48,9 @@ _SOME_TURN = 0.2  # Where a log does not say how far the sensor turned [rad].
 _SIGMAS = 3.0  # Of odometry, that the window has to each side.
 _LONGER = 2.0  # Time since the last scan, times that before: it does not go on as before.
 _LARGEST = np.array([1.0, 1.0, 0.5])  # Window of one step [m, m, rad].
-_WIDE = np.array([1.0, 1.0, 0.6])  # Where it moved anyhow.
+_WIDE = np.array([1.0, 1.0, 0.6])  # Where it moved anyhow,
+_ANY_TURN = np.array([1.0, 1.0, 2.0])  # times this if the log does not say how it turned;
+_APART = np.array([0.5, 0.5, 0.35])  # and which poses there are different ones.
 _AS_BEFORE, _ANYHOW = math.log(0.01), math.log(0.001)  # How often it moves so, against odometry.
 _PIECE = 0.2  # End points on one piece of surface of this size are wrong alike: it counts once [m].
 _POOR = 0.75  # Of the score of scans before: below it, the wide window is looked at, too.
@@ -230,7 +232,7 @@ class Tracker:
         usual = _POOR * float(np.median(before)) if len(before) > 5 else 0.0
         is_against = self._has_odometry and _is_outside(best.pose, guess, window)
         if best.score < usual or best.inliers < _LOST or is_against:
-            anyhow = self._anyhow(scan, best.pose, pieces)
+            anyhow = self._anyhow(scan, [best.pose, composed(last, self._step)], pieces)
             if anyhow is not None:
                 best = self._likelier(scan, pieces, best, anyhow)
             late = self._caught_up(scan, pieces) if best.score < usual or best.inliers < _LOST else None
@@ -288,15 +290,19 @@ class Tracker:
         prior = weight - float(np.log(sigmas).sum()) - 0.5 * float(off @ off)
         return Hypothesis(pose, match.covariance, match.score, match.inliers, pieces * match.score + prior)
 
-    def _anyhow(self, scan: SensorScan, middle: Floats, pieces: int) -> Hypothesis | None:
-        """The best pose of a wide window, if no other fits nearly as well."""
-        match = self._sliding_map().match(scan.points, middle, window=_WIDE)
-        if match.second > _UNIQUE * match.score:
+    def _anyhow(self, scan: SensorScan, middles: list[Floats], pieces: int) -> Hypothesis | None:
+        """The best pose of wide windows, if no other fits nearly as well."""
+        wide = _WIDE if scan.has_heading else _WIDE * _ANY_TURN
+        matches = [self._sliding_map().match(scan.points, middle, window=wide) for middle in middles]
+        poses = [pose_of(match.pose) for match in matches]
+        best = int(np.argmax([match.score for match in matches]))
+        match, pose = matches[best], poses[best]
+        rivals = [one.second for one in matches]
+        rivals += [one.score for one, at in zip(matches, poses) if _is_outside(at, pose, _APART)]
+        if max(rivals) > _UNIQUE * match.score:
             return None
-        prior = _ANYHOW - float(np.log(2.0 * _WIDE).sum()) + 1.5 * math.log(2.0 * math.pi)
-        return Hypothesis(
-            pose_of(match.pose), match.covariance, match.score, match.inliers, pieces * match.score + prior
-        )
+        prior = _ANYHOW - float(np.log(2.0 * wide).sum()) + 1.5 * math.log(2.0 * math.pi)
+        return Hypothesis(pose, match.covariance, match.score, match.inliers, pieces * match.score + prior)
 
     def _sliding_map(self) -> Matcher:
         if self._matcher is None:
