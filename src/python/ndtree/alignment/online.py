@@ -99,6 +99,8 @@ class OnlineAlignment:
             self._tracker.add(found)
         else:
             self._tracker.begin(found, covariance)
+        self._is_new = self._is_new or self._tracker.is_smoothed
+        self._tracker.is_smoothed = False
         self._learn_scale(found)
         if len(self.track.keys) > keys and self._close_loops:
             self._look()
@@ -168,6 +170,7 @@ class OnlineAlignment:
         since = way[-1] - way[self._looked_at]
         if self._job is None and (since >= SUBMAP_WAY or keys - self._looked_at >= SUBMAP_SCANS):
             self._looked_at, self._taken_at = keys - 1, keys + _TAKEN
+            self.track.final = keys
             self._job = self._thread.submit(self._searched, keys, False)
 
     def _searched(self, keys: int, is_whole: bool) -> Alignment:

@@ -55,7 +55,9 @@ _AS_BEFORE, _ANYHOW = math.log(0.01), math.log(0.001)  # How often it moves so, 
 _PIECE = 0.2  # End points on one piece of surface of this size are wrong alike: it counts once [m].
 _POOR = 0.75  # Of the score of scans before: below it, the wide window is looked at, too.
 _UNIQUE = 0.9  # Of the score of a pose that was found there, which no other may have.
+_CERTAIN = 7.0  # Log-likelihood by which another pose is less likely: one in a thousand is wrong.
 _THROUGH = 3.0  # Log-likelihood that a piece costs that lies where others saw through.
+_STALL = 16  # Scans that odometry may stall for, at most, and two.
 _COMPARED = 4  # Key scans whose outlines are compared.
 _LOST = 0.3  # Fewer points on surfaces are no match.
 _MOVES = 0.01  # Shorter steps do not tell odometry's scale [m].
@@ -110,10 +112,11 @@ class Track:
         default_factory=list
     )  # Of each key scan: points where those before saw through.
     ratios: list[float] = field(default_factory=list)  # Of ways that scans say, to those of odometry.
+    final: int = 0  # Key scans up to whose last all stays as it is.
 
     def copy(self) -> Track:
         """One that can be gone on with by itself."""
-        return Track(**{name: one if name == "lost" else list(one) for name, one in vars(self).items()})
+        return Track(**{name: list(one) if isinstance(one, list) else one for name, one in vars(self).items()})
 
 
 class Tracker:
@@ -149,7 +152,8 @@ class Tracker:
         self._scale = scale
         self._matcher: Matcher | None = None
         self._map = [np.zeros((0, 2)) for _ in self.track.keys]  # End points of key scans where they were.
-        self._outlines: deque[Outline] = deque(maxlen=_COMPARED)  # Of the last key scans.
+        self._outlines: dict[int, Outline] = {}  # Of the last key scans, by their numbers.
+        self._recent: deque[SensorScan] = deque(maxlen=_STALL)  # The last scans.
         self._scores: list[float] = []
         self._last: SensorScan | None = None
         self._lasted = 0.0  # Time from the scan before it [s].
@@ -157,6 +161,7 @@ class Tracker:
         self._agreed: tuple[Floats, Floats] | None = (
             None  # Where odometry was right: pose, and that in the log.
         )
+        self.is_smoothed = False  # Whether poses before the last have changed.
         self._is_matched = True  # Whether that was.
         self._is_regular = True  # Whether the time to this one is about as long.
         self._step = np.zeros(3)  # What the last scan moved.
@@ -170,6 +175,7 @@ class Tracker:
             return
         told = between(self._last.pose, scan.pose)
         step = self._scaled(told) if self._has_odometry else self._step
+        before = self._step
         lasted, self._lasted = self._lasted, scan.stamp - self._last.stamp
         self._is_regular = self._lasted <= _LONGER * lasted or lasted <= 0.0
         self._last_but_one, self._last = self._last.pose, scan
@@ -191,6 +197,10 @@ class Tracker:
             track.relations.append(relation)
             track.covariances.append(turned(covariance, key[2]))
             self._keep(scan, pose, track.way[-1] + way)
+        self._recent.append(scan)
+        window = _SIGMAS * self._motion.sigmas(before, True)
+        if self._has_odometry and self._is_regular and self._is_matched and _is_leap(before, self._step, window):
+            self._smooth()
 
     def begin(self, scan: SensorScan, covariance: Floats | None = None) -> None:
         """Place a scan by its pose alone: the first, or one whose pose in the map has a covariance.
@@ -207,6 +217,8 @@ class Tracker:
             track.covariances.append(turned(covariance, key[2]))
             way = track.way[-1] + _MAP_WAY  # Beyond the sliding map.
         track.poses.append(scan.pose)
+        self._recent.clear()
+        self._recent.append(scan)
         track.unfixed.append(0.0)
         self._keep(scan, scan.pose, way)
 
@@ -232,9 +244,11 @@ class Tracker:
         usual = _POOR * float(np.median(before)) if len(before) > 5 else 0.0
         is_against = self._has_odometry and _is_outside(best.pose, guess, window)
         if best.score < usual or best.inliers < _LOST or is_against:
-            anyhow = self._anyhow(scan, [best.pose, composed(last, self._step)], pieces)
-            if anyhow is not None:
+            anyhow, is_unique, rival = self._anyhow(scan, best.pose, composed(last, self._step), pieces)
+            if is_unique:
                 best = self._likelier(scan, pieces, best, anyhow)
+            elif _is_outside(anyhow.pose, best.pose, _APART):
+                rival = anyhow.posterior
             late = self._caught_up(scan, pieces) if best.score < usual or best.inliers < _LOST else None
             if late is not None:
                 best = self._likelier(scan, pieces, best, late)
@@ -242,7 +256,7 @@ class Tracker:
             if self._has_odometry and best.score < usual:
                 best = by_odometry
             if self._has_odometry and _is_outside(best.pose, guess, window):
-                track.against.append(Step(len(track.poses), anyhow is not None))
+                track.against.append(Step(len(track.poses), is_unique or best.posterior > rival + _CERTAIN))
         if self._has_odometry and not _is_outside(best.pose, guess, window):
             self._agreed = best.pose, scan.pose
         self._is_matched = best.inliers >= _LOST
@@ -264,21 +278,85 @@ class Tracker:
         sigmas = self._motion.sigmas(since, scan.has_heading)
         return self._near(scan, composed(self._agreed[0], since), sigmas, pieces, _AS_BEFORE)
 
-    def _through(self, scan: SensorScan, pose: Floats) -> float:
-        """Fraction of a scan's points at a pose that lie where the last key scans saw through."""
-        keys = self.track.keys[-len(self._outlines) :]
+    def _through(self, scan: SensorScan, pose: Floats, before: int | None = None) -> float:
+        """Fraction of a scan's points at a pose that lie where key scans before some number saw through."""
+        track, keys = self.track, range(len(self.track.keys) if before is None else before)[-_COMPARED:]
         judged = [
-            outline.judge(placed(between(self.track.poses[key], pose), scan.points))
-            for key, outline in zip(keys, self._outlines)
+            self._outlines[key].judge(placed(between(track.poses[track.keys[key]], pose), scan.points))
+            for key in keys
+            if key in self._outlines
         ]
-        same, through = (sum(counts) for counts in zip(*judged))
+        same, through = (sum(counts) for counts in zip((0, 0), *judged))
         return through / max(same + through, 1)
 
+    def _smooth(self) -> None:
+        """Place the scans before a leap again: odometry stalled and caught up, or jumped, before it.
+
+        From the scan after which the way to here is as even as it was before, each is matched around where
+        an even motion has it, and around where odometry has it from here, with what was seen before and the
+        last scan: not with each other. What fits best in all counts.
+        """
+        track, last = self.track, len(self.track.poses) - 1
+        first = last - len(self._recent) + 1
+        places = np.array(track.poses[first:])[:, :2]
+        stamps = np.array([scan.stamp for scan in self._recent])
+        anchor = first + even_since(places, stamps)
+        if anchor >= last - 1 or (track.final and anchor < track.keys[track.final - 1]):
+            return
+        scans = list(self._recent)[anchor - first + 1 : -1]
+        end = np.array(track.poses[last])
+        shares = np.linspace(0.0, 1.0, last - anchor + 1)[1:-1]
+        evenly = track.poses[anchor] + shares[:, None] * (end - track.poses[anchor])
+        if np.abs(evenly - track.poses[anchor + 1 : last])[:, :2].max() < 2.0 * self._cell_size:
+            return
+        if not scans[0].has_heading:
+            evenly[:, 2] = np.array(track.poses[anchor + 1 : last])[:, 2]
+        by_odometry = [composed(end, self._scaled(between(self._recent[-1].pose, one.pose))) for one in scans]
+        step = (end - track.poses[anchor]) / (last - anchor)
+        known = int(np.searchsorted(track.keys, anchor, side="right"))
+        matcher = self._matcher_of([*self._map[self._first_key(known) : known], placed(end, self._recent[-1].points)])
+        free = NO_ODOMETRY.sigmas(step, True)
+        pieces = [len(thinned(scan.points, _PIECE)) for scan in scans]
+        best, most = None, sum(
+            many * matcher.score(scan.points, track.poses[anchor + 1 + i])
+            for i, (scan, many) in enumerate(zip(scans, pieces))
+        ) - _AS_BEFORE
+        for guesses in (evenly, by_odometry):
+            found = [self._near(*each, free, many, matcher=matcher) for *each, many in zip(scans, guesses, pieces)]
+            fits = sum(one.score * many for one, many in zip(found, pieces))
+            if fits > most:
+                best, most = found, fits
+        if best is not None:
+            self._replace(anchor + 1, scans, best)
+
+    def _replace(self, first: int, scans: list[SensorScan], found: list[Hypothesis]) -> None:
+        """Place scans from a number on where they were found."""
+        track = self.track
+        for i, (scan, one) in enumerate(zip(scans, found), first):
+            track.poses[i] = one.pose
+            n = int(np.searchsorted(track.keys, i))
+            if n < len(track.keys) and track.keys[n] == i:
+                self._map[n] = placed(one.pose, scan.points)
+                self._matcher = None
+                track.through[n] = self._through(scan, one.pose, n)
+                track.covariances[n - 1] = turned(one.covariance, track.poses[track.keys[n - 1]][2])
+        for n in range(int(np.searchsorted(track.keys, first)), len(track.keys)):
+            ends = track.poses[track.keys[n - 1]], track.poses[track.keys[n]]
+            track.relations[n - 1] = between(*ends)
+        self._step = between(track.poses[-2], track.poses[-1])
+        self.is_smoothed = True
+
     def _near(
-        self, scan: SensorScan, guess: Floats, sigmas: Floats, pieces: int, weight: float = 0.0
+        self,
+        scan: SensorScan,
+        guess: Floats,
+        sigmas: Floats,
+        pieces: int,
+        weight: float = 0.0,
+        matcher: Matcher | None = None,
     ) -> Hypothesis:
         """The best pose around a guess."""
-        match = self._sliding_map().match(
+        match = (matcher or self._sliding_map()).match(
             scan.points,
             guess,
             window=np.minimum(_SIGMAS * sigmas, _LARGEST),
@@ -290,8 +368,11 @@ class Tracker:
         prior = weight - float(np.log(sigmas).sum()) - 0.5 * float(off @ off)
         return Hypothesis(pose, match.covariance, match.score, match.inliers, pieces * match.score + prior)
 
-    def _anyhow(self, scan: SensorScan, middles: list[Floats], pieces: int) -> Hypothesis | None:
-        """The best pose of wide windows, if no other fits nearly as well."""
+    def _anyhow(
+        self, scan: SensorScan, found: Floats, as_before: Floats, pieces: int
+    ) -> tuple[Hypothesis, bool, float]:
+        """The best pose of wide windows, whether no other fits nearly as well, and that one's posterior."""
+        middles = [found, as_before] if _is_outside(found, as_before, _APART) else [found]
         wide = _WIDE if scan.has_heading else _WIDE * _ANY_TURN
         matches = [self._sliding_map().match(scan.points, middle, window=wide) for middle in middles]
         poses = [pose_of(match.pose) for match in matches]
@@ -299,19 +380,26 @@ class Tracker:
         match, pose = matches[best], poses[best]
         rivals = [one.second for one in matches]
         rivals += [one.score for one, at in zip(matches, poses) if _is_outside(at, pose, _APART)]
-        if max(rivals) > _UNIQUE * match.score:
-            return None
         prior = _ANYHOW - float(np.log(2.0 * wide).sum()) + 1.5 * math.log(2.0 * math.pi)
-        return Hypothesis(pose, match.covariance, match.score, match.inliers, pieces * match.score + prior)
+        posterior, rival = pieces * match.score + prior, pieces * max(rivals) + prior
+        one = Hypothesis(pose, match.covariance, match.score, match.inliers, posterior)
+        return one, max(rivals) <= _UNIQUE * match.score, rival
 
     def _sliding_map(self) -> Matcher:
         if self._matcher is None:
-            way = self.track.way
-            first = max(0, len(way) - _MAP_SCANS)
-            while first < len(way) - 1 and way[-1] - way[first] > _MAP_WAY:
-                first += 1
-            self._matcher = Matcher(np.concatenate(self._map[first:]), cell_size=self._cell_size)
+            count = len(self.track.keys)
+            self._matcher = self._matcher_of(self._map[self._first_key(count) :])
         return self._matcher
+
+    def _matcher_of(self, points: list[Floats]) -> Matcher:
+        return Matcher(np.concatenate(points), cell_size=self._cell_size)
+
+    def _first_key(self, count: int) -> int:
+        """The first of a number of key scans that is in the sliding map."""
+        way, first = self.track.way, max(0, count - _MAP_SCANS)
+        while first < count - 1 and way[count - 1] - way[first] > _MAP_WAY:
+            first += 1
+        return first
 
     def _keep(self, scan: SensorScan, pose: Floats, way: float) -> None:
         track = self.track
@@ -320,7 +408,8 @@ class Tracker:
         track.scans.append(scan)
         track.way.append(way)
         self._map.append(placed(pose, scan.points))
-        self._outlines.append(Outline(scan))
+        self._outlines[len(track.keys) - 1] = Outline(scan)
+        self._outlines.pop(len(track.keys) - 1 - _COMPARED - _STALL, None)
         if len(self._map) > _MAP_SCANS:  # Only the last are looked at.
             self._map[-_MAP_SCANS - 1] = np.zeros((0, 2))
         self._matcher = None
@@ -334,6 +423,25 @@ def _unfixed(moved: Floats, covariance: Floats, sigma: float, has_odometry: bool
     variances, axes = np.linalg.eigh(covariance)
     is_open = variances > _OPEN * (sigma if has_odometry else Motion.still) ** 2
     return float(np.linalg.norm((moved @ axes)[is_open] if has_odometry else np.sqrt(variances[is_open])))
+
+
+def _is_leap(before: Floats, step: Floats, window: Floats) -> bool:
+    """Whether a step is longer than the one before it, or goes elsewhere, by more than usual."""
+    return bool((np.abs(step - before) > window)[:2].any())
+
+
+def even_since(places: Floats, stamps: Floats) -> int:
+    """Since which of some places the way to the last is most like that before it.
+
+    `places` (n, 2) [m] and `stamps` (n,) [s] of consecutive scans; without times they are evenly spaced.
+    """
+    times = stamps if (np.diff(stamps) > 0).all() else np.arange(len(places), dtype=np.float64)
+    if len(places) < 3:
+        return len(places) - 1
+    speeds = (places[-1] - places[:-1]) / (times[-1] - times[:-1])[:, None]
+    before = np.diff(places, axis=0)[:-1] / np.diff(times)[:-1, None]
+    off = np.hypot(*(speeds[1:] - before).T)
+    return 1 + int(off.argmin())
 
 
 def _posterior(hypothesis: Hypothesis) -> float:
