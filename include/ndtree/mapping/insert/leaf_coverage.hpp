@@ -51,14 +51,18 @@ class LeafCoverage {
                   const BeamWidths& widths, const CoverageModel& model, double size, Sum& sum) const {
     const bool by_eights = partition_.goes_by_eights() && !face.is_single();
     const auto main = static_cast<std::size_t>(face.axis);
-    const Planes planes = by_eights ? with_last(main, partition_.planes_of(leaf)) : Planes{};
+    const Planes planes = by_eights ? partition_.planes_of(leaf) : Planes{};
     for (std::size_t first = 0; first < list.size; first += kChunk) {
       if (first > 0 && model.is_certain(sum, size)) return;
       const BeamList part = list.part(first, std::min(list.size, first + kChunk));
 #ifdef NDTREE_HAS_EIGHTS
       if constexpr (kNumChildren <= Partition::kMostAtOnce) {
         if (by_eights) {
-          add_by_eights(planes, main, part, per_child, widths, sum);
+          const std::size_t at_once = kAllInLanes && part.size % 8 <= kFew ? part.size / 8 * 8 : part.size;
+          if (at_once > 0) add_by_eights(with_last(main, planes), main, part.part(0, at_once), per_child, widths, sum);
+          if constexpr (kAllInLanes)
+            if (at_once < part.size)
+              add_to_eight(planes, main, part.part(at_once, part.size), per_child, widths, sum);
           continue;
         }
       }
@@ -160,8 +164,9 @@ class LeafCoverage {
     return numbers;
   }();
   /// The middle of a child, in its edges. @param border its lower one.
-  [[nodiscard]] static float middle_of(float border, float per_child) {
-    return unfused(border * per_child) + 0.5f;
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static Floats middle_of(const Floats& border, float per_child) {
+    return unfused(Floats(border * per_child)) + 0.5f;
   }
 #ifdef NDTREE_HAS_EIGHTS
   /// add() of beams of one face. @param planes with_last() the main axis.
@@ -224,6 +229,68 @@ class LeafCoverage {
     }
     sums_of(way, slice, way, slice).store(sums.data());
     sum.add(typename Sum::template Passed<std::uint32_t>{sums[0], sums[1]});
+  }
+  /// All children fit the lanes of a vector.
+  static constexpr bool kAllInLanes = N == 2 && kNumChildren <= 8;
+  static constexpr std::size_t kFew = 4;  // Beams for which lanes of beams would mostly be empty.
+
+  /// add() of few beams of one face, one after the other: lanes are children.
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void add_to_eight(const Planes& planes, std::size_t main,
+                                                         const BeamList& list, float per_child,
+                                                         const BeamWidths& widths, Sum& sum) const {
+    EightFloats lower[std::size_t{D}];
+    EightFloats upper[std::size_t{D}];
+    EightFloats middles[std::size_t{D}];
+#pragma GCC unroll 4
+    for (std::size_t a = 0; a < D; ++a) {
+      constexpr std::array<unsigned, 3> kBehind{0xaa, 0xcc, 0xf0};  // Children behind the middle plane.
+      const EightMask behind = EightMask::of_set(kBehind[a % 3]);
+      lower[a] = select(behind, EightFloats(planes[a][1]), EightFloats(planes[a][0]));
+      upper[a] = select(behind, EightFloats(planes[a][N]), EightFloats(planes[a][1]));
+      middles[a] = middle_of(lower[a], per_child);
+    }
+    const float fixed = widths.per_depth > 0.0f ? 0.0f : widths.fixed;
+    EightInts seen_of_children = 0;
+    typename Sum::template Passed<std::int64_t> passed_leaf{0, 0};
+    for (std::size_t i = 0; i < list.size; ++i) {
+      const BeamRay<D>& ray = beams_.ray(list.beam[i]);
+      const BeamEnd<D>& end = beams_.end(list.beam[i]);
+      const float seen = min_of(ray.t_max, end.range);
+      float enter_leaf, exit_leaf;
+      Partition::crossings_of_node(planes, ray.inverse.data(), seen, enter_leaf, exit_leaf);
+      if (!(exit_leaf > enter_leaf)) continue;
+      const float units_per_metre = end.slant * (per_child * Sum::kUnitsOfOne);
+      const float width_per_metre = end.slant * widths.per_depth;
+      const auto passed = Sum::passed((exit_leaf - enter_leaf) * units_per_metre,
+                                      unfused(0.5f * (enter_leaf + exit_leaf) * width_per_metre) + fixed);
+      passed_leaf.way += passed.way;
+      passed_leaf.slice += passed.slice;
+      EightFloats enter = 0.0f;
+      EightFloats exit = seen;
+#pragma GCC unroll 4
+      for (std::size_t a = 0; a < D; ++a) {
+        const EightFloats inverse = ray.inverse[a];
+        const EightFloats at_lower = lower[a] * inverse;
+        const EightFloats at_upper = upper[a] * inverse;
+        enter = max_of(enter, min_of(at_lower, at_upper));
+        exit = min_of(exit, max_of(at_lower, at_upper));
+      }
+      const EightFloats middle = 0.5f * (enter + exit);
+      const EightFloats width = middle * EightFloats(width_per_metre) + EightFloats(fixed);
+      EightFloats area = 1.0f;
+#pragma GCC unroll 4
+      for (std::size_t k = 0; k + 1 < D; ++k) {
+        const std::size_t a = k == main ? D - 1 : k;
+        const EightFloats along = middle * EightFloats(1.0f / ray.inverse[a] * per_child);
+        area = area * Sum::overlap(abs_of(along - middles[a]), width);
+      }
+      seen_of_children +=
+          nearest_integer((exit - enter) * EightFloats(units_per_metre) * area) & (exit > enter);
+    }
+    std::array<std::uint32_t, 8> sums;
+    seen_of_children.store(sums.data());
+    for (int c = 0; c < kNumChildren; ++c) sum.add(c, sums[static_cast<std::size_t>(c)]);
+    sum.add(passed_leaf);
   }
 #endif
 
