@@ -40,6 +40,8 @@ struct CellParts {
   [[nodiscard]] static constexpr int num_children(int part) {
     return kTables.num_children[static_cast<std::size_t>(part)];
   }
+  static constexpr bool kAreChildren = kCount == kNumChildren;  ///< Each part is a child.
+  static constexpr std::uint32_t kAll = (1u << kCount) - 1u;    ///< The set of all parts.
 
  private:
   struct Tables {
@@ -116,6 +118,20 @@ class ScanCoverage {
   [[nodiscard]] std::int64_t units_of_child(int number) const {
     return of_child_[static_cast<std::size_t>(number)];
   }
+  /// Whether each child has at least this many units.
+  [[nodiscard]] bool all_have(std::int64_t units) const {
+    return *std::min_element(of_child_.begin(), of_child_.end()) >= units;
+  }
+  /// The set of children with fewer units. @pre at most 32 children.
+  [[nodiscard]] std::uint32_t set_below(std::int64_t units) const {
+    std::uint32_t below = 0;
+#ifdef __GNUC__
+#pragma GCC unroll 16
+#endif
+    for (std::size_t j = of_child_.size(); j-- > 0;)  // The sign of a difference is its last bit.
+      below = 2 * below + static_cast<std::uint32_t>(static_cast<std::uint64_t>(of_child_[j] - units) >> 63);
+    return below;
+  }
   /// Sum of the beams' ways, in 1 / kOne.
   [[nodiscard]] std::int64_t way() const { return way_; }
   /// Beams that would pass straight through one child if it was seen like the seen children.
@@ -158,6 +174,15 @@ class ScanCoverage {
   std::int64_t slice_ = 0;
 };
 
+/// What CoverageModel asks of cells of one size.
+struct CoverageLimits {
+  double size;           ///< The cell's edge, in smallest cells.
+  double least_seen;     ///< Seen fraction of a child that is not missing,
+  double least_of_part;  ///< and of a part that was seen.
+  std::int64_t covered;  ///< Units of each child of a covered cell.
+  std::int64_t certain;  ///< Units of each child from which on further beams change nothing.
+};
+
 /// The verdict about a cell that was never observed, or not covered.
 struct CoverageVerdict {
   std::uint32_t parts = 0;  ///< Seen by now, one bit for each of CellParts.
@@ -196,48 +221,55 @@ class CoverageModel {
   /// False if a cell is observed as soon as a beam has passed it.
   [[nodiscard]] bool is_on() const { return covered_share_ > 0.0; }
 
+  /// @param size the cell's edge, in smallest cells.
+  template <int N>
+  [[nodiscard]] CoverageLimits limits(double size) const {
+    // Of a cell of 2 N smallest ones covered_share; of larger ones what is left out has the same depth.
+    const double least_seen =
+        is_of_two(size) ? 0.5 * covered_share_ : 1.0 - (1.0 - covered_share_) * std::min(1.0, 2.0 * N / size);
+    const double covered = 1.0 - std::min(0.5, N / size);  // All but one smallest cell in depth.
+    const auto units = [](double fraction) {
+      return static_cast<std::int64_t>(fraction * kRounding * kUnitsOfChild);
+    };
+    return {size, least_seen, is_of_two(size) ? 0.5 * covered_share_ : covered_share_, units(covered),
+            units(std::max(least_seen, covered))};
+  }
   /// True if every child was seen so well that further beams cannot change what judge() and is_covered()
   /// return.
-  /// @param size as in judge().
   template <int N, int D>
-  [[nodiscard]] bool is_certain(const ScanCoverage<N, D>& scan, double size) const {
-    return all_seen(scan, std::max(least_seen<N>(size), covered<N>(size)));
+  [[nodiscard]] static bool is_certain(const ScanCoverage<N, D>& scan, const CoverageLimits& limits) {
+    return scan.all_have(limits.certain);
   }
-  /// Whether a cell with these seen parts is observed. @param size as in judge().
+  /// Whether a cell with these seen parts is observed. @param size as in limits().
   template <int N, int D>
   [[nodiscard]] bool are_enough(std::uint32_t parts, double size) const {
     using Parts = CellParts<N, D>;
+    if (!is_of_two(size)) return parts == Parts::kAll;
     int children = 0;
     for (int p = 0; p < Parts::kCount; ++p) children += (parts >> p & 1u) != 0 ? Parts::num_children(p) : 0;
-    return children >= Parts::kNumChildren * (is_of_two(size) ? 0.5 : 1.0);
+    return 2 * children >= Parts::kNumChildren;
   }
-  /// @param seen_before parts of the cell, one bit each. @param size the cell's edge, in smallest cells.
+  /// @param seen_before parts of the cell, one bit each.
   /// @param beams mean passes that its evidence for free space is worth, of this scan and before.
   /// @param adds_nothing scans like this one leave the cell as it is, or show no more of it: it remembers no
   ///   more beams, or the scan's have no neighbours.
   template <int N, int D>
-  [[nodiscard]] CoverageVerdict judge(const ScanCoverage<N, D>& scan, std::uint32_t seen_before, double size,
-                                      double beams, bool adds_nothing = false) const {
+  [[nodiscard]] CoverageVerdict judge(const ScanCoverage<N, D>& scan, std::uint32_t seen_before,
+                                      const CoverageLimits& limits, double beams,
+                                      bool adds_nothing = false) const {
     using Parts = CellParts<N, D>;
-    const double least_seen = this->least_seen<N>(size);
     const double beams_for_child = scan.beams_for_child();
     const double mean_share = scan.mean_share();
-    const std::int64_t missing_below = units_from<N, D>(
-        mean_share * std::max(0.0, std::min(least_seen, 1.0 - std::sqrt(2.0 * kRounding / beams_for_child))));
-    const double seen_from = mean_share * least_of_part(size) * kRounding;
-    std::uint32_t with_missing = 0;                        // Parts of which a child is missing.
-    std::uint32_t are_seen = 0;                            // Parts of which enough was seen.
-    if constexpr (Parts::kCount == Parts::kNumChildren) {  // Parts are children.
-      const std::int64_t least = units_from<N, D>(seen_from);
-      std::uint32_t unseen = 0;
-#ifdef __GNUC__
-#pragma GCC unroll 16
-#endif
-      for (int j = Parts::kNumChildren - 1; j >= 0; --j) {  // The sign of a difference is its last bit.
-        with_missing = 2 * with_missing + sign_of(scan.units_of_child(j) - missing_below);
-        unseen = 2 * unseen + sign_of(scan.units_of_child(j) - least);
-      }
-      are_seen = ~unseen & ((1u << Parts::kCount) - 1u);
+    std::int64_t missing_below = 0;
+    if (beams_for_child > 2.0 * kRounding)
+      missing_below = units_from(
+          mean_share * std::min(limits.least_seen, 1.0 - std::sqrt(2.0 * kRounding / beams_for_child)));
+    const double seen_from = mean_share * limits.least_of_part * kRounding;
+    std::uint32_t with_missing = 0;  // Parts of which a child is missing.
+    std::uint32_t are_seen = 0;      // Parts of which enough was seen.
+    if constexpr (Parts::kAreChildren) {
+      if (missing_below > 0) with_missing = scan.set_below(missing_below);
+      are_seen = Parts::kAll & ~scan.set_below(units_from(seen_from));
     } else {
       std::array<std::int64_t, Parts::kCount> seen{};  // In units of children.
       for (int j = 0; j < Parts::kNumChildren; ++j) {
@@ -247,66 +279,39 @@ class CoverageModel {
       }
       for (int p = 0; p < Parts::kCount; ++p)
         are_seen |= static_cast<std::uint32_t>(seen[static_cast<std::size_t>(p)] >=
-                                               units_from<N, D>(seen_from * Parts::num_children(p)))
+                                               units_from(seen_from * Parts::num_children(p)))
                     << p;
     }
     CoverageVerdict verdict{seen_before | (are_seen & ~with_missing)};
     // Beams so far apart that fewer than two would pass a smallest cell cannot tell parts that size.
-    const bool are_few = size < N + 0.5 && beams_for_child < 2.0;
+    const bool are_few = limits.size < N + 0.5 && beams_for_child < 2.0;
     const bool has_enough =
-        are_enough<N, D>(verdict.parts, size) ||
+        are_enough<N, D>(verdict.parts, limits.size) ||
         (are_few && verdict.parts != 0 && scan.volume() >= mean_share * covered_share_ * kRounding);
-    const bool may_split = size > least_to_split_;
+    const bool may_split = limits.size > least_to_split_;
     const bool is_due = beams > kBeamsOfPart * (Parts::kCount / 2) && (may_split || are_few);
     verdict.shows_more =
         ((with_missing & ~seen_before) != 0 && may_split) || (!has_enough && (is_due || adds_nothing));
     verdict.is_enough = !verdict.shows_more && has_enough;
     return verdict;
   }
-  /// Whether a scan has seen all of a cell, but for a smallest cell in depth. @param size as in judge().
+  /// Whether a scan has seen all of a cell, but for a smallest cell in depth.
   template <int N, int D>
-  [[nodiscard]] static bool is_covered(const ScanCoverage<N, D>& scan, double size) {
-    return all_seen(scan, covered<N>(size));
+  [[nodiscard]] static bool is_covered(const ScanCoverage<N, D>& scan, const CoverageLimits& limits) {
+    return scan.all_have(limits.covered);
   }
 
  private:
   /// The least number of units that is not less than a fraction of a child. @param fraction not negative.
-  template <int N, int D>
   [[nodiscard]] static std::int64_t units_from(double fraction) {
-    const double units = fraction * ScanCoverage<N, D>::kOne;
+    const double units = fraction * kUnitsOfChild;
     const auto whole = static_cast<std::int64_t>(units);
     return whole + (static_cast<double>(whole) < units);
   }
-  /// 1 of negative numbers, else 0.
-  [[nodiscard]] static std::uint32_t sign_of(std::int64_t x) {
-    return static_cast<std::uint32_t>(static_cast<std::uint64_t>(x) >> 63);
-  }
-  template <int N, int D>
-  [[nodiscard]] static bool all_seen(const ScanCoverage<N, D>& scan, double fraction) {
-    const auto least = static_cast<std::int64_t>(fraction * kRounding * ScanCoverage<N, D>::kOne);
-    bool are_seen = true;
-    for (int j = 0; j < ScanCoverage<N, D>::kNumChildren; ++j) are_seen &= scan.units_of_child(j) >= least;
-    return are_seen;
-  }
   /// True if the cell has an edge of two smallest cells.
   [[nodiscard]] static bool is_of_two(double size) { return size < 2.5; }
-  /// The least seen fraction of a part.
-  [[nodiscard]] double least_of_part(double size) const {
-    return is_of_two(size) ? 0.5 * covered_share_ : covered_share_;
-  }
-  /// The least seen fraction of a child that is not missing: of a cell of 2 N smallest ones covered_share; of
-  /// larger ones what is left out has the same depth.
-  template <int N>
-  [[nodiscard]] double least_seen(double size) const {
-    return is_of_two(size) ? 0.5 * covered_share_
-                           : 1.0 - (1.0 - covered_share_) * std::min(1.0, 2.0 * N / size);
-  }
-  /// Seen fraction of each child of a covered cell: all but one smallest cell in depth.
-  template <int N>
-  [[nodiscard]] static double covered(double size) {
-    return 1.0 - std::min(0.5, N / size);
-  }
 
+  static constexpr double kUnitsOfChild = static_cast<double>(ScanCoverage<2, 2>::kOne);  // For any N and D.
   static constexpr double kRounding = 1.0 - 1e-4;  // Of ways through cells.
   static constexpr double kBeamsOfPart = 8.0;
 

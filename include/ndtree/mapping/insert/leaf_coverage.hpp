@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <utility>
+#include <vector>
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/lanes.hpp"
@@ -41,25 +42,34 @@ class LeafCoverage {
 
  public:
   /// @param width_per_range least width of a beam at a distance of 1 m; 0: its distance to its neighbours.
-  LeafCoverage(const ScanBeams<D>& beams, const Partition& partition, float width_per_range)
-      : beams_(beams), partition_(partition), width_per_range_(width_per_range) {}
+  LeafCoverage(const ScanBeams<D>& beams, const Partition& partition, const CoverageModel& model,
+               float width_per_range)
+      : beams_(beams), partition_(partition), model_(model), width_per_range_(width_per_range) {
+    const LatticeGeometry<N, D>& geometry = partition.geometry();
+    for (int level = geometry.finest_level() + 1; level <= 0; ++level) {
+      const float per_child = 1.0f / static_cast<float>(geometry.cell_size(level - 1));
+      levels_.push_back({model.limits<N>(static_cast<double>(geometry.edge(level))), per_child,
+                         static_cast<float>(geometry.unit()) * per_child});
+    }
+  }
 
   /// Adds what beams of one face see of a leaf's children, up to their end points, until the leaf is certain
   /// to be covered.
-  /// @param per_child 1 / edge of a child [1/m]. @param size of the leaf, in smallest cells.
+  /// @param per_child 1 / edge of a child [1/m].
   void operator()(const CellIndex<D>& leaf, const CubeFace<D>& face, const BeamList& list, float per_child,
-                  const BeamWidths& widths, const CoverageModel& model, double size, Sum& sum) const {
+                  const BeamWidths& widths, const CoverageLimits& limits, Sum& sum) const {
     const bool by_eights = partition_.goes_by_eights() && !face.is_single();
     const auto main = static_cast<std::size_t>(face.axis);
     const Planes planes = by_eights ? partition_.planes_of(leaf) : Planes{};
     for (std::size_t first = 0; first < list.size; first += kChunk) {
-      if (first > 0 && model.is_certain(sum, size)) return;
+      if (first > 0 && CoverageModel::is_certain(sum, limits)) return;
       const BeamList part = list.part(first, std::min(list.size, first + kChunk));
 #ifdef NDTREE_HAS_EIGHTS
       if constexpr (kNumChildren <= Partition::kMostAtOnce) {
         if (by_eights) {
           const std::size_t at_once = kAllInLanes && part.size % 8 <= kFew ? part.size / 8 * 8 : part.size;
-          if (at_once > 0) add_by_eights(with_last(main, planes), main, part.part(0, at_once), per_child, widths, sum);
+          if (at_once > 0)
+            add_by_eights(with_last(main, planes), main, part.part(0, at_once), per_child, widths, sum);
           if constexpr (kAllInLanes)
             if (at_once < part.size)
               add_to_eight(planes, main, part.part(at_once, part.size), per_child, widths, sum);
@@ -70,32 +80,34 @@ class LeafCoverage {
       add(leaf, face, part, per_child, widths, sum);
     }
   }
-  /// Whether enough of a leaf was seen to update it as a whole.
-  /// @param sample the beams of its list that it samples. @param beams as in
+  /// Whether enough of a leaf was seen to update it as a whole; of an observed one, only whether it is
+  /// covered.
+  /// @param sample the beams of its list that it samples. @param beams, adds_nothing as in
   /// CoverageModel::judge().
-  /// @returns the verdict; whether it is covered, if the leaf was observed, or is now.
   [[nodiscard]] CoverageVerdict judge(const CellIndex<D>& leaf, const EvidenceCell& cell,
-                                      const BeamList& list, const LeafSample<D>& sample,
-                                      const CoverageModel& model, double beams, bool adds_nothing) const {
-    const LatticeGeometry<N, D>& geometry = partition_.geometry();
-    const auto size = static_cast<double>(geometry.edge(leaf.level));
-    const float per_child = 1.0f / static_cast<float>(geometry.cell_size(leaf.level - 1));
-    const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
+                                      const BeamList& list, const LeafSample<D>& sample, double beams,
+                                      bool adds_nothing) const {
+    constexpr std::size_t kMostCrossed = D * (N - 1) + 1;  // Children, by one beam.
+    if (cell.observed() && kMostCrossed * list.size < kNumChildren) return {};
+    const OfLevel& level =
+        levels_[static_cast<std::size_t>(leaf.level - partition_.geometry().finest_level() - 1)];
     Sum sum;
     bool are_single = true;
     sample.for_each_fraction(
         beams_, list, [&](const CubeFace<D>& face, float fraction, const BeamList& part) {
           // Sampled beams stand for the others, too.
           const float width = face.width_of_beam() * BeamSampling<N, D>::widening(fraction);
-          const BeamWidths widths{std::max(width, width_per_range_) * per_child,
-                                  static_cast<float>(geometry.unit()) * per_child};
+          const BeamWidths widths{std::max(width, width_per_range_) * level.per_child, level.smallest};
           const std::int64_t before = sum.way();
-          (*this)(leaf, face, part, per_child, widths, model, size, sum);
+          (*this)(leaf, face, part, level.per_child, widths, level.limits, sum);
           are_single &= widths.per_depth == 0.0f || sum.way() == before;
         });
-    // What lies beside a beam without neighbours, no such beam shows.
-    CoverageVerdict verdict = model.judge(sum, seen_before, size, beams, adds_nothing || are_single);
-    verdict.is_covered = (verdict.is_enough || cell.observed()) && model.is_covered(sum, size);
+    CoverageVerdict verdict;
+    if (!cell.observed()) {  // What lies beside a beam without neighbours, no such beam shows.
+      const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
+      verdict = model_.judge(sum, seen_before, level.limits, beams, adds_nothing || are_single);
+    }
+    verdict.is_covered = verdict.is_enough && CoverageModel::is_covered(sum, level.limits);
     return verdict;
   }
 
@@ -294,9 +306,17 @@ class LeafCoverage {
   }
 #endif
 
+  struct OfLevel {
+    CoverageLimits limits;
+    float per_child;  // 1 / edge of a child [1/m].
+    float smallest;   // A smallest cell, in edges of a child.
+  };
+
   const ScanBeams<D>& beams_;
   const Partition& partition_;
+  const CoverageModel& model_;
   const float width_per_range_;
+  std::vector<OfLevel> levels_;  // From the one above the finest up to 0.
 };
 
 }  // namespace ndtree

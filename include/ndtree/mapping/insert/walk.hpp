@@ -121,7 +121,7 @@ class alignas(kCacheLines) ScanWalk {
         beams_(beams),
         partition_(tree.geometry(), beams),
         evidence_(tree.geometry(), beams, refinement.model, sensor),
-        coverage_(beams, partition_, sensor.cone_width(1.0f)),
+        coverage_(beams, partition_, refinement.coverage, sensor.cone_width(1.0f)),
         sampling_(tree.geometry(), beams, refinement.model),
         list_partition_(partition_, beams, sampling_),
         initialiser_(tree.geometry(), refinement.model, beams),
@@ -477,7 +477,7 @@ class alignas(kCacheLines) ScanWalk {
           counted(refinement_.model.update_passed(cell, scan, passes.are_clear()), scan.beams);
       return (refinement_.partial_log_odds && refinement_.keep_partial(cell)) || changed;
     }
-    const CoverageVerdict seen = coverage_.judge(leaf.index, cell, list, sample, refinement_.coverage,
+    const CoverageVerdict seen = coverage_.judge(leaf.index, cell, list, sample,
                                                  refinement_.model.beams_of(cell.free_evidence() + scan.free),
                                                  refinement_.model.remembers_no_more(cell, scan));
     const EvidenceCell before = cell;
