@@ -128,8 +128,9 @@ class ScanCoverage {
 #ifdef __GNUC__
 #pragma GCC unroll 16
 #endif
-    for (std::size_t j = of_child_.size(); j-- > 0;)  // The sign of a difference is its last bit.
-      below = 2 * below + static_cast<std::uint32_t>(static_cast<std::uint64_t>(of_child_[j] - units) >> 63);
+    for (int j = kNumChildren - 1; j >= 0; --j)  // The sign of a difference is its last bit.
+      below = 2 * below +
+              static_cast<std::uint32_t>(static_cast<std::uint64_t>(units_of_child(j) - units) >> 63);
     return below;
   }
   /// Sum of the beams' ways, in 1 / kOne.
