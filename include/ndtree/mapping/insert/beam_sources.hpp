@@ -13,6 +13,7 @@
 /// Both give the same results, to the last bit.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 
@@ -42,7 +43,7 @@ struct ListInCell {
   [[nodiscard]] const BeamList& crossing() const { return list; }
   [[nodiscard]] std::uint32_t first_beam() const { return list.first_beam(); }
   [[nodiscard]] std::uint32_t last_beam() const { return list.last_beam(); }
-  [[nodiscard]] CellCrossings<N, D> crossings() const {
+  [[nodiscard]] NDTREE_ALWAYS_INLINE CellCrossings<N, D> crossings() const {
     const auto& geometry = walk.tree_.geometry();
     return planes != nullptr ? CellCrossings<N, D>(geometry, walk.beams_, cell.index, *planes, child)
                              : CellCrossings<N, D>(geometry, walk.beams_, cell.index);
@@ -140,11 +141,10 @@ struct PacketInCell {
   }
   template <class Use>
   bool with_list(const Use& use) const {
-    const ListScope scope(source.walk.stack_);
-    BeamList list = source.walk.stack_.allocate(Rays::kMost + BeamList::kSlack);
+    std::array<std::uint32_t, Rays::kMost + BeamList::kSlack> beams{};
+    BeamList list{beams.data(), 0};
     for (std::uint32_t left = set(); left != 0; left &= left - 1)
       list.beam[list.size++] = rays().first_of(left);
-    list.pad();
     return use(list);
   }
   bool integrate_below(const Ref& inner, const typename Walk::Sampling& sampling) const {

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/cell/beam_weight.hpp"
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/lanes.hpp"
 #include "ndtree/core/unfused.hpp"
@@ -41,16 +42,24 @@ class LeafCoverage {
   static constexpr int kNumChildren = Partition::kNumChildren;
 
  public:
+  /// @param miss_evidence of a beam on a way of mean length, see EvidenceMemory.
   /// @param width_per_range least width of a beam at a distance of 1 m; 0: its distance to its neighbours.
   LeafCoverage(const ScanBeams<D>& beams, const Partition& partition, const CoverageModel& model,
-               float width_per_range)
+               std::int64_t miss_evidence, float width_per_range)
       : beams_(beams), partition_(partition), model_(model), width_per_range_(width_per_range) {
     const LatticeGeometry<N, D>& geometry = partition.geometry();
     for (int level = geometry.finest_level() + 1; level <= 0; ++level) {
       const float per_child = 1.0f / static_cast<float>(geometry.cell_size(level - 1));
-      levels_.push_back({model.limits<N>(static_cast<double>(geometry.edge(level))), per_child,
-                         static_cast<float>(geometry.unit()) * per_child});
+      const CoverageLimits limits = model.limits<N>(static_cast<double>(geometry.edge(level)));
+      constexpr double kChildrenAcross = kNumChildren / (N * mean_chord_of_unit_cube(D)) / Sum::kUnitsOfOne;
+      levels_.push_back({limits, per_child, static_cast<float>(geometry.unit()) * per_child,
+                         static_cast<std::int64_t>(2.0 * kBelowRounding * kChildrenAcross *
+                                                   static_cast<double>(limits.covered * miss_evidence))});
     }
+  }
+  /// False if beams that pass a leaf are too few to cover it, as their ways through it tell.
+  [[nodiscard]] NDTREE_ALWAYS_INLINE bool may_cover(int level, const PassedEvidence& passed) const {
+    return 2 * passed.free + passed.misses >= of(level).covering_evidence;  // Ways are rounded.
   }
 
   /// Adds what beams of one face see of a leaf's children, up to their end points, until the leaf is certain
@@ -89,8 +98,7 @@ class LeafCoverage {
                                       bool adds_nothing) const {
     constexpr std::size_t kMostCrossed = D * (N - 1) + 1;  // Children, by one beam.
     if (cell.observed() && kMostCrossed * list.size < kNumChildren) return {};
-    const OfLevel& level =
-        levels_[static_cast<std::size_t>(leaf.level - partition_.geometry().finest_level() - 1)];
+    const OfLevel& level = of(leaf.level);
     Sum sum;
     bool are_single = true;
     sample.for_each_fraction(
@@ -112,6 +120,16 @@ class LeafCoverage {
   }
 
  private:
+  struct OfLevel {
+    CoverageLimits limits;
+    float per_child;                 // 1 / edge of a child [1/m].
+    float smallest;                  // A smallest cell, in edges of a child.
+    std::int64_t covering_evidence;  // Twice the least evidence for free space of beams that cover a leaf.
+  };
+  [[nodiscard]] const OfLevel& of(int level) const {
+    return levels_[static_cast<std::size_t>(level - partition_.geometry().finest_level() - 1)];
+  }
+  static constexpr double kBelowRounding = 1.0 - 1e-3;
   static constexpr std::size_t kChunk = 32;  // Beams between two tests; sums of up to 64 fit 32 bits.
 
   /// The axis of a face; of beams that are alone on their faces, which share one, the first along which the
@@ -305,12 +323,6 @@ class LeafCoverage {
     sum.add(passed_leaf);
   }
 #endif
-
-  struct OfLevel {
-    CoverageLimits limits;
-    float per_child;  // 1 / edge of a child [1/m].
-    float smallest;   // A smallest cell, in edges of a child.
-  };
 
   const ScanBeams<D>& beams_;
   const Partition& partition_;

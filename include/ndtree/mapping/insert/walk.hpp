@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <numeric>
 #include <optional>
+#include <type_traits>
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
@@ -121,7 +122,8 @@ class alignas(kCacheLines) ScanWalk {
         beams_(beams),
         partition_(tree.geometry(), beams),
         evidence_(tree.geometry(), beams, refinement.model, sensor),
-        coverage_(beams, partition_, refinement.coverage, sensor.cone_width(1.0f)),
+        coverage_(beams, partition_, refinement.coverage, refinement.model.miss_evidence(),
+                  sensor.cone_width(1.0f)),
         sampling_(tree.geometry(), beams, refinement.model),
         list_partition_(partition_, beams, sampling_),
         initialiser_(tree.geometry(), refinement.model, beams),
@@ -357,7 +359,10 @@ class alignas(kCacheLines) ScanWalk {
   template <class Scan, class Otherwise>
   NDTREE_ALWAYS_INLINE bool update_unless_split(EvidenceCell& leaf, int level, const Scan& scan,
                                                 const Otherwise& otherwise) {
-    const LeafAction action = refinement_.action(leaf, scan, kChildrenAcross<Tree>, level - finest_level_);
+    LeafAction action = refinement_.action(leaf, scan, kChildrenAcross<Tree>, level - finest_level_);
+    if constexpr (std::is_same_v<Scan, PassedEvidence>)
+      if (action == LeafAction::judge_coverage && leaf.observed() && !coverage_.may_cover(level, scan))
+        action = LeafAction::update;
     if (action == LeafAction::update) {
       if (level == finest_level_ && Refinement::is_contradicted(leaf, scan))
         return otherwise(ScanEvidence::of(scan), LeafAction::judge_passes);
