@@ -254,6 +254,11 @@ NDTREE_BY_EIGHTS inline void store_to(const EightFloats& x, float* to) { x.store
 [[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats one_of_eight(const float* table, const EightInts& at) {
   return EightFloats::from(_mm256_permutevar8x32_ps(_mm256_loadu_ps(table), at.v));
 }
+/// Eight of four numbers in memory.
+[[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats of_four(const float* table, const std::uint32_t* at) {
+  return EightFloats::from(_mm256_permutevar_ps(_mm256_broadcast_ps(reinterpret_cast<const __m128*>(table)),
+                                                EightInts::load(at).v));
+}
 /// Products of vectors are rounded in any case.
 [[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats unfused(const EightFloats& x) { return x; }
 

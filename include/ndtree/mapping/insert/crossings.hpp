@@ -40,8 +40,9 @@ struct EightCrossings {
 template <int N, int D>
 class CellCrossings {
  public:
-  /// The planes of a node, and between its children, on each axis, from the one origin of all beams [m].
-  using Planes = std::array<std::array<float, std::size_t{N} + 1>, std::size_t{D}>;
+  /// The N + 1 planes of a node, and between its children, on each axis, from the one origin of all beams
+  /// [m].
+  using Planes = std::array<std::array<float, std::max<std::size_t>(N + 1, 4)>, std::size_t{D}>;
 
   /// Position of a plane minus an origin [m]. @param coordinate of the plane on the lattice.
   [[nodiscard]] NDTREE_ALWAYS_INLINE static float plane(const LatticeGeometry<N, D>& geometry,

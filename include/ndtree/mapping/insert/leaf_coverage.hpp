@@ -65,11 +65,11 @@ class LeafCoverage {
   /// Adds what beams of one face see of a leaf's children, up to their end points, until the leaf is certain
   /// to be covered.
   /// @param per_child 1 / edge of a child [1/m].
-  void operator()(const CellIndex<D>& leaf, const CubeFace<D>& face, const BeamList& list, float per_child,
-                  const BeamWidths& widths, const CoverageLimits& limits, Sum& sum) const {
+  NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& leaf, const CubeFace<D>& face,
+                                       const BeamList& list, float per_child, const BeamWidths& widths,
+                                       const CoverageLimits& limits, Sum& sum) const {
     const bool by_eights = partition_.goes_by_eights() && !face.is_single();
     const auto main = static_cast<std::size_t>(face.axis);
-    const Planes planes = by_eights ? partition_.planes_of(leaf) : Planes{};
     for (std::size_t first = 0; first < list.size; first += kChunk) {
       if (first > 0 && CoverageModel::is_certain(sum, limits)) return;
       const BeamList part = list.part(first, std::min(list.size, first + kChunk));
@@ -77,11 +77,10 @@ class LeafCoverage {
       if constexpr (kNumChildren <= Partition::kMostAtOnce) {
         if (by_eights) {
           const std::size_t at_once = kAllInLanes && part.size % 8 <= kFew ? part.size / 8 * 8 : part.size;
-          if (at_once > 0)
-            add_by_eights(with_last(main, planes), main, part.part(0, at_once), per_child, widths, sum);
+          if (at_once > 0) add_by_eights(leaf, main, part.part(0, at_once), per_child, widths, sum);
           if constexpr (kAllInLanes)
             if (at_once < part.size)
-              add_to_eight(planes, main, part.part(at_once, part.size), per_child, widths, sum);
+              add_to_eight(leaf, main, part.part(at_once, part.size), per_child, widths, sum);
           continue;
         }
       }
@@ -93,9 +92,9 @@ class LeafCoverage {
   /// covered.
   /// @param sample the beams of its list that it samples. @param beams, adds_nothing as in
   /// CoverageModel::judge().
-  [[nodiscard]] CoverageVerdict judge(const CellIndex<D>& leaf, const EvidenceCell& cell,
-                                      const BeamList& list, const LeafSample<D>& sample, double beams,
-                                      bool adds_nothing) const {
+  [[nodiscard]] NDTREE_NEVER_INLINE CoverageVerdict judge(const CellIndex<D>& leaf, const EvidenceCell& cell,
+                                                          const BeamList& list, const LeafSample<D>& sample,
+                                                          double beams, bool adds_nothing) const {
     constexpr std::size_t kMostCrossed = D * (N - 1) + 1;  // Children, by one beam.
     if (cell.observed() && kMostCrossed * list.size < kNumChildren) return {};
     const OfLevel& level = of(leaf.level);
@@ -199,10 +198,11 @@ class LeafCoverage {
     return unfused(Floats(border * per_child)) + 0.5f;
   }
 #ifdef NDTREE_HAS_EIGHTS
-  /// add() of beams of one face. @param planes with_last() the main axis.
-  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void add_by_eights(const Planes& planes, std::size_t main,
+  /// add() of beams of one face, with_last() its axis.
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void add_by_eights(const CellIndex<D>& leaf, std::size_t main,
                                                           const BeamList& list, float per_child,
                                                           const BeamWidths& widths, Sum& sum) const {
+    const Planes planes = with_last(main, partition_.planes_by_fours(leaf));
     EightInts child[std::size_t{kNumChildren}];
 #pragma GCC unroll 32
     for (int c = 0; c < kNumChildren; ++c) child[c] = 0;
@@ -262,21 +262,28 @@ class LeafCoverage {
   }
   /// All children fit the lanes of a vector.
   static constexpr bool kAllInLanes = N == 2 && kNumChildren <= 8;
-  static constexpr std::size_t kFew = 4;  // Beams for which lanes of beams would mostly be empty.
+  static constexpr std::size_t kFew = D + 1;  // Beams for which lanes of beams would mostly be empty.
 
+  /// Of each axis, the numbers of the planes below children, or above, if N is 2.
+  static constexpr auto kPlanesBeside = [] {
+    std::array<std::array<std::array<std::uint32_t, 8>, std::size_t{D}>, 2> planes{};
+    for (unsigned above = 0; above < 2; ++above)
+      for (unsigned a = 0; a < D; ++a)
+        for (unsigned c = 0; c < 8; ++c) planes[above][a][c] = (c >> a & 1u) + above;
+    return planes;
+  }();
   /// add() of few beams of one face, one after the other: lanes are children.
-  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void add_to_eight(const Planes& planes, std::size_t main,
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void add_to_eight(const CellIndex<D>& leaf, std::size_t main,
                                                          const BeamList& list, float per_child,
                                                          const BeamWidths& widths, Sum& sum) const {
+    const Planes planes = partition_.planes_by_fours(leaf);
     EightFloats lower[std::size_t{D}];
     EightFloats upper[std::size_t{D}];
     EightFloats middles[std::size_t{D}];
 #pragma GCC unroll 4
     for (std::size_t a = 0; a < D; ++a) {
-      constexpr std::array<unsigned, 3> kBehind{0xaa, 0xcc, 0xf0};  // Children behind the middle plane.
-      const EightMask behind = EightMask::of_set(kBehind[a % 3]);
-      lower[a] = select(behind, EightFloats(planes[a][1]), EightFloats(planes[a][0]));
-      upper[a] = select(behind, EightFloats(planes[a][N]), EightFloats(planes[a][1]));
+      lower[a] = of_four(planes[a].data(), kPlanesBeside[0][a].data());
+      upper[a] = of_four(planes[a].data(), kPlanesBeside[1][a].data());
       middles[a] = middle_of(lower[a], per_child);
     }
     const float fixed = widths.per_depth > 0.0f ? 0.0f : widths.fixed;

@@ -90,8 +90,8 @@ class ScanBeams {
     base_ = base;
   }
 
-  /// Writes the rows of a beam of any kind: also one that is cut, did not return, ends on a border, or has an
-  /// origin or noise of its own, for which set_eight() has no steps.
+  /// Writes the rows of a beam of any kind: also one that is cut, ends on a border, or has an origin or noise
+  /// of its own, for which set_eight() has no steps.
   /// @param i index of the beam in the scan; a valid beam. @param noise to which the beam's is added.
   template <int N, class Sensor>
   void set(std::size_t number, const LatticeGeometry<N, D>& geometry, const Sensor& sensor,
@@ -140,13 +140,13 @@ class ScanBeams {
 
 #ifdef NDTREE_HAS_EIGHTS
   /// Writes the rows of eight beams, with the same bits as set().
-  /// @param numbers indices of these beams in the scan.
-  /// @pre the scan has one origin and no range_sigma, all eight beams returned, and ends_fit_32_bits().
+  /// @param numbers indices of these beams in the scan. @param returned the set of those that did.
+  /// @pre the scan has one origin and no range_sigma, and ends_fit_32_bits().
   /// @returns false, with nothing written, if set() must write them: a beam is cut, or ends on a border.
   template <int N, class Sensor>
   NDTREE_BY_EIGHTS bool set_eight(std::size_t number, const LatticeGeometry<N, D>& geometry,
                                   const Sensor& sensor, const Measurements<D, Sensor>& measurements,
-                                  const std::uint32_t* numbers, BeamNoise& noise) {
+                                  const std::uint32_t* numbers, unsigned returned, BeamNoise& noise) {
     const ScanView<D>& scan = measurements.scan();
     EightFloats ray[std::size_t{D}];
     EightFloats square = 0.0f;
@@ -187,13 +187,18 @@ class ScanBeams {
     const FourDoubles low_sigma = measurements.sigma_at(of_range.low);
     const FourDoubles high_sigma = measurements.sigma_at(of_range.high);
     ends.sigma = to_floats(low_sigma, high_sigma);
-    ends.clearly_free_until = to_floats(sensor.clearly_free_until(of_range.low, low_sigma),
-                                        sensor.clearly_free_until(of_range.high, high_sigma));
-    ends.surface = static_cast<float>(kThinnestSurface) * ends.sigma;
+    const EightMask ends_at_surface = EightMask::of_set(returned);
+    ends.clearly_free_until = select(ends_at_surface,
+                                     to_floats(sensor.clearly_free_until(of_range.low, low_sigma),
+                                               sensor.clearly_free_until(of_range.high, high_sigma)),
+                                     range);
+    ends.surface = static_cast<float>(kThinnestSurface) * ends.sigma & ends_at_surface;
     ends.range = range;
     ends.slant = depth / range;
-    rays.t_max = to_floats(of_range.low + Sensor::kReachSigmas * low_sigma,
-                           of_range.high + Sensor::kReachSigmas * high_sigma);
+    rays.t_max = select(ends_at_surface,
+                        to_floats(of_range.low + Sensor::kReachSigmas * low_sigma,
+                                  of_range.high + Sensor::kReachSigmas * high_sigma),
+                        range);
     noise.add(ends.sigma, rays.t_max, ends.clearly_free_until - ends.surface);
     store(rays, ends, number);
     return true;

@@ -167,7 +167,7 @@ class ScanUpdate {
     const double nearby = 0.5 * static_cast<double>(ScanBeams<D>::kNearby) * tree_.geometry().unit();
     return (reach_.upper - reach_.lower).maxCoeff() < nearby;
   }
-  /// True if the scan meets the preconditions of ScanBeams::set_eight(), but for beams without return.
+  /// True if the scan meets the preconditions of ScanBeams::set_eight().
   [[nodiscard]] bool may_go_by_eights() const {
 #ifdef NDTREE_HAS_EIGHTS
     const ScanView<D>& scan = measurements_->scan();
@@ -207,10 +207,10 @@ class ScanUpdate {
         if (i + kAhead + 8 <= last)
           for (std::size_t k = 0; k < 8; ++k)
             prefetch<D>(scan.endpoints + std::size_t{D} * kept[i + kAhead + k]);
-        bool all_returned = true;
+        unsigned returned = 0;
         for (std::size_t k = 0; k < 8; ++k)
-          all_returned = all_returned && scan.is_returned(static_cast<Eigen::Index>(kept[i + k]));
-        if (!all_returned || !beams_.set_eight(i, geometry, sensor_, *measurements_, kept + i, noise))
+          returned |= unsigned{scan.is_returned(static_cast<Eigen::Index>(kept[i + k]))} << k;
+        if (!beams_.set_eight(i, geometry, sensor_, *measurements_, kept + i, returned, noise))
           for (std::size_t k = 0; k < 8; ++k) set(i + k);
       }
     }

@@ -405,10 +405,17 @@ class alignas(kCacheLines) ScanWalk {
                                           const ScanEvidence scan, LeafAction action,
                                           const Sampling sampling) {
     return beams.with_list([&](const BeamList& list) {
-      if (sample.face == nullptr) return split_or_judge(beams.ref(), list, all_, scan, action, sampling);
-      sample_.clear();
-      sample_.add(sample);
-      return split_or_judge(beams.ref(), list, sample_, scan, action, {sample.face, false});
+      const LeafSample<D>* sampled = &all_;
+      Sampling below = sampling;
+      if (sample.face != nullptr) {
+        sample_.clear();
+        sample_.add(sample);
+        sampled = &sample_;
+        below = {sample.face, false};
+      }
+      return action == LeafAction::judge_coverage
+                 ? judge_coverage(beams.ref(), list, *sampled, scan, below)
+                 : split_or_judge(beams.ref(), list, *sampled, scan, action, below);
     });
   }
   /// Whether the sensor's errors explain the beams that end in a saturated leaf.
@@ -452,14 +459,13 @@ class alignas(kCacheLines) ScanWalk {
     return changed;
   }
 
-  /// Splits a leaf. If beams ended right before it: splits it if a sampled one grazed the cells before its
-  /// border, else goes on as if none had ended there. Or asks CoverageModel::judge() about one that beams
-  /// have only passed. If it was never observed, it splits, is updated, or waits for scans that see its other
-  /// parts; else it is updated, and covered if this scan saw all of it. An occupied smallest cell is updated,
-  /// knowing whether the beams passed it clearly.
+  /// Splits a leaf, or judge_coverage(). If beams ended right before it: splits it if a sampled one grazed
+  /// the cells before its border, else goes on as if none had ended there. An occupied smallest cell is
+  /// updated, knowing whether the beams passed it clearly.
   bool split_or_judge(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample,
                       const ScanEvidence& scan, LeafAction action, const Sampling& sampling) {
     if (action == LeafAction::split) return split(leaf, list, sample, scan, sampling);
+    if (action == LeafAction::judge_coverage) return judge_coverage(leaf, list, sample, scan, sampling);
     if (action == LeafAction::judge_ends) {
       bool grazes = false;
       sample.for_each_part(beams_, list, [&](const BeamList& part) {
@@ -473,15 +479,19 @@ class alignas(kCacheLines) ScanWalk {
                                    return split_or_judge(leaf, list, sample, all, other, sampling);
                                  });
     }
+    Passes passes;  // LeafAction::judge_passes
+    sample.for_each_part(beams_, list,
+                         [&](const BeamList& part) { evidence_.add_passes(leaf.index, part, passes); });
+    const bool changed =
+        counted(refinement_.model.update_passed(leaf.cell(), scan, passes.are_clear()), scan.beams);
+    return (refinement_.partial_log_odds && refinement_.keep_partial(leaf.cell())) || changed;
+  }
+  /// Asks CoverageModel::judge() about a leaf that beams have only passed. If it was never observed, it
+  /// splits, is updated, or waits for scans that see its other parts; else it is updated, and covered if this
+  /// scan saw all of it.
+  NDTREE_NEVER_INLINE bool judge_coverage(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample,
+                                          const ScanEvidence& scan, const Sampling& sampling) {
     EvidenceCell& cell = leaf.cell();
-    if (action == LeafAction::judge_passes) {
-      Passes passes;
-      sample.for_each_part(beams_, list,
-                           [&](const BeamList& part) { evidence_.add_passes(leaf.index, part, passes); });
-      const bool changed =
-          counted(refinement_.model.update_passed(cell, scan, passes.are_clear()), scan.beams);
-      return (refinement_.partial_log_odds && refinement_.keep_partial(cell)) || changed;
-    }
     const CoverageVerdict seen = coverage_.judge(leaf.index, cell, list, sample,
                                                  refinement_.model.beams_of(cell.free_evidence() + scan.free),
                                                  refinement_.model.remembers_no_more(cell, scan));
