@@ -40,9 +40,8 @@ TEST(HitRate, QuantilesAreThoseOfThePosterior) {
     const double misses = cases % 4 == 1 ? 0.0 : random.uniform(0.0, 200.0);
     const double prior_hits = random.uniform(0.1, 1.0);
     const double prior_misses = random.uniform(0.1, 1.0);
-    const double size = 1 << cases % 3;  // Of larger cells, fewer hits lie beside.
-    const double most = 1.0 - 0.2 / size;
-    const HitRate rate(hits, misses, prior_hits, prior_misses, size);
+    const double most = random.uniform(0.6, 1.0);
+    const HitRate rate(most, hits, misses, prior_hits, prior_misses);
     EXPECT_DOUBLE_EQ(rate.beams(), hits + misses);
     EXPECT_NEAR(rate.mean(), most * (hits + prior_hits) / (hits + misses + prior_hits + prior_misses), 1e-15);
     double last = 0.0;
@@ -62,7 +61,7 @@ TEST(HitRate, QuantilesAreThoseOfThePosterior) {
 
 TEST(HitRate, BeamsNarrowTheBounds) {
   const auto width = [](double beams) {
-    const HitRate rate(0.5 * beams, 0.5 * beams, 0.14, 0.82);
+    const HitRate rate(0.85, 0.5 * beams, 0.5 * beams, 0.14, 0.82);
     return rate.quantile(0.975) - rate.quantile(0.025);
   };
   EXPECT_GT(width(8.0), width(32.0));
@@ -84,17 +83,18 @@ TEST(HitRate, CellsAreReadInBeams) {
   SensorOptions sensor;
   sensor.probability_min = 0.3;
   sensor.probability_max = 0.8;
-  const HitRateModel model(sensor);
+  const HitRateModel model(sensor, 3);
   const double hit = std::log(0.8 / 0.2);
   const double miss = std::log(0.7 / 0.3);
   EvidenceCell cell;
   cell.set_evidence(std::llround(6.0 * hit * 256.0), std::llround(10.0 * miss * 256.0), 0.0f);
   EXPECT_NEAR(model(cell, 1.0).beams(), 1.25 * 6.0 + 10.0, 0.02);
-  EXPECT_NEAR(model(cell, 1.0).mean(), 0.8 * (7.5 + 0.14) / (17.5 + 0.96), 1e-3);
+  for (const double size : {1.0, 2.0, 8.0})  // Beside larger cells, fewer beams end.
+    EXPECT_NEAR(model(cell, size).mean(), (1.0 - 1.0 / 3.0 / size) * (7.5 + 0.14) / (17.5 + 0.96), 1e-3);
   OccupancyCell counted;
   counted.set_counts(6, 10);
   EXPECT_NEAR(model(counted, 1.0).beams(), 17.5, 1e-12);
-  EXPECT_NEAR(model(counted, 1.0).mean(), 0.8 * 7.516 / 17.526, 1e-12);
+  EXPECT_NEAR(model(counted, 1.0).mean(), 0.85 * 7.516 / 17.526, 1e-12);
   EXPECT_LT(HitRateModel::mean_of(-2.0), HitRateModel::mean_of(3.5));
 }
 

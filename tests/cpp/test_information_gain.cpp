@@ -76,7 +76,7 @@ InformationGain by_steps(const Map& map, const Pose<Map::kDim>& pose, const Beam
   constexpr int D = Map::kDim;
   constexpr double kStep = 0.001;
   const double edge = map.options().min_cell_size;
-  const HitRateModel model(map.options());
+  const HitRateModel model(map.options(), D);
   InformationGain gain;
   for (Eigen::Index i = 0; i < sensor.directions.cols(); ++i) {
     const Vector<D> direction = pose.rotation * sensor.directions.col(i);
@@ -173,7 +173,7 @@ TEST(InformationGain, VolumeIsWhatIsInSight) {
 TEST(InformationGain, LessBitsTheMoreIsObserved) {
   double before = 1.0;
   for (const double beams : {0.0, 1.0, 10.0, 1000.0}) {  // The mean is always that of the prior.
-    const double bits = HitRate(0.14 * beams, 0.82 * beams, 0.14, 0.82).bits_of_next();
+    const double bits = HitRate(0.85, 0.14 * beams, 0.82 * beams, 0.14, 0.82).bits_of_next();
     EXPECT_LT(bits, before);
     before = bits;
     // By a plain integral over the rate's fraction.

@@ -225,7 +225,7 @@ TYPED_TEST(QueriesOf, TheSurfaceIsWhereHalfOfTheBeamsHaveEnded) {
   SCOPED_TRACE(random.trace());
   const auto map = random_map<N, D>(random);
   const auto leaves = plain_leaves(map);
-  const HitRateModel model(map.options());
+  const HitRateModel model(map.options(), D);
   const double most = 0.75 * map.options().min_cell_size;
   int found = 0;
   int inside = 0;
@@ -251,8 +251,7 @@ TYPED_TEST(QueriesOf, TheSurfaceIsWhereHalfOfTheBeamsHaveEnded) {
         if (!leaf.cell.observed()) continue;
         const double from = std::max(way.first, *at_cell);  // The ray may start in it.
         const double part = (std::min(distance, way.second) - from) / (way.second - from);
-        const double size = (leaf.box.upper[0] - leaf.box.lower[0]) / map.options().min_cell_size;
-        const double rate = model(leaf.cell, std::round(size)).mean();
+        const double rate = 0.85 * model(leaf.cell, 1.0).fraction();
         if (way.second > *at_cell + 1e-9 && part > 0.0) sum += part * std::log1p(-rate);
       }
       return sum;
@@ -279,7 +278,7 @@ TYPED_TEST(QueriesOf, HitRatesAreThoseOfTheLeafAround) {
   Random random(56);
   SCOPED_TRACE(random.trace());
   const auto map = random_map<N, D>(random);
-  const HitRateModel model(map.options());
+  const HitRateModel model(map.options(), D);
   int observed = 0;
   for (int i = 0; i < 600; ++i) {
     const Vector<D> point = random_point<D>(random, {Vector<D>::Constant(-2.2), Vector<D>::Constant(2.2)});

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "ndtree/cell/beam_weight.hpp"
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/sensor_model.hpp"
@@ -15,29 +16,25 @@
 
 namespace ndtree {
 
-/// Posterior of a cell's hit rate. Of the beams that meet a surface in a cell, some end in the one before or
-/// behind, by their noise and that of the poses: `kScattered` of them if it is a smallest cell, and fewer in
-/// proportion if it is larger. The rate is what remains times a fraction with a Beta distribution, of which
-/// beams that ended and beams that passed are the counts. Beams through one cell look alike, and so do scans
-/// of one place: as to how well the rate is known, `kBeamsOfOne` of them are worth one.
+/// Posterior of a cell's hit rate. Of the beams that reach any cell, at most `most` end in it: of those that
+/// meet a surface there, the others end in the cell before or behind, by their noise and that of the poses.
+/// The rate is that times a fraction with a Beta distribution, of which beams that ended and beams that
+/// passed are the counts. Beams through one cell look alike, and so do scans of one place: as to how well the
+/// rate is known, `kBeamsOfOne` of them are worth one.
 class HitRate {
  public:
-  static constexpr double kScattered = 0.2;
   static constexpr double kBeamsOfOne = 8.0;
 
   /// Beams that ended in the cell and that passed it, >= 0. @param prior_hits, prior_misses > 0.
-  /// @param size of the cell, in smallest cells.
-  HitRate(double hits, double misses, double prior_hits, double prior_misses, double size = 1.0)
-      : most_(1.0 - kScattered / size),
-        hits_(hits),
-        misses_(misses),
-        prior_hits_(prior_hits),
-        prior_misses_(prior_misses) {}
+  HitRate(double most, double hits, double misses, double prior_hits, double prior_misses)
+      : most_(most), hits_(hits), misses_(misses), prior_hits_(prior_hits), prior_misses_(prior_misses) {}
 
   /// The probability that the next beam which reaches the cell ends in it.
-  [[nodiscard]] double mean() const {
+  [[nodiscard]] double mean() const { return most_ * fraction(); }
+  /// The mean of the fraction with the Beta distribution.
+  [[nodiscard]] double fraction() const {
     const double hits = hits_ + prior_hits_;
-    return most_ * hits / (hits + misses_ + prior_misses_);
+    return hits / (hits + misses_ + prior_misses_);
   }
   /// The rate is less than this with a probability in (0, 1), within 1e-9. Some 50 evaluations of the
   /// incomplete beta function.
@@ -83,20 +80,24 @@ class HitRate {
 /// observed.
 class HitRateModel {
  public:
-  explicit HitRateModel(const SensorOptions& sensor)
-      : hits_a_unit_(EvidenceCell::kUnit * kHitsOfOne / log_odds(sensor.probability_max)),
+  /// @param dim of space.
+  HitRateModel(const SensorOptions& sensor, int dim)
+      : scattered_(1.0 - mean_chord_of_unit_cube(dim)),
+        hits_a_unit_(EvidenceCell::kUnit * kHitsOfOne / log_odds(sensor.probability_max)),
         misses_a_unit_(EvidenceCell::kUnit / -log_odds(sensor.probability_min)) {}
 
-  /// By the sums of evidence, which weigh a beam by its way through the cell: in nats of one hit and one
-  /// miss.
+  /// By the sums of evidence, in nats of one hit and one miss. They weigh a beam that passes by its way
+  /// through the cell, over the mean chord; of the beams that reach a smallest cell with a surface, as many
+  /// end in it as that chord is long, and of larger ones fewer end beside it in proportion.
   [[nodiscard]] HitRate operator()(const EvidenceCell& cell, double size) const {
-    return {static_cast<double>(cell.occupied_evidence()) * hits_a_unit_,
-            static_cast<double>(cell.free_evidence()) * misses_a_unit_, 0.14, 0.82, size};
+    return {1.0 - scattered_ / size, static_cast<double>(cell.occupied_evidence()) * hits_a_unit_,
+            static_cast<double>(cell.free_evidence()) * misses_a_unit_, 0.14, 0.82};
   }
-  /// By the counts. Cells are smaller than those of an adaptive map, and hold a surface less often.
-  [[nodiscard]] HitRate operator()(const OccupancyCell& cell, double size) const {
-    return {kHitsOfOne * static_cast<double>(cell.hits()), static_cast<double>(cell.misses()), 0.016, 0.01,
-            size};
+  /// By the counts, which have any beam that passes. Cells are smaller than those of an adaptive map, and
+  /// hold a surface less often.
+  [[nodiscard]] HitRate operator()(const OccupancyCell& cell, double /*size*/) const {
+    return {0.85, kHitsOfOne * static_cast<double>(cell.hits()), static_cast<double>(cell.misses()), 0.016,
+            0.01};
   }
   /// Of a cell that keeps no counts. How well it is known cannot be told.
   [[nodiscard]] static double mean_of(double log_odds) { return probability(1.27 * log_odds - 3.15); }
@@ -105,6 +106,7 @@ class HitRateModel {
   /// Noise scatters a wall's hits over the cells around it; so each is worth a little more than one.
   static constexpr double kHitsOfOne = 1.25;
 
+  double scattered_;
   double hits_a_unit_;
   double misses_a_unit_;
 };

@@ -110,6 +110,9 @@ template <class Map>
 /// A surface is at most this many smallest cells behind where a ray enters its first occupied cell:
 /// where few beams have ended, half of those that come would end farther behind than the surface is.
 inline constexpr double kMostDepth = 0.75;
+/// Of the beams that meet a surface in a cell, on a ray. Whole rates, which are less in the smallest cells of
+/// maps in space, put the ends of lidars' rays too far behind.
+inline constexpr double kEndAtSurface = 0.85;
 
 /// Where half of the beams that reach a cell end, in it or behind: the beams go from cell to cell, and in
 /// each its hit rate ends some, with the same probability in each part of the way through it. At most a
@@ -140,15 +143,13 @@ class MedianEnd {
 template <class Map>
 struct EndOfBeams : BeamVisitor {
   MedianEnd end;
-  const Map& map;
   HitRateModel model;
 
-  EndOfBeams(const Map& of, double t_limit) : end(t_limit), map(of), model(of.options()) {}
+  EndOfBeams(const Map& map, double t_limit) : end(t_limit), model(map.options(), Map::kDim) {}
   template <class Ref>
   bool leaf(const Ref& leaf, double t_enter, double t_exit) {
-    if (!leaf.cell().observed()) return end.pass(0.0, t_enter, t_exit);
-    const auto size = static_cast<double>(map.tree().geometry().edge(leaf.index.level));
-    return end.pass(model(leaf.cell(), size).mean(), t_enter, t_exit);
+    const double rate = leaf.cell().observed() ? kEndAtSurface * model(leaf.cell(), 1.0).fraction() : 0.0;
+    return end.pass(rate, t_enter, t_exit);
   }
 };
 
