@@ -62,13 +62,17 @@ def main(scans: str, output: str) -> None:
 
     node.create_subscription(DiagnosticArray, "/diagnostics", told, 10)
     node.create_subscription(PointCloud2, "ndtree_map/changes", lambda one: changes.append(rows(one)), 1000)
-    for name in ("free_cells", "occupied_cells"):
+    cells = [
         node.create_subscription(
             PointCloud2, f"ndtree_map/{name}", lambda one, name=name: found.update({name: rows(one)}), LATCHED
         )
+        for name in ("free_cells", "occupied_cells")
+    ]
     until(lambda: diagnostics.get("mapped") == scans)
     for _ in range(60):  # Cells are published once a second at most.
         rclpy.spin_once(node, timeout_sec=0.1)
+    for subscription in cells:  # What is cleared below is published, too.
+        node.destroy_subscription(subscription)
     found["changes"] = np.concatenate(changes)
     for name in ("low", "high"):
         found[f"map_{name}"] = whole(f"map_{name}")
