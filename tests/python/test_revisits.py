@@ -14,7 +14,8 @@ import ndtree
 from ndtree.base.scan import Scan
 from ndtree.evaluation.sampling import spread
 from ndtree.tuning.first_look import first_look
-from ndtree.tuning.revisits import drift
+from ndtree.tuning.revisits import LEAST_PLACES, drift
+from ndtree.tuning.revisits import moved as matched
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +46,25 @@ def test_a_second_lap_beside_the_first_is_told_of_with_how_far(
 def test_a_heading_that_drifts_is_told_of(office: list[Scan]) -> None:
     found = drift(spread([moved(scan, (0.0, 0.0), 0.0008 * i) for i, scan in enumerate(office)])[0])
     assert found is not None and 0.12 < found.error < 1.0
+
+
+def test_so_many_places_are_needed_and_no_more(office: list[Scan], monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = spread([*office, *(moved(scan, (0.3, 0.0)) for scan in office)])[0]
+    found = drift(runs)
+    assert found is not None and found.places > LEAST_PLACES
+    for more, expected in ((0, found), (1, None)):
+        monkeypatch.setattr("ndtree.tuning.revisits.LEAST_PLACES", found.places + more)
+        assert drift(runs) == expected
+
+
+@pytest.mark.parametrize("spacing", [0.5, 0.8])
+@pytest.mark.parametrize("shift", [0.15, 0.25])
+def test_pillars_that_look_alike_do_not_tell_which_is_which(spacing: float, shift: float) -> None:
+    x = (np.arange(-8, 8, spacing)[:, None] + np.linspace(-0.1, 0.1, 8)).ravel()
+    both = np.concatenate([np.column_stack([x, np.full(len(x), y)]) for y in (-2.0, 2.0)])
+    points = both[np.argsort(np.arctan2(both[:, 1], both[:, 0]))]
+    one = Scan(points, np.zeros(2))
+    assert matched([one], moved(one, (shift, 0.0)), (1.0, 1.0, 0.2), 0.1) is None
 
 
 def test_good_poses_are_not_told_of(office: list[Scan]) -> None:
