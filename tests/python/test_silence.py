@@ -188,6 +188,12 @@ def test_walls_below_the_largest_range_are_no_noise_on_one_side(depth: float, se
         assert all(noise_below_alone(below[:n], 0.1 * LIMIT) == 0 for n in (600, 3000))
 
 
+def test_few_readings_do_not_tell_noise_on_one_side_from_surfaces() -> None:
+    below = np.abs(np.random.default_rng(0).normal(0, 0.1, 2000))
+    assert noise_below_alone(below, 5.0) == pytest.approx(0.4, rel=0.1)
+    assert noise_below_alone(below[:511], 5.0) == 0 and noise_below_alone(below, 0.6) == 0
+
+
 def test_a_largest_reading_below_range_max_is_no_surface() -> None:
     ranges = ranges_of(scans=40)
     below = [np.minimum(some, 0.99 * LIMIT).astype(np.float32) for some in ranges]

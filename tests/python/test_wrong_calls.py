@@ -104,6 +104,11 @@ def test_the_values_of_calls_that_take_long_are_named_as_well() -> None:
             call(**{**needed, argument: value})
 
 
+def test_what_says_more_of_the_argument_stays() -> None:
+    with pytest.raises(TypeError, match=r"^log = 'a.npz': expected a Log, as of:\n  ndtree.read\('a.npz'\)$"):
+        ndtree.align("a.npz")  # type: ignore[arg-type]
+
+
 def test_an_error_inside_is_not_hidden_by_what_is_right(tmp_path: Path) -> None:
     def observe(*_: object) -> None:
         raise AttributeError("of the caller's own")

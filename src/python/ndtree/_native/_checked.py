@@ -15,7 +15,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ndtree._errors import WrongOption, WrongValue
 from ndtree._native._calls import is_integer, is_number, is_path, shown
 
 _Any = TypeVar("_Any", bound=Callable[..., Any])
@@ -77,8 +76,6 @@ def _checked(function: Callable[..., Any]) -> Callable[..., Any]:
     def call(*arguments: Any, **keywords: Any) -> Any:
         try:
             return function(*arguments, **keywords)
-        except (WrongValue, WrongOption, OSError):
-            raise
         except (TypeError, ValueError, AttributeError, ArithmeticError, LookupError) as error:
             refused = _refused(function, arguments, keywords)
             if refused is None or re.match(rf"(\w+\(\): )?{refused[0]}\b", str(error)):

@@ -54,8 +54,8 @@ def noise_below(below: NDArray[np.floating[Any]], there: int) -> float:
 def noise_below_alone(below: NDArray[np.floating[Any]], farthest: float) -> float:
     """How far noise reaches below a limit at which no readings are: they fell out, or were not let there.
 
-    Half a bell from the limit on, and hardly anything as far behind it, tells it from surfaces, of which
-    there are the more the farther from the limit. `farthest`: What `below` goes to [m].
+    Half a bell from the limit on tells it from surfaces, of which there are the more the farther away.
+    `farthest`: What `below` goes to [m].
     """
     below = np.sort(below.astype(np.float64))
     n, before = 8 * LEAST_NOISY, 0
@@ -63,7 +63,7 @@ def noise_below_alone(below: NDArray[np.floating[Any]], farthest: float) -> floa
         before = n
         reach = _ALL * float(below[n // 2]) / _HALF
         n = int(np.searchsorted(below, reach, side="right"))
-    if n != before or 2 * reach > farthest or np.searchsorted(below, 2 * reach) > n * (1 + _BESIDE):
+    if n != before or 2 * reach > farthest:
         return 0.0
     return _reach_of_half_a_bell(below[:n], _BESIDE / 2)
 
