@@ -72,7 +72,8 @@ def explore_world(call: _Call) -> None:
 
     It drives to where the most is seen anew by the metre, to the nearest frontier, or to one at random, and
     looks after each metre at most. In the office a laser sees all around; in the apartment a depth camera is
-    turned around at each stop, at the height of 1.4 m. Seconds are of computing.
+    turned around at each stop, at the height of 1.4 m. A strategy takes a minute or more; the table has the
+    seconds of computing.
     """
     plot = plotting() if call.picture is not None else None
     check_picture(plot, call.picture)
