@@ -266,10 +266,10 @@ void add_map_rows(const Json& maps, Table& table) {
     return accuracy.is_number() ? decimals(accuracy, 2, 100.0) + " %" : "-";
   });
   row("log score [nats]", [](const Json& map) { return decimals(map["truth"]["log_score"], 4); });
-  row_of_truth("ray casts right", "casts_within", "casts");
-  row("  median error [m]", [](const Json& map) { return decimals(map["truth"]["median_error"], 4); });
-  row_of_truth("  at the surface, right", "surfaces_within", "casts");
+  row_of_truth("ray casts right", "surfaces_within", "casts");
   row("  median error [m]", [](const Json& map) { return decimals(map["truth"]["surface_error"], 4); });
+  row_of_truth("  to the cell, right", "casts_within", "casts");
+  row("  median error [m]", [](const Json& map) { return decimals(map["truth"]["median_error"], 4); });
   row("free but unseen", [](const Json& map) { return percent(map["claims"]["free_unseen"]); });
   row("seen but unknown", [](const Json& map) { return percent(map["claims"]["seen_unknown"]); });
   row("wrong volume", [](const Json& map) { return percent(map["claims"]["wrong_volume"]); });

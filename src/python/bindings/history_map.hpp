@@ -23,8 +23,6 @@ class HistoryMap {
  public:
   static constexpr int kBranching = Map::kBranching;
   static constexpr int kDim = Map::kDim;
-  using SensorType = typename Map::SensorType;
-  using RefinementType = typename Map::RefinementType;
   using Layers = MapLayers<kBranching, kDim>;
   using Measured = std::vector<LayerMeasurements>;
   using PackedMeasured = PackedLayers;
@@ -42,6 +40,9 @@ class HistoryMap {
   [[nodiscard]] const typename Map::Counters& counters() const { return map_.counters(); }
   [[nodiscard]] std::size_t memory_bytes() const { return map_.memory_bytes() + layers_.memory_bytes(); }
 
+  [[nodiscard]] auto measurements(const ScanView<kDim>& scan, double max_range) const {
+    return map_.measurements(scan, max_range);
+  }
   [[nodiscard]] bool undoes_insertions() const { return layers_.empty() && map_.undoes_insertions(); }
   [[nodiscard]] PackedMeasured packed(const ScanView<kDim>& scan, const Measured& given) const {
     return layers_.packed(scan, given);
