@@ -126,13 +126,14 @@ class Feed:
         with self._changed:
             self._backlog = len(self._queue)
 
-    def begin_again(self) -> None:
-        """Let what was kept wait again, before what waits."""
+    def begin_again(self) -> float:
+        """Let what was kept wait again, before what waits; what arrives later is new [s]."""
         with self._changed:
             self._queue.begin_again(self._kept)
             self._kept, self._held, self._ordered = [], None, False
             self._backlog = len(self._queue)
             self._figures.begin_again()
+            return time.perf_counter()
 
     def decide(self) -> None:
         """Keep nothing any longer."""

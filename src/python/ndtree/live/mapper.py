@@ -239,8 +239,7 @@ class LiveMapper:
         self._take_poses(math.inf)
         if self.intake.decide(self._feed.entries(), closing):
             if self._target.may_begin_again:
-                self._feed.begin_again()
-                self._again_until = time.perf_counter()
+                self._again_until = self._feed.begin_again()
                 self._target.begin_again()
             else:
                 self.intake.notes.append(f"{self.figures.mapped} earlier scans stay as they were mapped")

@@ -6,6 +6,7 @@ from __future__ import annotations
 import functools
 import inspect
 import math
+import operator
 import os
 import threading
 from collections.abc import Callable, Sequence
@@ -48,6 +49,11 @@ def _bulk(method: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
+def _told(path: str, doc: str) -> Any:
+    """A property that a part of the object has."""
+    return property(operator.attrgetter(path), doc=doc)
+
+
 @checked
 class TiledMap:
     """A map whose tiles lie in a folder; it answers as the whole one would, see `OccupancyMap`.
@@ -66,6 +72,17 @@ class TiledMap:
         Which tiles there are.
     """
 
+    url: str = _told("_storage.url", "Where it is, as it was given.")
+    dim: int = _told("manifest.kind.dim", "Dimension of space.")
+    branching: int = _told("manifest.kind.branching", "Children of a node along each axis.")
+    refinement: str = _told("manifest.kind.refinement", "Name of the rule that decides on cell sizes.")
+    min_cell_size: float = _told("_frame.min_cell_size", "Edge of the smallest cells [m].")
+    max_cell_size: float = _told("_frame.max_cell_size", "Edge of the largest cells that are updated [m].")
+    grid: TileGrid = _told("manifest.grid", "Where tiles are.")
+    loads: int = _told("_resident.loads", "How many tiles were read so far.")
+    hits: int = _told("_resident.hits", "How many times a tile was in memory already.")
+    resident_bytes: int = _told("_resident.bytes", "Memory that tiles take now.")
+
     def __init__(self, storage: Storage, manifest: Manifest, cache_bytes: int = CACHE_BYTES) -> None:
         if not cache_bytes >= 0:  # nan, too.
             raise ValueError(f"cache_bytes = {cache_bytes}: must be >= 0")
@@ -77,59 +94,9 @@ class TiledMap:
         self._resident = Resident(self._frame.snapshot(), manifest.grid, self._load, cache_bytes)
 
     @property
-    def url(self) -> str:
-        """Where it is, as it was given."""
-        return self._storage.url
-
-    @property
-    def dim(self) -> int:
-        """Dimension of space."""
-        return self.manifest.kind.dim
-
-    @property
-    def branching(self) -> int:
-        """Children of a node along each axis."""
-        return self.manifest.kind.branching
-
-    @property
-    def refinement(self) -> str:
-        """Name of the rule that decides on cell sizes."""
-        return self.manifest.kind.refinement
-
-    @property
     def options(self) -> dict[str, float]:
         """The options that the map reads."""
         return dict(self.manifest.kind.options)
-
-    @property
-    def min_cell_size(self) -> float:
-        """Edge of the smallest cells [m]."""
-        return self._frame.min_cell_size
-
-    @property
-    def max_cell_size(self) -> float:
-        """Edge of the largest cells that are updated [m]."""
-        return self._frame.max_cell_size
-
-    @property
-    def grid(self) -> TileGrid:
-        """Where tiles are."""
-        return self.manifest.grid
-
-    @property
-    def loads(self) -> int:
-        """How many tiles were read so far."""
-        return self._resident.loads
-
-    @property
-    def hits(self) -> int:
-        """How many times a tile was in memory already."""
-        return self._resident.hits
-
-    @property
-    def resident_bytes(self) -> int:
-        """Memory that tiles take now."""
-        return self._resident.bytes
 
     def __repr__(self) -> str:
         kind = self.manifest.kind
