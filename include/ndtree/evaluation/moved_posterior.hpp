@@ -32,7 +32,7 @@ struct MovedOptions {
     require_option(range_sigma_quadratic >= 0.0 && std::isfinite(range_sigma_quadratic),
                    "range_sigma_quadratic", range_sigma_quadratic, ">= 0 1/m and finite");
     require_option(noise_sigmas > 0.0 && noise_sigmas <= 100.0, "noise_sigmas", noise_sigmas, "in (0, 100]");
-    require_option(error_rate > 0.0 && error_rate < 0.5, "error_rate", error_rate, "in (0, 0.5)");
+    require_option(error_rate >= 1e-3 && error_rate < 0.5, "error_rate", error_rate, "in [0.001, 0.5)");
     require_option(most_scans >= 1 && most_scans <= 1000, "most_scans", most_scans, "in [1, 1000]");
   }
 };

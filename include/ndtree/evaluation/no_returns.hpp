@@ -51,16 +51,17 @@ struct NoReturns {
     char begin[80], found[160];
     std::snprintf(begin, sizeof begin, "beams without return (%.1f %%)", 100.0 * share);
     if (!are_judged())
-      return std::string(begin) + " are left out: only " + std::to_string(beams) +
+      return std::string(begin) +
+             " are left out: " + (beams == 0 ? "none" : "only " + std::to_string(beams)) +
              " of them could be checked";
     if (erased > kMostErased)
-      std::snprintf(found, sizeof found, "of %zu pieces of surface they would erase %.0f %%", surfaces,
-                    100.0 * erased);
+      std::snprintf(found, sizeof found, "they would erase %.0f %% of %zu pieces of surface", 100.0 * erased,
+                    surfaces);
     else
-      std::snprintf(
-          found, sizeof found,
-          "%.0f %% of %zu go through walls that other scans saw; errors of the poses would explain %.0f %%",
-          100.0 * crossing, beams, 100.0 * expected);
+      std::snprintf(found, sizeof found,
+                    "%.0f %% of %zu tested ones go through walls that other scans saw (pose errors would "
+                    "explain %.0f %%)",
+                    100.0 * crossing, beams, 100.0 * expected);
     return std::string(begin) + (are_free() ? " mean free space: " : " are left out: ") + found;
   }
 
