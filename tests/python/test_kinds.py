@@ -139,6 +139,10 @@ def test_folders_are_named_by_what_is_in_them(tmp_path: Path) -> None:
         (pictures / name).write_bytes(b"\x89PNG\r\n\x1a\n")
     with pytest.raises(NotALog, match=r"a folder with 2 images, without poses; try\n  ndtree map FOLDER"):
         read(pictures)
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps" / "hall.bt").write_bytes(b"# Octomap OcTree binary file\n")
+    with pytest.raises(NotALog, match=r"a folder with maps; try\n  ndtree info .*/maps/hall\.bt$"):
+        read(tmp_path / "maps")
 
 
 def ndtree(*arguments: str | Path) -> tuple[int, list[str], list[str]]:

@@ -143,6 +143,7 @@ _KINDS = (
 )
 #: Single files of scans, in a folder of which each is a log of its own.
 _LOGS = (".bag", ".mcap", ".db3", ".e57", ".ptx", ".pcap", ".pcapng", ".npz", ".graph", ".log", ".clf")
+_MAPS = (".ndt", ".bt", ".ot")
 _SHOWN = 60
 #: Endings of text that is written by people, or configures programs.
 _TEXTS = (
@@ -219,6 +220,9 @@ def _of_folder(source: Source, path: str) -> NotALog | None:
         if count > 1:
             ways = [f"ndtree map {path}/*{ending} --merge -o OUT.ndt (all in one frame)", *ways]
         return NotALog(source.path, f"a folder with {number_of(count, f'{ending} file')}", ways)
+    maps = next((name for name in source.names if name.lower().endswith(_MAPS)), None)
+    if maps is not None:
+        return NotALog(source.path, "a folder with maps", [f"ndtree info {os.path.join(path, maps)}"])
     images = sum(endings[ending] for ending in (".png", ".jpg", ".jpeg", ".tif", ".tiff"))
     if images and images >= len(source.names) / 2:
         return NotALog(source.path, f"a folder with {images} images, without poses", [_DEPTH])
