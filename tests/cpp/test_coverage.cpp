@@ -252,7 +252,8 @@ TEST(Coverage, SumsAreShares) {
   Sum coverage;
   EXPECT_EQ(coverage.beams_for_child(), 0.0);
   EXPECT_EQ(coverage.mean_share(), 1.0);
-  EXPECT_EQ(CoverageModel(CoverageOptions{}).judge(coverage, 0, 8.0, 3.0).parts, 0u) << "nothing was seen";
+  const CoverageModel model(CoverageOptions{});
+  EXPECT_EQ(model.judge(coverage, 0, model.limits<2>(8.0), 3.0).parts, 0u) << "nothing was seen";
   coverage.add(passed<Sum>(1.0f, 0.5f));
   coverage.add(3, seen<Sum>(1.0f, 0.25f));
   EXPECT_DOUBLE_EQ(coverage.of_child(3), 0.25);
@@ -299,7 +300,7 @@ TEST(Coverage, BeamsThatClipACornerHaveNotSeenTheCell) {
         scan.add(passed<Sum>(row.way, row.width));
         scan.add(child, seen<Sum>(row.way, std::min(1.0f, row.width * row.width)));
       }
-    const CoverageVerdict verdict = model.judge(scan, 0, 2.0, row.passed);
+    const CoverageVerdict verdict = model.judge(scan, 0, model.limits<2>(2.0), row.passed);
     EXPECT_EQ(verdict.is_enough, row.is_enough) << cases;
     EXPECT_EQ(verdict.shows_more, row.shows_more) << cases;
     ++cases;
@@ -362,11 +363,11 @@ TEST(Coverage, VerdictsFollowTheRule) {
           scan.add(passed<ScanCoverage<2, 2>>(1.0f, width));
           scan.add(child, seen<ScanCoverage<2, 2>>(1.0f, width));
         }
-    const CoverageVerdict verdict = model.judge(scan, row.before, row.size, row.beams);
+    const CoverageVerdict verdict = model.judge(scan, row.before, model.limits<2>(row.size), row.beams);
     EXPECT_EQ(verdict.parts, row.parts) << cases;
     EXPECT_EQ(verdict.is_enough, row.is_enough) << cases;
     EXPECT_EQ(verdict.shows_more, row.shows_more) << cases;
-    EXPECT_EQ(CoverageModel::is_covered(scan, row.size), row.is_covered) << cases;
+    EXPECT_EQ(CoverageModel::is_covered(scan, model.limits<2>(row.size)), row.is_covered) << cases;
     ++cases;
   }
   EXPECT_EQ(cases, 11);
@@ -379,18 +380,19 @@ TEST(Coverage, ACellThatRemembersNoMoreBeamsSplitsHoweverSmall) {
   scan.add(0, seen<ScanCoverage<2, 2>>(1.0f, 1.0f));
   int cases = 0;
   for (const double size : {4.0, 8.0, 64.0}) {
-    EXPECT_FALSE(model.judge(scan, 0, size, 1.0).shows_more) << size;
-    const CoverageVerdict full = model.judge(scan, 0, size, 1.0, true);
+    EXPECT_FALSE(model.judge(scan, 0, model.limits<2>(size), 1.0).shows_more) << size;
+    const CoverageVerdict full = model.judge(scan, 0, model.limits<2>(size), 1.0, true);
     EXPECT_TRUE(full.shows_more) << size;
     EXPECT_FALSE(full.is_enough) << size;
-    const CoverageVerdict all_seen = model.judge(scan, 0b1110, size, 1.0, true);
+    const CoverageVerdict all_seen = model.judge(scan, 0b1110, model.limits<2>(size), 1.0, true);
     EXPECT_FALSE(all_seen.shows_more) << size;
     EXPECT_TRUE(all_seen.is_enough) << size;
     ++cases;
   }
   EXPECT_EQ(cases, 3);
   const CoverageModel coarse(CoverageOptions{0.25, 1e9});
-  EXPECT_TRUE(coarse.judge(scan, 0, 64.0, 1.0, true).shows_more) << "whatever coverage_cells";
+  EXPECT_TRUE(coarse.judge(scan, 0, coarse.limits<2>(64.0), 1.0, true).shows_more)
+      << "whatever coverage_cells";
 }
 
 TYPED_TEST(CoverageOf, WhatIsCertainStaysWhateverElseIsSeen) {
@@ -417,14 +419,15 @@ TYPED_TEST(CoverageOf, WhatIsCertainStaysWhateverElseIsSeen) {
       for (int k = 0; k < beams; ++k)
         if (D > 1 || k == 0) add(j, random.uniform(0.5, 1.0) * most / beams);
     const double size = random.uniform(1.0, 40.0);
-    const bool was_certain = model.is_certain(scan, size);
-    const CoverageVerdict before = model.judge(scan, 0, size, beams);
-    const bool was_covered = CoverageModel::is_covered(scan, size);
+    const CoverageLimits limits = model.template limits<N>(size);
+    const bool was_certain = CoverageModel::is_certain(scan, limits);
+    const CoverageVerdict before = model.judge(scan, 0, limits, beams);
+    const bool was_covered = CoverageModel::is_covered(scan, limits);
     for (int j = 0; j < Sum::kNumChildren; ++j)  // Much more of some, so that others seem to be missing.
       if (random.uniform(0.0, 1.0) < 0.5)
         for (int k = 0; k < 50; ++k) add(j, 0.02);
-    const bool same = is_same(before, model.judge(scan, 0, size, beams)) &&
-                      was_covered == CoverageModel::is_covered(scan, size);
+    const bool same = is_same(before, model.judge(scan, 0, limits, beams)) &&
+                      was_covered == CoverageModel::is_covered(scan, limits);
     ASSERT_TRUE(!was_certain || same) << size;
     certain += was_certain;
     changed_from_uncertain += !same;

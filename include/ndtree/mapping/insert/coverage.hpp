@@ -129,14 +129,14 @@ class ScanCoverage {
 #pragma GCC unroll 16
 #endif
     for (int j = kNumChildren - 1; j >= 0; --j)  // The sign of a difference is its last bit.
-      below = 2 * below +
-              static_cast<std::uint32_t>(static_cast<std::uint64_t>(units_of_child(j) - units) >> 63);
+      below =
+          2 * below + static_cast<std::uint32_t>(static_cast<std::uint64_t>(units_of_child(j) - units) >> 63);
     return below;
   }
   /// Sum of the beams' ways, in 1 / kOne.
   [[nodiscard]] std::int64_t way() const { return way_; }
   /// Beams that would pass straight through one child if it was seen like the seen children.
-  [[nodiscard]] double beams_for_child() const { return ratio(way_, slice_); }
+  [[nodiscard]] NDTREE_ALWAYS_INLINE double beams_for_child() const { return ratio(way_, slice_); }
   /// The share of beams' widths that lies in the child that they cross, in the mean over all places of beams:
   /// the rest is seen of children that they do not cross.
   [[nodiscard]] double mean_share() const {
@@ -166,7 +166,7 @@ class ScanCoverage {
     if constexpr (D <= 2) return area;
     return D == 3 ? std::sqrt(area) : std::pow(area, 1.0 / std::max(1, D - 1));
   }
-  [[nodiscard]] static double ratio(std::int64_t part, std::int64_t of) {
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static double ratio(std::int64_t part, std::int64_t of) {
     return of > 0 ? static_cast<double>(part) / static_cast<double>(of) : 0.0;
   }
 
@@ -262,7 +262,7 @@ class CoverageModel {
     const double beams_for_child = scan.beams_for_child();
     const double mean_share = scan.mean_share();
     std::int64_t missing_below = 0;
-    if (beams_for_child > 2.0 * kRounding)
+    if (may_miss(scan))
       missing_below = units_from(
           mean_share * std::min(limits.least_seen, 1.0 - std::sqrt(2.0 * kRounding / beams_for_child)));
     const double seen_from = mean_share * limits.least_of_part * kRounding;
@@ -289,12 +289,19 @@ class CoverageModel {
     const bool has_enough =
         are_enough<N, D>(verdict.parts, limits.size) ||
         (are_few && verdict.parts != 0 && scan.volume() >= mean_share * covered_share_ * kRounding);
-    const bool may_split = limits.size > least_to_split_;
+    const bool may_split = this->may_split(limits);
     const bool is_due = beams > kBeamsOfPart * (Parts::kCount / 2) && (may_split || are_few);
     verdict.shows_more =
         ((with_missing & ~seen_before) != 0 && may_split) || (!has_enough && (is_due || adds_nothing));
     verdict.is_enough = !verdict.shows_more && has_enough;
     return verdict;
+  }
+  /// Whether a cell splits if a child is missing that was not seen before.
+  [[nodiscard]] bool may_split(const CoverageLimits& limits) const { return limits.size > least_to_split_; }
+  /// Whether a child can be missing at all: then one that no beam has crossed is.
+  template <int N, int D>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static bool may_miss(const ScanCoverage<N, D>& scan) {
+    return scan.beams_for_child() > 2.0 * kRounding;
   }
   /// Whether a scan has seen all of a cell, but for a smallest cell in depth.
   template <int N, int D>

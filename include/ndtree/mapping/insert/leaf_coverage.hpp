@@ -48,6 +48,7 @@ class LeafCoverage {
                std::int64_t miss_evidence, float width_per_range)
       : beams_(beams), partition_(partition), model_(model), width_per_range_(width_per_range) {
     const LatticeGeometry<N, D>& geometry = partition.geometry();
+    levels_.reserve(static_cast<std::size_t>(-geometry.finest_level()));
     for (int level = geometry.finest_level() + 1; level <= 0; ++level) {
       const float per_child = 1.0f / static_cast<float>(geometry.cell_size(level - 1));
       const CoverageLimits limits = model.limits<N>(static_cast<double>(geometry.edge(level)));
@@ -64,10 +65,11 @@ class LeafCoverage {
 
   /// Adds what beams of one face see of a leaf's children, up to their end points, until the leaf is certain
   /// to be covered.
-  /// @param per_child 1 / edge of a child [1/m].
+  /// @param per_child 1 / edge of a child [1/m]. @param may_stop what a first beam sees of children does not
+  /// matter if CoverageModel::may_miss().
   NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& leaf, const CubeFace<D>& face,
                                        const BeamList& list, float per_child, const BeamWidths& widths,
-                                       const CoverageLimits& limits, Sum& sum) const {
+                                       const CoverageLimits& limits, bool may_stop, Sum& sum) const {
     const bool by_eights = partition_.goes_by_eights() && !face.is_single();
     const auto main = static_cast<std::size_t>(face.axis);
     for (std::size_t first = 0; first < list.size; first += kChunk) {
@@ -80,7 +82,7 @@ class LeafCoverage {
           if (at_once > 0) add_by_eights(leaf, main, part.part(0, at_once), per_child, widths, sum);
           if constexpr (kAllInLanes)
             if (at_once < part.size)
-              add_to_eight(leaf, main, part.part(at_once, part.size), per_child, widths, sum);
+              add_to_eight(leaf, main, part.part(at_once, part.size), per_child, widths, may_stop, sum);
           continue;
         }
       }
@@ -98,6 +100,10 @@ class LeafCoverage {
     constexpr std::size_t kMostCrossed = D * (N - 1) + 1;  // Children, by one beam.
     if (cell.observed() && kMostCrossed * list.size < kNumChildren) return {};
     const OfLevel& level = of(leaf.level);
+    const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
+    // One beam leaves out a child. If that is missing, no more is asked.
+    const bool splits_if_missing = list.size == 1 && seen_before == 0 && kMostCrossed < kNumChildren &&
+                                   CellParts<N, D>::kAreChildren && model_.may_split(level.limits);
     Sum sum;
     bool are_single = true;
     sample.for_each_fraction(
@@ -106,14 +112,16 @@ class LeafCoverage {
           const float width = face.width_of_beam() * BeamSampling<N, D>::widening(fraction);
           const BeamWidths widths{std::max(width, width_per_range_) * level.per_child, level.smallest};
           const std::int64_t before = sum.way();
-          (*this)(leaf, face, part, level.per_child, widths, level.limits, sum);
+          (*this)(leaf, face, part, level.per_child, widths, level.limits, splits_if_missing, sum);
           are_single &= widths.per_depth == 0.0f || sum.way() == before;
         });
     CoverageVerdict verdict;
-    if (!cell.observed()) {  // What lies beside a beam without neighbours, no such beam shows.
-      const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
-      verdict = model_.judge(sum, seen_before, level.limits, beams, adds_nothing || are_single);
+    if (splits_if_missing && CoverageModel::may_miss(sum)) {
+      verdict.shows_more = true;
+      return verdict;
     }
+    if (!cell.observed())  // What lies beside a beam without neighbours, no such beam shows.
+      verdict = model_.judge(sum, seen_before, level.limits, beams, adds_nothing || are_single);
     verdict.is_covered = verdict.is_enough && CoverageModel::is_covered(sum, level.limits);
     return verdict;
   }
@@ -275,7 +283,8 @@ class LeafCoverage {
   /// add() of few beams of one face, one after the other: lanes are children.
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void add_to_eight(const CellIndex<D>& leaf, std::size_t main,
                                                          const BeamList& list, float per_child,
-                                                         const BeamWidths& widths, Sum& sum) const {
+                                                         const BeamWidths& widths, bool may_stop,
+                                                         Sum& sum) const {
     const Planes planes = partition_.planes_by_fours(leaf);
     EightFloats lower[std::size_t{D}];
     EightFloats upper[std::size_t{D}];
@@ -288,7 +297,6 @@ class LeafCoverage {
     }
     const float fixed = widths.per_depth > 0.0f ? 0.0f : widths.fixed;
     EightInts seen_of_children = 0;
-    typename Sum::template Passed<std::int64_t> passed_leaf{0, 0};
     for (std::size_t i = 0; i < list.size; ++i) {
       const BeamRay<D>& ray = beams_.ray(list.beam[i]);
       const BeamEnd<D>& end = beams_.end(list.beam[i]);
@@ -298,10 +306,9 @@ class LeafCoverage {
       if (!(exit_leaf > enter_leaf)) continue;
       const float units_per_metre = end.slant * (per_child * Sum::kUnitsOfOne);
       const float width_per_metre = end.slant * widths.per_depth;
-      const auto passed = Sum::passed((exit_leaf - enter_leaf) * units_per_metre,
-                                      unfused(0.5f * (enter_leaf + exit_leaf) * width_per_metre) + fixed);
-      passed_leaf.way += passed.way;
-      passed_leaf.slice += passed.slice;
+      sum.add(Sum::passed((exit_leaf - enter_leaf) * units_per_metre,
+                          unfused(0.5f * (enter_leaf + exit_leaf) * width_per_metre) + fixed));
+      if (may_stop && CoverageModel::may_miss(sum)) return;
       EightFloats enter = 0.0f;
       EightFloats exit = seen;
 #pragma GCC unroll 4
@@ -327,7 +334,6 @@ class LeafCoverage {
     std::array<std::uint32_t, 8> sums;
     seen_of_children.store(sums.data());
     for (int c = 0; c < kNumChildren; ++c) sum.add(c, sums[static_cast<std::size_t>(c)]);
-    sum.add(passed_leaf);
   }
 #endif
 

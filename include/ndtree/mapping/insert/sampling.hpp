@@ -70,6 +70,7 @@ class LeafSample {
     for (const FaceSample<D>& of_face : of_faces_) {
       const std::size_t to = list.find(of_face.end, from);
       if (from < to) visit(*of_face.face, of_face.fraction, list.part(from, to));
+      if (&of_face == &of_faces_.back()) return;
       from = of_face.end < of_face.face->end_of_beams ? list.find(of_face.face->end_of_beams, to) : to;
       if (from == list.size) return;
     }
