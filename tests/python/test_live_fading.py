@@ -168,14 +168,15 @@ def test_what_fades_does_so_after_its_time_and_at_most_a_tenth_more(seconds: flo
 
 
 def test_the_command_fades_as_the_class_does(tmp_path: Path) -> None:
-    target, fading, m = tmp_path / "a.ndt", Fading(3.0), ndtree.AdaptiveMap(dim=2, range_sigma=0.03)
-    cleared = 0
-    for scan in ndtree.simulate("office"):
-        scan.insert_into(m)
-        cleared += fading.follow(m, scan)
-    words = ["live", "--world", "office", "-o", target, "--rate", 0, "--no-return", "free", "--fade", 3]
-    done = CliRunner().invoke(app, [str(one) for one in [*words, "--range-sigma", 0.03]])
+    log, target, scans = tmp_path / "drive.npz", tmp_path / "drive.ndt", list(drive(2))
+    arrays = {"points": np.concatenate([scan.endpoints for scan in scans])}
+    arrays["origins"] = np.stack([scan.origin for scan in scans])
+    arrays["offsets"] = np.cumsum([0, *(len(scan) for scan in scans)])
+    np.savez(log, **arrays, stamps=[scan.stamp for scan in scans])
+    words = ["live", log, "-o", target, "--rate", 0, "--range-sigma", 0.03, "--no-return", "free", "--fade"]
+    done = CliRunner().invoke(app, [str(one) for one in [*words, 10]])
     assert done.exit_code == 0, done.stderr
-    assert target.read_bytes() == m.to_bytes() and cleared > 10
-    refused = CliRunner().invoke(app, [str(one) for one in [*words[:-1], 0]])
+    assert target.read_bytes() == made(ndtree.AdaptiveMap, 2, Fading(10.0)).to_bytes()
+    assert target.read_bytes() != made(ndtree.AdaptiveMap, 2, None).to_bytes()
+    refused = CliRunner().invoke(app, [str(one) for one in [*words, 0]])
     assert refused.exit_code == 2 and "fade = 0 s: must be > 0 and finite" in refused.stderr

@@ -279,7 +279,8 @@ def places_of(
         with robot.node(**given, look=0.5, reliable="true", queue=1000, patience=60.0) as node:
             robot.publish(bag, 2.0, node)
             if end is signal.SIGKILL:  # As soon as it has saved what was published.
-                time.sleep(4.0)
+                saved = Path(str(given["map_file"]))
+                robot.wait(lambda: saved.exists() and time.time() - saved.stat().st_mtime > 5.0, node)
             node.send_signal(end)
             status = node.wait(PATIENCE)
         robot.end(places, "places")
