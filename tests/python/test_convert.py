@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 from conftest import room_scan
 
 import ndtree
+from ndtree._lazy import install_of
 from ndtree.maps.open import open_map
 
 BOX = 2.4  # The rooms are within [-BOX, BOX).
@@ -559,7 +561,7 @@ def test_a_missing_library_is_named_with_its_extra(
     for module in [module for module in sys.modules if module.split(".")[0] == missing]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, missing, None)
-    with pytest.raises(ImportError, match=rf"(?s){missing}.*ndtree-mapping\[{extra}\]"):
+    with pytest.raises(ImportError, match=rf"(?s){missing}.*{re.escape(install_of(extra))}"):
         ndtree.convert(plane, tmp_path / name)
     assert not list(tmp_path.iterdir())
 
