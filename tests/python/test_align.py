@@ -17,7 +17,7 @@ from ndtree.alignment.loops import Graph
 from ndtree.alignment.outline import Outline
 from ndtree.alignment.planar import between, composed, placed, pose_of, seen_from, turned
 from ndtree.alignment.sensor_scans import SensorScan, pose_in_log
-from ndtree.alignment.tracking import Motion, Track, Tracker
+from ndtree.alignment.tracking import Motion, Track, Tracker, even_since
 from ndtree.cli.commands import app
 from ndtree.logs.core.log import Log
 from ndtree.logs.ros.reading import heading_of
@@ -113,6 +113,37 @@ def seen_in(walls, poses, reach=8.0, beams=361):
             stamp=0.1 * i,
             heading=pose[2],
         )
+
+
+def test_scans_of_a_stall_are_placed_when_odometry_has_caught_up():
+    """Odometry stands for six scans, then says all that was missed, between walls with a few recesses."""
+    recess = ((0.0, 1.0), (0.0, 1.15), (1.0, 1.15), (1.0, 1.0))
+    corners = [(x + dx, y) for x in (-4.0, 1.0, 5.0, 10.0) for dx, y in recess]
+    line = np.array([(-20.0, 1.0), *corners, (40.0, 1.0)])
+    upper = np.stack((line[:-1], line[1:]), axis=1)
+    walls = np.concatenate((upper, upper * (1.0, -1.0) + np.array((0.3, 0.0))))
+    truth = np.column_stack((np.arange(0, 5, 0.12), np.zeros((42, 2))))
+    odometry = truth.copy()
+    odometry[20:27] = odometry[20]
+    found = ndtree.align(Drifting(list(seen_in(walls, truth, reach=12.0, beams=240)), odometry))
+    assert np.hypot(*(found.poses - truth)[:, :2].T).max() < 0.25
+    # The way is most like that before since the scan at which odometry stopped.
+    assert even_since(odometry[15:28, :2], 0.1 * np.arange(13)) == 5
+
+
+def test_a_jump_of_odometry_leaves_the_poses_where_they_were():
+    """By 1.2 m and 0.5 rad, of a log that does not say how its sensor is turned."""
+    room = np.array(
+        [[[0, 0], [9, 0]], [[9, 0], [9, 5]], [[9, 5], [0, 5]], [[0, 5], [0, 0]], [[3, 0], [3, 1.5]]], float
+    )
+    truth = np.column_stack((np.linspace(1, 7, 60), np.full(60, 2.5), np.zeros(60)))
+    jump = np.array([0.9, -0.8, 0.5])
+    odometry = truth.copy()
+    odometry[30:] = composed(composed(truth[29], jump), between(truth[29], truth[30:]))
+    scans = [replace(moved(scan, at), heading=None) for scan, at in zip(seen_in(room, truth), odometry)]
+    log = Drifting(scans, odometry * (1.0, 1.0, 0.0))
+    found = ndtree.align(log)
+    assert np.hypot(*(found.poses - truth)[:, :2].T).max() < 0.05 and not found.doubts
 
 
 def test_what_only_odometry_tells_is_said():

@@ -116,7 +116,9 @@ class Track:
 
     def copy(self) -> Track:
         """One that can be gone on with by itself."""
-        return Track(**{name: list(one) if isinstance(one, list) else one for name, one in vars(self).items()})
+        return Track(
+            **{name: list(one) if isinstance(one, list) else one for name, one in vars(self).items()}
+        )
 
 
 class Tracker:
@@ -199,7 +201,12 @@ class Tracker:
             self._keep(scan, pose, track.way[-1] + way)
         self._recent.append(scan)
         window = _SIGMAS * self._motion.sigmas(before, True)
-        if self._has_odometry and self._is_regular and self._is_matched and _is_leap(before, self._step, window):
+        if (
+            self._has_odometry
+            and self._is_regular
+            and self._is_matched
+            and _is_leap(before, self._step, window)
+        ):
             self._smooth()
 
     def begin(self, scan: SensorScan, covariance: Floats | None = None) -> None:
@@ -314,15 +321,23 @@ class Tracker:
         by_odometry = [composed(end, self._scaled(between(self._recent[-1].pose, one.pose))) for one in scans]
         step = (end - track.poses[anchor]) / (last - anchor)
         known = int(np.searchsorted(track.keys, anchor, side="right"))
-        matcher = self._matcher_of([*self._map[self._first_key(known) : known], placed(end, self._recent[-1].points)])
+        matcher = self._matcher_of(
+            [*self._map[self._first_key(known) : known], placed(end, self._recent[-1].points)]
+        )
         free = NO_ODOMETRY.sigmas(step, True)
         pieces = [len(thinned(scan.points, _PIECE)) for scan in scans]
-        best, most = None, sum(
-            many * matcher.score(scan.points, track.poses[anchor + 1 + i])
-            for i, (scan, many) in enumerate(zip(scans, pieces))
-        ) - _AS_BEFORE
+        best, most = (
+            None,
+            sum(
+                many * matcher.score(scan.points, track.poses[anchor + 1 + i])
+                for i, (scan, many) in enumerate(zip(scans, pieces))
+            )
+            - _AS_BEFORE,
+        )
         for guesses in (evenly, by_odometry):
-            found = [self._near(*each, free, many, matcher=matcher) for *each, many in zip(scans, guesses, pieces)]
+            found = [
+                self._near(*each, free, many, matcher=matcher) for *each, many in zip(scans, guesses, pieces)
+            ]
             fits = sum(one.score * many for one, many in zip(found, pieces))
             if fits > most:
                 best, most = found, fits
