@@ -47,7 +47,7 @@ TYPED_TEST(CalibrationOf, CountsEachBeamInEachLeafThatItReaches) {
   Calibration calibration;
   calibrate(map.cells(), held_out.view(), kUnlimitedRange, calibration);
 
-  const HitRateModel model(map.options(), D);
+  const HitRateModel model(map.options());
   std::uint64_t pairs = 0;
   std::uint64_t ends = 0;
   double hit_rates = 0.0;

@@ -83,14 +83,14 @@ TEST(HitRate, CellsAreReadInBeams) {
   SensorOptions sensor;
   sensor.probability_min = 0.3;
   sensor.probability_max = 0.8;
-  const HitRateModel model(sensor, 3);
+  const HitRateModel model(sensor);
   const double hit = std::log(0.8 / 0.2);
   const double miss = std::log(0.7 / 0.3);
   EvidenceCell cell;
   cell.set_evidence(std::llround(6.0 * hit * 256.0), std::llround(10.0 * miss * 256.0), 0.0f);
   EXPECT_NEAR(model(cell, 1.0).beams(), 1.25 * 6.0 + 10.0, 0.02);
   for (const double size : {1.0, 2.0, 8.0})  // Beside larger cells, fewer beams end.
-    EXPECT_NEAR(model(cell, size).mean(), (1.0 - 1.0 / 3.0 / size) * (7.5 + 0.14) / (17.5 + 0.96), 1e-3);
+    EXPECT_NEAR(model(cell, size).mean(), (1.0 - 0.2 / size) * (7.5 + 0.14) / (17.5 + 0.96), 1e-3);
   OccupancyCell counted;
   counted.set_counts(6, 10);
   EXPECT_NEAR(model(counted, 1.0).beams(), 17.5, 1e-12);

@@ -76,7 +76,7 @@ InformationGain by_steps(const Map& map, const Pose<Map::kDim>& pose, const Beam
   constexpr int D = Map::kDim;
   constexpr double kStep = 0.001;
   const double edge = map.options().min_cell_size;
-  const HitRateModel model(map.options(), D);
+  const HitRateModel model(map.options());
   InformationGain gain;
   for (Eigen::Index i = 0; i < sensor.directions.cols(); ++i) {
     const Vector<D> direction = pose.rotation * sensor.directions.col(i);

@@ -225,7 +225,7 @@ TYPED_TEST(QueriesOf, TheSurfaceIsWhereHalfOfTheBeamsHaveEnded) {
   SCOPED_TRACE(random.trace());
   const auto map = random_map<N, D>(random);
   const auto leaves = plain_leaves(map);
-  const HitRateModel model(map.options(), D);
+  const HitRateModel model(map.options());
   const double most = 0.75 * map.options().min_cell_size;
   int found = 0;
   int inside = 0;
@@ -278,7 +278,7 @@ TYPED_TEST(QueriesOf, HitRatesAreThoseOfTheLeafAround) {
   Random random(56);
   SCOPED_TRACE(random.trace());
   const auto map = random_map<N, D>(random);
-  const HitRateModel model(map.options(), D);
+  const HitRateModel model(map.options());
   int observed = 0;
   for (int i = 0; i < 600; ++i) {
     const Vector<D> point = random_point<D>(random, {Vector<D>::Constant(-2.2), Vector<D>::Constant(2.2)});

@@ -288,7 +288,7 @@ def test_the_command_line_shows_and_draws_them(tmp_path: Path) -> None:
     asked = ["compare", "--world", "office", "--scans", 60, "--held-out", 3, "--maps", "adaptive,fixed"]
     status, text = run(*asked, "--reliability", picture, "--certify", "--json", figures)
     assert status == 0, text
-    for line in ("calibration error", "called occupied", "free is occupied, at most", "at the surface"):
+    for line in ("calibration error", "called occupied", "free is occupied, at most", "to the cell"):
         assert line in text
     assert picture.read_bytes().startswith(b"\x89PNG")
     for row in json.loads(figures.read_text())["maps"]:

@@ -122,6 +122,8 @@ def test_a_delay_of_no_scan_is_refused():
         ndtree.DelayedMoved(dim=2, after=0)
     with pytest.raises(ValueError, match="cell_size"):
         ndtree.DelayedMoved(dim=2, cell_size=-1.0)
+    with pytest.raises(TypeError, match=r"cell_size = 'x': must be a number"):
+        ndtree.DelayedMoved(dim=2, cell_size="x")
 
 
 @pytest.mark.parametrize("degrees", [0.0, 0.3, 1.0])

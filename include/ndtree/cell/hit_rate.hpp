@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstdint>
 
-#include "ndtree/cell/beam_weight.hpp"
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/sensor_model.hpp"
@@ -80,17 +79,14 @@ class HitRate {
 /// observed.
 class HitRateModel {
  public:
-  /// @param dim of space.
-  HitRateModel(const SensorOptions& sensor, int dim)
-      : scattered_(1.0 - mean_chord_of_unit_cube(dim)),
-        hits_a_unit_(EvidenceCell::kUnit * kHitsOfOne / log_odds(sensor.probability_max)),
+  explicit HitRateModel(const SensorOptions& sensor)
+      : hits_a_unit_(EvidenceCell::kUnit * kHitsOfOne / log_odds(sensor.probability_max)),
         misses_a_unit_(EvidenceCell::kUnit / -log_odds(sensor.probability_min)) {}
 
-  /// By the sums of evidence, in nats of one hit and one miss. They weigh a beam that passes by its way
-  /// through the cell, over the mean chord; of the beams that reach a smallest cell with a surface, as many
-  /// end in it as that chord is long, and of larger ones fewer end beside it in proportion.
+  /// By the sums of evidence, which weigh a beam by its way through the cell: in nats of one hit and one
+  /// miss.
   [[nodiscard]] HitRate operator()(const EvidenceCell& cell, double size) const {
-    return {1.0 - scattered_ / size, static_cast<double>(cell.occupied_evidence()) * hits_a_unit_,
+    return {1.0 - kScattered / size, static_cast<double>(cell.occupied_evidence()) * hits_a_unit_,
             static_cast<double>(cell.free_evidence()) * misses_a_unit_, 0.14, 0.82};
   }
   /// By the counts, which have any beam that passes. Cells are smaller than those of an adaptive map, and
@@ -105,8 +101,10 @@ class HitRateModel {
  private:
   /// Noise scatters a wall's hits over the cells around it; so each is worth a little more than one.
   static constexpr double kHitsOfOne = 1.25;
+  /// Of the beams that meet a surface in a smallest cell, those that end beside it; of larger cells fewer, in
+  /// proportion.
+  static constexpr double kScattered = 0.2;
 
-  double scattered_;
   double hits_a_unit_;
   double misses_a_unit_;
 };

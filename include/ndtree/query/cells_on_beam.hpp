@@ -25,7 +25,7 @@ struct CellOnBeam {
 /// point. @pre the end point is not the origin.
 template <class Map, class Visit>
 void for_each_cell_on(const Map& map, const Beam<Map::kDim>& beam, const Visit& visit) {
-  const HitRateModel model(map.options(), Map::kDim);
+  const HitRateModel model(map.options());
   const auto& geometry = map.tree().geometry();
   traverse_beam(map.tree(), beam.origin, beam.displacement, 0.0, std::numeric_limits<double>::infinity(),
                 [&](const auto& leaf, double t_enter, double t_exit) {

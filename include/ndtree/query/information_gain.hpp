@@ -173,7 +173,7 @@ template <class Map>
                                             Eigen::Index last) {
   constexpr int D = Map::kDim;
   const double cell_size = map.options().min_cell_size;
-  const HitRateModel model(map.options(), D);
+  const HitRateModel model(map.options());
   const double bits_of_unknown = model(typename Map::Tree::Cell{}, 1.0).bits_of_next();
   InformationGain gain;
   for (Eigen::Index i = first; i < last; ++i) {

@@ -110,8 +110,7 @@ template <class Map>
 /// A surface is at most this many smallest cells behind where a ray enters its first occupied cell:
 /// where few beams have ended, half of those that come would end farther behind than the surface is.
 inline constexpr double kMostDepth = 0.75;
-/// Of the beams that meet a surface in a cell, on a ray. Whole rates, which are less in the smallest cells of
-/// maps in space, put the ends of lidars' rays too far behind.
+/// Of the beams that meet a surface in a cell of any size, on a ray.
 inline constexpr double kEndAtSurface = 0.85;
 
 /// Where half of the beams that reach a cell end, in it or behind: the beams go from cell to cell, and in
@@ -145,7 +144,7 @@ struct EndOfBeams : BeamVisitor {
   MedianEnd end;
   HitRateModel model;
 
-  EndOfBeams(const Map& map, double t_limit) : end(t_limit), model(map.options(), Map::kDim) {}
+  EndOfBeams(const Map& map, double t_limit) : end(t_limit), model(map.options()) {}
   template <class Ref>
   bool leaf(const Ref& leaf, double t_enter, double t_exit) {
     const double rate = leaf.cell().observed() ? kEndAtSurface * model(leaf.cell(), 1.0).fraction() : 0.0;

@@ -91,15 +91,17 @@ def _refused(
     function: Callable[..., Any], arguments: tuple[Any, ...], keywords: dict[str, Any]
 ) -> tuple[str, str] | None:
     """The first argument that suits no kind of its annotation, its value and what it must be."""
+    signature = inspect.signature(function)
     try:
-        given = inspect.signature(function).bind(*arguments, **keywords).arguments
+        given = signature.bind(*arguments, **keywords).arguments
     except TypeError:
         return None  # Python says it.
     for name, value in given.items():
-        wanted = str(function.__annotations__.get(name, ""))
-        words = _words_for(value, wanted)
-        if words:
-            return name, f"{shown(value)}: must be {words}"
+        several = value.items() if signature.parameters[name].kind is inspect.Parameter.VAR_KEYWORD else ()
+        for one, of_one in several or [(name, value)]:
+            words = _words_for(of_one, str(function.__annotations__.get(name, "")))
+            if words:
+                return one, f"{shown(of_one)}: must be {words}"
     return None
 
 

@@ -138,7 +138,9 @@ def _wrapped(
         except TypeError as error:
             said = str(error)
             if "incompatible " not in said and "Unable to cast" not in said:  # pybind11's own.
-                raise (TypeError(" ".join(said.split())) if "\n" in said else error) from None
+                if "\n" not in said:
+                    raise
+                raise TypeError(" ".join(said.split())) from error.__cause__
             takes = Call(name, function.__doc__.partition("\n")[0], is_method=is_method)
             refused = takes.error_of(arguments, keywords)
         raise refused

@@ -3,6 +3,7 @@
 
 import functools
 import inspect
+import os
 import sys
 import warnings
 from importlib import import_module
@@ -32,7 +33,7 @@ class Group(typer.core.TyperGroup):
         words = list(sys.argv[1:] if args is None else args)
         if not keywords.pop("standalone_mode", True):
             return super().main(words, *more, standalone_mode=False, **keywords)
-        if not words:
+        if not words and "_NDTREE_COMPLETE" not in os.environ:  # Shells complete with no words.
             print(self.get_help(None), file=sys.stderr)
             sys.exit(WRONG_CALL)
         try:
