@@ -127,8 +127,8 @@ def test_scans_of_a_stall_are_placed_when_odometry_has_caught_up():
     odometry[20:27] = odometry[20]
     found = ndtree.align(Drifting(list(seen_in(walls, truth, reach=12.0, beams=240)), odometry))
     assert np.hypot(*(found.poses - truth)[:, :2].T).max() < 0.25
-    # The way is most like that before since the scan at which odometry stopped.
-    assert even_since(odometry[15:28, :2], 0.1 * np.arange(13)) == 5
+    # The way is even since before odometry stopped.
+    assert even_since(odometry[15:28, :2], 0.1 * np.arange(13)) <= 5
 
 
 def test_a_jump_of_odometry_leaves_the_poses_where_they_were():
