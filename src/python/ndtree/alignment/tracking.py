@@ -58,6 +58,7 @@ _UNIQUE = 0.9  # Of the score of a pose that was found there, which no other may
 _CERTAIN = 7.0  # Log-likelihood by which another pose is less likely: one in a thousand is wrong.
 _THROUGH = 3.0  # Log-likelihood that a piece costs that lies where others saw through.
 _STALL = 16  # Scans that odometry may stall for, at most, and two.
+_STALLED = 0.2  # Of what the sensor moves from scan to scan, what odometry tells of it while it stalls.
 _COMPARED = 4  # Key scans whose outlines are compared.
 _LOST = 0.3  # Fewer points on surfaces are no match.
 _MOVES = 0.01  # Shorter steps do not tell odometry's scale [m].
@@ -297,7 +298,7 @@ class Tracker:
         return through / max(same + through, 1)
 
     def _smooth(self) -> None:
-        """Place the scans before a leap again: odometry stalled and caught up, or jumped, before it.
+        """Place the scans before a leap again: odometry stalled and caught up before it.
 
         From the scan after which the way to here is as even as it was before, each is matched around where
         an even motion has it, and around where odometry has it from here, with what was seen before and the
@@ -312,6 +313,10 @@ class Tracker:
             return
         scans = list(self._recent)[anchor - first + 1 : -1]
         end = np.array(track.poses[last])
+        told = np.array([scan.pose[:2] for scan in list(self._recent)[anchor - first : -1]])
+        evenly_moved = float(np.hypot(*(end - track.poses[anchor])[:2])) / (last - anchor)
+        if np.hypot(*np.diff(told, axis=0).T).max() > _STALLED * evenly_moved:
+            return
         shares = np.linspace(0.0, 1.0, last - anchor + 1)[1:-1]
         evenly = track.poses[anchor] + shares[:, None] * (end - track.poses[anchor])
         if np.abs(evenly - track.poses[anchor + 1 : last])[:, :2].max() < 2.0 * self._cell_size:
