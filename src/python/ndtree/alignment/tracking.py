@@ -58,7 +58,7 @@ _UNIQUE = 0.9  # Of the score of a pose that was found there, which no other may
 _CERTAIN = 7.0  # Log-likelihood by which another pose is less likely: one in a thousand is wrong.
 _THROUGH = 3.0  # Log-likelihood that a piece costs that lies where others saw through.
 _STALL = 16  # Scans that odometry may stall for, at most, and two.
-_STALLED = 0.2  # Of what the sensor moves from scan to scan, what odometry tells of it while it stalls.
+_STALLED = 0.2  # Of what the sensor moves from scan to scan, what odometry tells in the median meanwhile.
 _COMPARED = 4  # Key scans whose outlines are compared.
 _LOST = 0.3  # Fewer points on surfaces are no match.
 _MOVES = 0.01  # Shorter steps do not tell odometry's scale [m].
@@ -315,7 +315,7 @@ class Tracker:
         end = np.array(track.poses[last])
         told = np.array([scan.pose[:2] for scan in list(self._recent)[anchor - first : -1]])
         evenly_moved = float(np.hypot(*(end - track.poses[anchor])[:2])) / (last - anchor)
-        if np.hypot(*np.diff(told, axis=0).T).max() > _STALLED * evenly_moved:
+        if np.median(np.hypot(*np.diff(told, axis=0).T)) > _STALLED * evenly_moved:
             return
         shares = np.linspace(0.0, 1.0, last - anchor + 1)[1:-1]
         evenly = track.poses[anchor] + shares[:, None] * (end - track.poses[anchor])
