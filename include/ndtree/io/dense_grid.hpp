@@ -102,9 +102,11 @@ void sample_at_centres(const Map& map, const GridGeometry<Map::kDim>& grid, cons
   });
 }
 
-/// What larger cells have: of the known ones that overlap them, that with the largest log-odds.
-template <class Map, class T, class ValueOf>
-void take_largest(const Map& map, const GridGeometry<Map::kDim>& grid, const ValueOf& value_of, T* out) {
+/// What larger cells have: of the known ones that overlap them, that with the largest rank.
+/// @param rank_of float(leaf).
+template <class Map, class T, class ValueOf, class RankOf>
+void take_largest(const Map& map, const GridGeometry<Map::kDim>& grid, const ValueOf& value_of,
+                  const RankOf& rank_of, T* out) {
   constexpr int D = Map::kDim;
   std::vector<float> largest(grid.size(), -std::numeric_limits<float>::infinity());
   std::vector<CellsAlong> axes;
@@ -124,26 +126,27 @@ void take_largest(const Map& map, const GridGeometry<Map::kDim>& grid, const Val
       last[a] = static_cast<std::size_t>(std::clamp<std::int64_t>(axes[a].last(begin + edge), 0, cells));
       if (first[a] >= last[a]) return;
     }
-    const float log_odds = leaf.cell().log_odds();
+    const float rank = rank_of(leaf);
     const T value = value_of(leaf);
     for_each_in_grid<D>(grid, first, last, [&](std::size_t i) {
-      if (log_odds <= largest[i]) return;
-      largest[i] = log_odds;
+      if (rank <= largest[i]) return;
+      largest[i] = rank;
       out[i] = value;
     });
   });
 }
 
 /// What the leaves of a map have, or where there is none, what is `unknown`. @param value_of T(leaf).
-template <class Map, class T, class ValueOf>
+/// @param rank_of see take_largest().
+template <class Map, class T, class ValueOf, class RankOf>
 void leaves_to_grid(const Map& map, const GridGeometry<Map::kDim>& grid, T unknown, const ValueOf& value_of,
-                    T* out) {
+                    const RankOf& rank_of, T* out) {
   grid.validate();
   const std::size_t size = grid.size();
   std::fill(out, out + size, unknown);
   if (size == 0) return;
   if (CellsAlong(map.options().min_cell_size, 0.0, grid.cell_size).are_coarser())
-    take_largest(map, grid, value_of, out);
+    take_largest(map, grid, value_of, rank_of, out);
   else
     sample_at_centres(map, grid, value_of, out);
 }
@@ -160,7 +163,7 @@ template <class Map, class T, class ValueOf>
 void to_grid(const Map& map, const GridGeometry<Map::kDim>& grid, const ValueOf& value_of, T* out) {
   detail::leaves_to_grid(
       map, grid, value_of(typename Map::Cell{}), [&](const auto& leaf) { return value_of(leaf.cell()); },
-      out);
+      [](const auto& leaf) { return leaf.cell().log_odds(); }, out);
 }
 
 /// to_grid() with the number of each CellState. @param wall_depth see WallFronts; none: all of each.
@@ -172,12 +175,16 @@ void states_to_grid(const Map& map, const GridGeometry<Map::kDim>& grid, std::op
   const auto number = [](CellState state) { return static_cast<std::int8_t>(state); };
   const WallFronts fronts(map, wall_depth);
   const int finest = map.tree().geometry().finest_level();
+  const auto is_large = [&](const auto& leaf) {
+    return !fronts.draw_all() && leaf.index.level > finest && leaf.cell().state() == CellState::occupied;
+  };
   detail::leaves_to_grid(
       map, grid, number(CellState::unknown),
-      [&](const auto& leaf) {
-        const CellState state = leaf.cell().state();
-        const bool is_large = leaf.index.level > finest && state == CellState::occupied;
-        return is_large && !fronts.draw_all() ? kLarge : number(state);
+      [&](const auto& leaf) { return is_large(leaf) ? kLarge : number(leaf.cell().state()); },
+      [&](const auto& leaf) {  // Large occupied cells may become unknown: others go before them.
+        const bool is_occupied = leaf.cell().state() == CellState::occupied;
+        return is_occupied && !is_large(leaf) ? std::numeric_limits<float>::infinity()
+                                              : leaf.cell().log_odds();
       },
       out);
   fronts.draw(out, grid.shape, grid.cell_size, kLarge, number(CellState::free), number(CellState::occupied),

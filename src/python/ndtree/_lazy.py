@@ -16,7 +16,7 @@ from typing import Any
 
 #: A requirement with its library, and what is said of Python behind it.
 _LINE = re.compile(
-    r"([\w.-]+(?:\[[^]]*\])?)[^;]*; (?:python_version (<|>=) \"3\.(\d+)\" and )?extra == \"([\w-]+)\""
+    r"([\w.-]+(?:\[[^]]*\])?[^;]*?) *; (?:python_version (<|>=) \"3\.(\d+)\" and )?extra == \"([\w-]+)\""
 )
 #: Functions of folders above ``_native`` that methods of its classes call. The classes work without those
 #: folders; the methods that need them load them.

@@ -24,7 +24,7 @@ _KINDS: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
     ("None", lambda value: value is None, "None"),
     ("float", is_number, "a number"),
     ("int", is_integer, "an integer"),
-    ("bool", lambda value: isinstance(value, bool) or is_integer(value), "True or False"),
+    ("bool", lambda value: isinstance(value, (bool, np.bool_)) or is_integer(value), "True or False"),
     ("str | os.PathLike", is_path, "a path"),
     ("str", lambda value: isinstance(value, str), "a text"),
     ("os.PathLike", is_path, "a path"),
@@ -66,12 +66,15 @@ def checked(made: _Any) -> _Any:
             if isinstance(held, (staticmethod, classmethod)):
                 setattr(made, name, type(held)(_checked(held.__func__)))
             elif inspect.isfunction(held) and (name == "__init__" or not name.startswith("_")):
-                setattr(made, name, _checked(held))
+                setattr(made, name, _checked(held, made.__name__ if name == "__init__" else ""))
         return made
     return _checked(made)  # type: ignore[return-value]
 
 
-def _checked(function: Callable[..., Any]) -> Callable[..., Any]:
+def _checked(function: Callable[..., Any], name: str = "") -> Callable[..., Any]:
+    """`name`: What is called; left out, the function's own."""
+    name = name or function.__qualname__.rpartition(".")[2]
+
     @functools.wraps(function)
     def call(*arguments: Any, **keywords: Any) -> Any:
         try:
@@ -80,9 +83,7 @@ def _checked(function: Callable[..., Any]) -> Callable[..., Any]:
             refused = _refused(function, arguments, keywords)
             if refused is None or re.match(rf"(\w+\(\): )?{refused[0]}\b", str(error)):
                 raise
-            name = function.__qualname__.removesuffix(".__init__").rpartition(".")[2]
-            wrong = TypeError(f"{name}(): {refused[0]} = {refused[1]}")
-        raise wrong
+            raise TypeError(f"{name}(): {refused[0]} = {refused[1]}") from error
 
     return call
 

@@ -137,7 +137,7 @@ def _wrapped(
             return shaped(_plain(function(arguments[0], **changed)), leading)
         except TypeError as error:
             said = str(error)
-            if "incompatible " not in said and "Unable to cast" not in said:  # pybind11's own.
+            if "): incompatible " not in said and "Unable to cast" not in said:  # pybind11's own.
                 if "\n" not in said:
                     raise
                 raise TypeError(" ".join(said.split())) from error.__cause__

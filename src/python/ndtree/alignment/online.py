@@ -4,7 +4,7 @@
 Strategy: the tracker and the graph are those of `align`. A scan is placed when it comes. When a submap is
 complete, a thread looks for it in older ones; what it finds counts some key scans later, however long it
 took, so that the same scans give the same poses. After `finish` the poses are those of `align`, but for
-rounding.
+rounding, and for scans of a stall that a loop had counted with before it ended.
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ _UNIQUE = 0.9  # Of the score of a pose that was found there, which no other may
 _CERTAIN = 7.0  # Log-likelihood by which another pose is less likely: one in a thousand is wrong.
 _THROUGH = 3.0  # Log-likelihood that a piece costs that lies where others saw through.
 _STALL = 16  # Scans that odometry may stall for, at most, and two.
-_STALLED = 0.2  # Of what the sensor moves from scan to scan, what odometry tells in the median meanwhile.
+_STALLED = 0.2  # Of what the sensor moves from scan to scan, more than which odometry tells something.
 _COMPARED = 4  # Key scans whose outlines are compared.
 _LOST = 0.3  # Fewer points on surfaces are no match.
 _MOVES = 0.01  # Shorter steps do not tell odometry's scale [m].
@@ -309,22 +309,25 @@ class Tracker:
         places = np.array(track.poses[first:])[:, :2]
         stamps = np.array([scan.stamp for scan in self._recent])
         anchor = first + even_since(places, stamps)
+        end = np.array(track.poses[last])
+        told = np.array([scan.pose[:2] for scan in list(self._recent)[anchor - first : -1]])
+        evenly_moved = float(np.hypot(*(end - track.poses[anchor])[:2])) / max(last - anchor, 1)
+        is_told = np.hypot(*np.diff(told, axis=0).T) > _STALLED * evenly_moved
+        if is_told.any():  # Odometry stands still from here on.
+            anchor += int(np.flatnonzero(is_told)[-1]) + 1
         if anchor >= last - 1 or (track.final and anchor < track.keys[track.final - 1]):
             return
         scans = list(self._recent)[anchor - first + 1 : -1]
-        end = np.array(track.poses[last])
-        told = np.array([scan.pose[:2] for scan in list(self._recent)[anchor - first : -1]])
-        evenly_moved = float(np.hypot(*(end - track.poses[anchor])[:2])) / (last - anchor)
-        if np.median(np.hypot(*np.diff(told, axis=0).T)) > _STALLED * evenly_moved:
-            return
         shares = np.linspace(0.0, 1.0, last - anchor + 1)[1:-1]
-        evenly = track.poses[anchor] + shares[:, None] * (end - track.poses[anchor])
+        moved = end - track.poses[anchor]
+        moved[2] = math.remainder(moved[2], 2.0 * math.pi)
+        evenly = track.poses[anchor] + shares[:, None] * moved
         if np.abs(evenly - track.poses[anchor + 1 : last])[:, :2].max() < 2.0 * self._cell_size:
             return
         if not scans[0].has_heading:
             evenly[:, 2] = np.array(track.poses[anchor + 1 : last])[:, 2]
         by_odometry = [composed(end, self._scaled(between(self._recent[-1].pose, one.pose))) for one in scans]
-        step = (end - track.poses[anchor]) / (last - anchor)
+        step = moved / (last - anchor)
         known = int(np.searchsorted(track.keys, anchor, side="right"))
         matcher = self._matcher_of(
             [*self._map[self._first_key(known) : known], placed(end, self._recent[-1].points)]

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from ndtree._errors import WrongValue
 from ndtree._native import _core
+from ndtree._native._checked import checked
 from ndtree._native._core import OccupancyMap
 from ndtree.base.progress import Progress
 from ndtree.distributed import plan
@@ -35,6 +36,7 @@ from ndtree.tiles.resident import Growth
 from ndtree.tiles.storage import Storage, storage_of
 
 
+@checked
 @dataclass(frozen=True)
 class FleetSettings:
     """How logs become tiles.

@@ -119,9 +119,9 @@ class LiveFigures:
     def summary(self) -> str:
         """In one line, for people."""
         left = "".join(f", {count:,} left out ({kind})" for kind, count in self.left_out.items())
-        unsure = f" ({self.unsure} with an older pose)" if self.unsure else ""
-        late = f", {self.late_poses} poses came too late" if self.late_poses else ""
-        counts = f"{self.mapped} mapped{unsure}, {self.dropped} dropped{left}{late}"
+        unsure = f" ({self.unsure:,} with an older pose)" if self.unsure else ""
+        late = f", {self.late_poses:,} poses came too late" if self.late_poses else ""
+        counts = f"{self.mapped:,} mapped{unsure}, {self.dropped:,} dropped{left}{late}"
         moved = f", {self.moved} moved by {self.corrections} corrections" if self.corrections else ""
         frozen = f", {self.frozen} frozen" if self.frozen else ""
         lost = f", lost during {self.lost}" if self.lost else ""

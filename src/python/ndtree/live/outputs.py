@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._native._checked import checked
 from ndtree._native._core import FrontierSearch, OccupancyMap
 from ndtree._native.results import Changes, Leaves
 from ndtree.base.scan import COLOR
@@ -101,6 +102,7 @@ class FrontierPose(NamedTuple):
     quaternion: tuple[float, float, float, float]
 
 
+@checked
 @dataclass(frozen=True)
 class Shown:
     """What of a live map an application shows.

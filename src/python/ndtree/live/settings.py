@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from ndtree._native._checked import checked
 from ndtree._native._core import AdaptiveMap, OccupancyMap
 from ndtree.live.corrections import Corrections
 from ndtree.live.fading import Fading
@@ -43,6 +44,7 @@ def _adaptive(dim: int, options: dict[str, Any]) -> OccupancyMap:
     return AdaptiveMap(dim=dim, **options)
 
 
+@checked
 @dataclass(frozen=True)
 class LiveSettings:
     """How a live mapper maps; each is a keyword of `LiveMapper`, too.

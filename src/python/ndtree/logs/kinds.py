@@ -222,7 +222,8 @@ def _of_folder(source: Source, path: str) -> NotALog | None:
         return NotALog(source.path, f"a folder with {number_of(count, f'{ending} file')}", ways)
     maps = next((name for name in source.names if name.lower().endswith(_MAPS)), None)
     if maps is not None:
-        return NotALog(source.path, "a folder with maps", [f"ndtree info {os.path.join(path, maps)}"])
+        example = shlex.quote(os.path.join(source.path, maps))
+        return NotALog(source.path, "a folder with maps", [f"ndtree info {example}"])
     images = sum(endings[ending] for ending in (".png", ".jpg", ".jpeg", ".tif", ".tiff"))
     if images and images >= len(source.names) / 2:
         return NotALog(source.path, f"a folder with {images} images, without poses", [_DEPTH])

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -46,6 +46,10 @@ def compare(
     progress: Progress | None = None,
     calibration: bool = False,
     certify: bool = False,
+    held_out: int = 10,
+    max_range: float = math.inf,
+    no_return: str = AUTO,
+    repeat: int = 1,
     **options: Any,
 ) -> Comparison:
     """Map a log in several ways, and say what each map costs and how true it is.
@@ -68,10 +72,11 @@ def compare(
     certify : bool
         Whether to bound the share of what each map calls free that is occupied: "certificate", see
         `OccupancyMap.certify`.
+    held_out, max_range, no_return, repeat
+        As of `Turns`: each held_out-th scan is not mapped, and tells how true the maps are, 0 maps all;
+        longer beams are cut [m]; "auto", "free" or "ignore"; how often each map is made, for the times.
     **options
-        As in `AdaptiveMap`; each map gets those that it knows. And the fields of `Turns`: ``held_out=10``,
-        each held_out-th scan is not mapped, and tells how true the maps are, 0 maps all; ``max_range`` [m];
-        ``no_return="auto"``, or "free" or "ignore"; ``repeat=1``, how often each map is made, for the times.
+        As in `AdaptiveMap`; each map gets those that it knows.
 
     Returns
     -------
@@ -97,7 +102,7 @@ def compare(
     ValueError
         If an option is out of its limits, or the log is damaged or empty.
     """
-    turns = Turns(**{one.name: options.pop(one.name) for one in fields(Turns) if one.name in options})
+    turns = Turns(held_out, max_range, no_return, repeat)
     trial = map_in_turns(log, maps, turns, progress=progress, **options)
     return trial.judged(progress, calibration=calibration, certify=certify)
 

@@ -191,7 +191,8 @@ def live_options_of(value: Callable[[str], Any]) -> LiveOptions:
     given = {name: value(name) or None if name in _MAY_BE_NONE else value(name) for name in names}
     file = value("map_file")
     kept = scans_beside(file) if value("slam") and file else Path(file)
-    given["resume"] = file if value("resume") and file and kept.exists() else None
+    is_there = bool(file) and kept.exists()
+    given["resume"] = (file or "map_file") if value("resume") and (is_there or value("localize")) else None
     return LiveOptions(**given, fixed=value("fixed_cells"))
 
 
