@@ -309,9 +309,11 @@ class Tracker:
         places = np.array(track.poses[first:])[:, :2]
         stamps = np.array([scan.stamp for scan in self._recent])
         anchor = first + even_since(places, stamps)
+        if anchor >= last - 1:
+            return
         end = np.array(track.poses[last])
         told = np.array([scan.pose[:2] for scan in list(self._recent)[anchor - first : -1]])
-        evenly_moved = float(np.hypot(*(end - track.poses[anchor])[:2])) / max(last - anchor, 1)
+        evenly_moved = float(np.hypot(*(end - track.poses[anchor])[:2])) / (last - anchor)
         is_told = np.hypot(*np.diff(told, axis=0).T) > _STALLED * evenly_moved
         if is_told.any():  # Odometry stands still from here on.
             anchor += int(np.flatnonzero(is_told)[-1]) + 1
