@@ -64,7 +64,7 @@ class Brick {
     return first;
   }
   static constexpr auto kFirstRows = [] {
-    std::array<int, kLevels + 2> first{};
+    std::array<int, static_cast<std::size_t>(kLevels + 2)> first{};
     for (int k = 0; k <= kLevels + 1; ++k) first[static_cast<std::size_t>(k)] = first_row(k);
     return first;
   }();
