@@ -101,7 +101,7 @@ class HitRateModel {
  private:
   /// Noise scatters a wall's hits over the cells around it; so each is worth a little more than one.
   static constexpr double kHitsOfOne = 1.25;
-  /// Of the beams that meet a surface in a smallest cell, those that end beside it; of larger cells fewer, in
+  /// The fraction of the beams at a surface in a smallest cell that end beside it; less in larger cells, in
   /// proportion.
   static constexpr double kScattered = 0.2;
 
