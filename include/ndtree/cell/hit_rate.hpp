@@ -79,6 +79,9 @@ class HitRate {
 /// observed.
 class HitRateModel {
  public:
+  /// Of the beams that meet a surface in a cell of any size, at most this fraction ends in it.
+  static constexpr double kMostInAny = 0.85;
+
   explicit HitRateModel(const SensorOptions& sensor)
       : hits_a_unit_(EvidenceCell::kUnit * kHitsOfOne / log_odds(sensor.probability_max)),
         misses_a_unit_(EvidenceCell::kUnit / -log_odds(sensor.probability_min)) {}
@@ -92,8 +95,8 @@ class HitRateModel {
   /// By the counts, which have any beam that passes. Cells are smaller than those of an adaptive map, and
   /// hold a surface less often.
   [[nodiscard]] HitRate operator()(const OccupancyCell& cell, double /*size*/) const {
-    return {0.85, kHitsOfOne * static_cast<double>(cell.hits()), static_cast<double>(cell.misses()), 0.016,
-            0.01};
+    return {kMostInAny, kHitsOfOne * static_cast<double>(cell.hits()), static_cast<double>(cell.misses()),
+            0.016, 0.01};
   }
   /// Of a cell that keeps no counts. How well it is known cannot be told.
   [[nodiscard]] static double mean_of(double log_odds) { return probability(1.27 * log_odds - 3.15); }

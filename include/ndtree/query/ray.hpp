@@ -110,8 +110,6 @@ template <class Map>
 /// A surface is at most this many smallest cells behind where a ray enters its first occupied cell:
 /// where few beams have ended, half of those that come would end farther behind than the surface is.
 inline constexpr double kMostDepth = 0.75;
-/// Of the beams that meet a surface in a cell of any size, on a ray.
-inline constexpr double kEndAtSurface = 0.85;
 
 /// Where half of the beams that reach a cell end, in it or behind: the beams go from cell to cell, and in
 /// each its hit rate ends some, with the same probability in each part of the way through it. At most a
@@ -147,7 +145,8 @@ struct EndOfBeams : BeamVisitor {
   EndOfBeams(const Map& map, double t_limit) : end(t_limit), model(map.options()) {}
   template <class Ref>
   bool leaf(const Ref& leaf, double t_enter, double t_exit) {
-    const double rate = leaf.cell().observed() ? kEndAtSurface * model(leaf.cell(), 1.0).fraction() : 0.0;
+    const double rate =
+        leaf.cell().observed() ? HitRateModel::kMostInAny * model(leaf.cell(), 1.0).fraction() : 0.0;
     return end.pass(rate, t_enter, t_exit);
   }
 };

@@ -305,21 +305,22 @@ class Tracker:
         last scan: not with each other. What fits best in all counts.
         """
         track, last = self.track, len(self.track.poses) - 1
-        first = last - len(self._recent) + 1
+        recent = list(self._recent)
+        first = last - len(recent) + 1
         places = np.array(track.poses[first:])[:, :2]
-        stamps = np.array([scan.stamp for scan in self._recent])
+        stamps = np.array([scan.stamp for scan in recent])
         anchor = first + even_since(places, stamps)
         if anchor >= last - 1:
             return
         end = np.array(track.poses[last])
-        told = np.array([scan.pose[:2] for scan in list(self._recent)[anchor - first : -1]])
+        told = np.array([scan.pose[:2] for scan in recent[anchor - first : -1]])
         evenly_moved = float(np.hypot(*(end - track.poses[anchor])[:2])) / (last - anchor)
         is_told = np.hypot(*np.diff(told, axis=0).T) > _STALLED * evenly_moved
         if is_told.any():  # Odometry stands still from here on.
             anchor += int(np.flatnonzero(is_told)[-1]) + 1
         if anchor >= last - 1 or (track.final and anchor < track.keys[track.final - 1]):
             return
-        scans = list(self._recent)[anchor - first + 1 : -1]
+        scans = recent[anchor - first + 1 : -1]
         shares = np.linspace(0.0, 1.0, last - anchor + 1)[1:-1]
         moved = end - track.poses[anchor]
         moved[2] = math.remainder(moved[2], 2.0 * math.pi)
@@ -328,11 +329,11 @@ class Tracker:
             return
         if not scans[0].has_heading:
             evenly[:, 2] = np.array(track.poses[anchor + 1 : last])[:, 2]
-        by_odometry = [composed(end, self._scaled(between(self._recent[-1].pose, one.pose))) for one in scans]
+        by_odometry = [composed(end, self._scaled(between(recent[-1].pose, one.pose))) for one in scans]
         step = moved / (last - anchor)
         known = int(np.searchsorted(track.keys, anchor, side="right"))
         matcher = self._matcher_of(
-            [*self._map[self._first_key(known) : known], placed(end, self._recent[-1].points)]
+            [*self._map[self._first_key(known) : known], placed(end, recent[-1].points)]
         )
         free = NO_ODOMETRY.sigmas(step, True)
         pieces = [len(thinned(scan.points, _PIECE)) for scan in scans]
