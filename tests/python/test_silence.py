@@ -146,13 +146,18 @@ def test_noise_at_the_largest_range_is_no_surface_either(seed: int, tmp_path: Pa
     assert not found[~right].any() and np.count_nonzero(right & ~found) <= 2
 
 
+def wall_below(depth: float, count: int, generator: np.random.Generator) -> np.ndarray:
+    """How far below the limit a wall is read that is so far below it at right angles [m]."""
+    turned = np.tan(generator.uniform(0, math.acos((LIMIT - depth) / LIMIT), count))
+    return LIMIT - (LIMIT - depth) * np.hypot(1, turned)
+
+
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("depth", [0.5, 2.0, 5.0])
 def test_a_wall_just_below_the_largest_range_is_no_noise(depth: float, seed: int) -> None:
     """At right angles so far below the limit, or equally dense up to it."""
     generator = np.random.default_rng(seed)
-    turned = np.tan(generator.uniform(0, math.acos((LIMIT - depth) / LIMIT), 300))
-    wall = LIMIT - (LIMIT - depth) * np.hypot(1, turned)
+    wall = wall_below(depth, 300, generator)
     for below in (wall, generator.uniform(0, depth, 300)):
         assert all(noise_below(below[:n], there) == 0 for n in (100, 300) for there in (70, 150, 300))
 
@@ -182,8 +187,7 @@ def test_noise_on_one_side_of_range_max_is_no_surface(seed: int) -> None:
 @pytest.mark.parametrize("depth", [0.5, 2.0, 5.0])
 def test_walls_below_the_largest_range_are_no_noise_on_one_side(depth: float, seed: int) -> None:
     generator = np.random.default_rng(seed)
-    turned = np.tan(generator.uniform(0, math.acos((LIMIT - depth) / LIMIT), 3000))
-    wall = LIMIT - (LIMIT - depth) * np.hypot(1, turned)
+    wall = wall_below(depth, 3000, generator)
     for below in (wall, generator.uniform(0, depth, 3000), np.abs(depth + generator.normal(0, 0.1, 3000))):
         assert all(noise_below_alone(below[:n], 0.1 * LIMIT) == 0 for n in (600, 3000))
 
