@@ -367,7 +367,7 @@ def test_without_ros_the_command_says_what_to_install(tmp_path: Path) -> None:
         "import sys; sys.modules['rclpy'] = None; from ndtree.live.ros2.run import main; sys.exit(main([]))"
     )
     done = subprocess.run([PYTHON, "-c", code], capture_output=True, text=True)
-    assert done.returncode == 2 and "pip install rosbags" in done.stderr and " ros-rclpy " in done.stderr
+    assert done.returncode == 2 and "pip install 'rosbags>=" in done.stderr and " ros-rclpy " in done.stderr
 
 
 #: Of nodes that save while they map.
