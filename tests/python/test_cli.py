@@ -75,6 +75,7 @@ def test_map_writes_the_map_that_the_library_makes(log: Path, tmp_path: Path) ->
     done = run(
         "map", log, "-o", target, "--picture", picture, "--json", figures,
         "--min-cell-size", 0.1, "--max-range", 9, "--sample-beams", 3, "--no-return", "free",
+        "--range-sigma", 0.03,
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     by_hand = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, sample_beams=3)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from typer.testing import CliRunner
 import ndtree
 from ndtree.cli.commands import app
 from ndtree.live.ros.parameters import ROWS, config_of
+from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.rules import GIVEN, MEASURED, USUAL
 from ndtree.logs.ros.reading import MessageReader
 from ndtree.study.config import load
@@ -182,3 +184,40 @@ def test_a_fleet_takes_a_file(log: Path, tmp_path: Path) -> None:
     assert fleet.min_cell_size == one.min_cell_size == 0.2
     at = np.concatenate([scan.endpoints for scan in ndtree.read(log)])
     assert np.array_equal(fleet.state(at), one.state(at)) and len(at) > 100
+
+
+class Hall(SizedLog):
+    """A laser in a hall of 8 by 6 m, whose ranges may tell their noise."""
+
+    format = "hall"
+
+    def __init__(self, sigma: float, tells: bool = False) -> None:
+        super().__init__("hall", 2)
+        self._sigma, self._tells = sigma, tells
+
+    def __len__(self) -> int:
+        return 20
+
+    def _scans(self) -> Iterator[ndtree.Scan]:
+        generator = np.random.default_rng(5)
+        angle = np.linspace(-np.pi, np.pi, 720, endpoint=False)
+        way = np.column_stack([np.cos(angle), np.sin(angle)])
+        exact = np.minimum(4 / np.maximum(np.abs(way[:, 0]), 1e-9), 3 / np.maximum(np.abs(way[:, 1]), 1e-9))
+        for _ in range(len(self)):
+            ends = way * (exact + generator.normal(0, self._sigma, exact.shape))[:, None]
+            yield ndtree.Scan(
+                ends, np.zeros(2), range_sigma=np.full(720, self._sigma) if self._tells else None
+            )
+
+
+@pytest.mark.parametrize("sigma", [0.05, 0.08])
+def test_noise_is_measured_on_a_log_of_any_kind(tmp_path: Path, sigma: float) -> None:
+    Hall(sigma).save(tmp_path / "hall.npz")
+    config = inspect(tmp_path / "hall.npz")
+    assert config.values["range_sigma"].source == MEASURED
+    assert config.options["range_sigma"] == pytest.approx(sigma, rel=0.15)
+
+
+def test_the_noise_that_a_log_tells_is_not_measured() -> None:
+    config = inspect(Hall(0.05, tells=True))
+    assert "range_sigma" not in config.values and not any("sigma is" in note for note in config.notes)

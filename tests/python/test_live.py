@@ -490,7 +490,8 @@ def test_poses_that_stop_for_a_while_are_counted(tmp_path: Path) -> None:
 def test_a_recording_goes_on_with_a_saved_map(tmp_path: Path) -> None:
     log, part = tmp_path / "office.npz", tmp_path / "part.ndt"
     ndtree.simulate("office", scans=20).save(log)
-    assert cli("live", log, "--rate", 0, "-o", part, "--no-return", "free").exit_code == 0
+    options = ("--no-return", "free", "--range-sigma", 0.03)
+    assert cli("live", log, "--rate", 0, "-o", part, *options).exit_code == 0
     twice = tmp_path / "twice.ndt"
     done = cli("live", log, "--rate", 0, "--resume", part, "-o", twice, "--no-return", "free")
     assert done.exit_code == 0, done.stderr

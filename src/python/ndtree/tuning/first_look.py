@@ -48,6 +48,8 @@ class FirstLook:
         Standard deviation of a range [m], and its growth with the squared range [1/m].
     is_measured : bool
         The noise is from the log; else it is what such sensors usually have.
+    has_own_noise : bool
+        The log tells the noise of each range, beside which this one does not count.
     no_returns : NoReturns
         What beams without return say, and why.
     max_range : float
@@ -74,6 +76,7 @@ class FirstLook:
     range_sigma: float
     range_sigma_quadratic: float
     is_measured: bool
+    has_own_noise: bool
     no_returns: NoReturns
     max_range: float
     seconds: float
@@ -171,6 +174,7 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         range_sigma=sigma,
         range_sigma_quadratic=quadratic,
         is_measured=noise is not None,
+        has_own_noise=any(scan.range_sigma is not None for scan in sample),
         no_returns=said,
         max_range=limit,
         seconds=time.perf_counter() - begin,

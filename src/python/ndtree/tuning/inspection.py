@@ -42,8 +42,8 @@ def inspect(
     given : Config, optional
         What is decided already; with all of it, nothing is read.
     with_sigma : bool
-        Whether the noise of the ranges, and how far beams without return are believed, are chosen, too, where
-        they were not given and the log is as a robot recorded it.
+        Whether the noise of the ranges, where the log does not tell it, and how far beams without return are
+        believed, are chosen, too, where they were not given.
     progress : callable, optional
         As for `first_look`.
     **more
@@ -57,14 +57,16 @@ def inspect(
     given = (given or Config()).overridden(Config.of(**more).values)
     log = given.ruled(source) if isinstance(source, Log) else given.read(source)
     values = {**log.decisions, **given.values}
-    values.setdefault("dim", Decision(log.dim, MEASURED if log.is_raw else USUAL, "as the log says"))
+    values.setdefault("dim", Decision(log.dim, MEASURED, "as the log says"))
     options = given.options
     notes: list[str] = []
     if not log.has_sensor and "range_sigma" in options and "min_cell_size" not in options:
         size = 2 * options["range_sigma"]
         values["min_cell_size"] = Decision(size, MEASURED, "twice the noise")
         notes.append(f"cells of {size:g} m, twice the noise; {key('min_cell_size')} sets another")
-    choose_sigma = with_sigma and log.is_raw and not {"range_sigma", "range_sigma_quadratic"} & options.keys()
+    choose_sigma = (
+        with_sigma and log.has_sensor and not {"range_sigma", "range_sigma_quadratic"} & options.keys()
+    )
     choose_no_return = given.no_return == AUTO and log.knows_no_returns
     if given.no_return == AUTO:
         values["no_return"] = Decision("free", USUAL, "the log has no such beams, or tells what they mean")
@@ -83,12 +85,13 @@ def inspect(
         limit = [] if look.limit is None else [look.limit.at, look.limit.tolerance]
         why = "where many ranges of a scan end, and how exactly [m]" if limit else "no range ends many beams"
         values["cut_off"] = Decision(limit, MEASURED, why)
+    choose_sigma = choose_sigma and not look.has_own_noise
     if choose_sigma:
         how = (MEASURED, "on flat surfaces") if look.is_measured else (USUAL, "for such sensors")
         values.update({name: Decision(value, *how) for name, value in look.options.items()})
     if choose_no_return:
         values["no_return"] = Decision(look.no_returns.choice, MEASURED, str(look.no_returns))
-        if with_sigma and log.is_raw and math.isinf(given.max_range) and math.isfinite(look.max_range):
+        if with_sigma and math.isinf(given.max_range) and math.isfinite(look.max_range):
             why = "how far beams without return are believed [m]"
             values["believed_range"] = Decision(look.max_range, MEASURED, why)
     config = Config(values, look)

@@ -41,7 +41,6 @@ class JoinedLog(Log):
         self.rules = first.rules
         self.knows_no_returns = any(log.knows_no_returns for log in logs)
         self.is_depth_camera = all(log.is_depth_camera for log in logs)
-        self.is_raw = any(log.is_raw for log in logs)
         self.has_sensor = any(log.has_sensor for log in logs)
         self.may_be_zero = any(log.may_be_zero for log in logs)
         self._at = 0

@@ -88,8 +88,6 @@ class Log(ABC):
         Whether readings at the log's largest range may be a driver's way to say that nothing was hit.
     marks_no_returns : bool
         Whether the format has a mark for beams without return.
-    is_raw : bool
-        Whether scans are as a robot recorded them, not prepared for mapping.
     may_be_padded : bool
         Whether beams that end nearer than 1 mm to their sensor are padding, and become invalid; those of no
         length are so already. Not where the unit of length is not known, nor where another log has looked.
@@ -104,7 +102,6 @@ class Log(ABC):
     hint: str = ""
     knows_no_returns = True
     is_depth_camera = False
-    is_raw = False
     may_be_padded = True
     may_be_zero = False
     may_be_cut_off = False
@@ -422,8 +419,7 @@ class DerivedLog(Log):
         super().__init__(log.path, log.dim)
         self.format, self.uses, self.rules = log.format, log.uses, log.rules
         self.knows_no_returns, self.has_sensor = log.knows_no_returns, log.has_sensor
-        self.is_depth_camera, self.is_raw = log.is_depth_camera, log.is_raw
-        self.may_be_zero = log.may_be_zero
+        self.is_depth_camera, self.may_be_zero = log.is_depth_camera, log.may_be_zero
         self._log = log
 
     def ruled(self, **changes: Any) -> Self:

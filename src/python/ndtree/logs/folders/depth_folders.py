@@ -58,7 +58,7 @@ _LISTS = ("associations.txt", "association.txt", "associate.txt", "associated.tx
 class DepthLog(FolderLog):
     """Depth images of 16 bits, each from where its camera was; options are those of `CAMERA`, and so on."""
 
-    is_depth_camera = is_raw = True
+    is_depth_camera = True
     no_depth: tuple[int, ...] = (NO_DEPTH,)
 
     def __init__(self, source: Source, files: Sequence[str], camera: Camera, pixel_stride: int) -> None:

@@ -41,7 +41,6 @@ class RosbagLog(SizedLog):
     """
 
     format = "rosbag"
-    is_raw = True
     path: str
 
     def __init__(
