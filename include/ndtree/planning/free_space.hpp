@@ -311,7 +311,9 @@ class FreeSpace {
 
   /// Finds out what a node is.
   void visit(std::uint32_t number, const CellIndex<D>& index) {
-    if (nodes_[number].state != State::unvisited) return;
+    if (nodes_[number].state == State::unvisited) find_out(number, index);
+  }
+  void find_out(std::uint32_t number, const CellIndex<D>& index) {
     pace_.spend(30);
     if (const std::optional<Passage> passage = finder_.passage_of(index)) {
       nodes_[number].state = state_of(*passage);

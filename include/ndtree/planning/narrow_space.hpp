@@ -61,10 +61,11 @@ class NarrowSpace {
         tested_(tested),
         unit_(map.tree().geometry().unit()),
         core_(deflated(tested, kRoom * unit_)),
+        core_reach_(reach_of(core_)),
         unknown_(unknown) {}
 
   [[nodiscard]] std::size_t memory_bytes() const {
-    return places_.memory_bytes() + points_.capacity() * sizeof(Vector<D>);
+    return places_.memory_bytes() + points_.capacity() * sizeof(Point);
   }
   [[nodiscard]] static bool is_narrow(const Cell& cell) { return cell.number >> 63 != 0; }
   /// What is narrow is blocked: a way that goes through it is tested in another way.
@@ -78,14 +79,16 @@ class NarrowSpace {
   /// Of a way from a cell to one beside; infinite if it is not free. Into a narrow cell from one that is not,
   /// it has a bend at the side between them.
   [[nodiscard]] double length_between(const Cell& from_cell, Vector<D> from, const Cell& cell,
-                                      const Vector<D>& to, std::optional<Vector<D>>& bend) const {
+                                      const Vector<D>& to, std::optional<Vector<D>>& bend) {
     double length = 0.0;
     if (is_narrow(cell) && !is_narrow(from_cell)) {
       bend = on_face(from_cell, cell, to);
       length = (*bend - from).norm();
       from = *bend;
     }
-    return is_clear(from, to) ? length + (to - from).norm() : std::numeric_limits<double>::infinity();
+    const bool is_open =
+        is_narrow(cell) && is_narrow(from_cell) ? are_joined(from_cell, cell) : is_clear(from, to);
+    return is_open ? length + (to - from).norm() : std::numeric_limits<double>::infinity();
   }
   /// Calls `visit(cell)` for each cell that shares a face with one, and is not blocked.
   template <class Visit>
@@ -116,16 +119,32 @@ class NarrowSpace {
     if (place == NumberTable::kNone) {
       const std::optional<Vector<D>> point = is_gap(at) ? roomiest(at) : std::nullopt;
       place = point ? static_cast<std::uint32_t>(points_.size()) : kNowhere;
-      if (point) points_.push_back(*point);
+      if (point) points_.push_back({*point, {}});
     }
     if (place == kNowhere) return std::nullopt;
     return Cell{at, 1, sure_.has_costs() ? Passage::costly : Passage::free, number};
   }
 
  private:
+  /// Of a narrow cell, and whether the way to that of the cell beside is free, by axis and side, once it was
+  /// asked.
+  struct Point {
+    Vector<D> at;
+    std::array<std::optional<bool>, 2 * std::size_t{D}> is_joined;
+  };
+
   /// @pre the cell is narrow.
   [[nodiscard]] const Vector<D>& point_in(const Cell& cell) const {
-    return points_[places_.find(cell.number)];
+    return points_[places_.find(cell.number)].at;
+  }
+  /// Whether the way between the points of two narrow cells that share a face is free.
+  [[nodiscard]] bool are_joined(const Cell& from, const Cell& to) {
+    std::size_t a = 0;
+    while (from.lower[a] == to.lower[a]) ++a;
+    auto& point = points_[places_.find(from.number)];
+    auto& is_joined = point.is_joined[2 * a + (to.lower[a] > from.lower[a] ? 1 : 0)];
+    if (!is_joined) is_joined = is_clear(point.at, point_in(to));
+    return *is_joined;
   }
   [[nodiscard]] bool is_clear(const Vector<D>& from, const Vector<D>& to) const {
     return !sweep_collides(map_, tested_, Vector<D>(from * unit_), Vector<D>(to * unit_), unknown_);
@@ -185,23 +204,47 @@ class NarrowSpace {
   }
 
   /// How much room a body that is smaller by kRoom has at a point, in smallest cells; at most kEnough.
-  [[nodiscard]] double room_at(const Vector<D>& point) const {
+  /// @param obstacles all that may be so near.
+  [[nodiscard]] double room_at(const Vector<D>& point, const std::vector<Box<D>>& obstacles) const {
     const Vector<D> at = point * unit_;
-    return sweep_clearance(map_, core_, at, at, unknown_, kEnough * unit_) / unit_;
+    double room = kEnough * unit_;
+    for (const BodyPart<D>& part : core_) {
+      const Sweep<D> sweep = sweep_of<D>(part, at, at);
+      if (unknown_ == UnknownSpace::occupied) {
+        const double inside = room_inside(map_.tree(), rounded_box_around(sweep).core);
+        room = std::min(room, std::max(0.0, inside - sweep.radius));
+      }
+      for (const Box<D>& box : obstacles) room = nearer_of(room, sweep, box);
+    }
+    return room / unit_;
+  }
+  /// That a smaller body comes as near as kEnough from somewhere in a smallest cell.
+  [[nodiscard]] std::vector<Box<D>> obstacles_near(const Vector<D>& lower) const {
+    const Box<D> cell{lower * unit_, (lower.array() + 1.0).matrix() * unit_};
+    const double reach = kEnough * unit_ + core_reach_;
+    std::vector<Box<D>> found;
+    const auto squared_reach = [&] { return reach * reach; };
+    const auto enter = [&](const Box<D>& box, bool is_leaf) {
+      if (is_leaf) found.push_back(box);
+      return !is_leaf;
+    };
+    ObstacleWalk(map_.tree(), cell, unknown_ == UnknownSpace::occupied, squared_reach, enter).run();
+    return found;
   }
   [[nodiscard]] std::optional<Vector<D>> roomiest(const Lattice<D>& at) const {
     Vector<D> lower;
     for (int a = 0; a < D; ++a) lower[a] = static_cast<double>(at[static_cast<std::size_t>(a)]);
     Vector<D> point = (lower.array() + 0.5).matrix();
     if constexpr (D > 2) return point;
-    double room = room_at(point);
+    const std::vector<Box<D>> obstacles = obstacles_near(lower);
+    double room = room_at(point, obstacles);
     if (room + 0.5 * std::sqrt(double{D}) < least_room()) return std::nullopt;
     for (double step = 0.25; step >= kLeastStep && room < kEnough;) {
       const Vector<D> from = point;
       for (const Vector<D>& direction : directions()) {
         const Vector<D> other =
             (from + step * direction).cwiseMax(lower).cwiseMin((lower.array() + 1.0).matrix());
-        const double there = room_at(other);
+        const double there = room_at(other, obstacles);
         if (!(there > room + 1e-6)) continue;
         room = there;
         point = other;
@@ -249,9 +292,10 @@ class NarrowSpace {
   const Body<D>& tested_;
   double unit_;
   Body<D> core_;
+  double core_reach_;
   UnknownSpace unknown_;
   NumberTable places_;
-  std::vector<Vector<D>> points_;
+  std::vector<Point> points_;
 };
 
 }  // namespace ndtree::detail

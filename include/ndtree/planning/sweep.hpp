@@ -9,6 +9,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <variant>
 
@@ -17,6 +18,7 @@
 #include "ndtree/core/types.hpp"
 #include "ndtree/query/cells.hpp"
 #include "ndtree/query/collision.hpp"
+#include "ndtree/tree/child_index.hpp"
 
 namespace ndtree {
 
@@ -196,54 +198,119 @@ template <int D>
   return {{sweep.center - half, sweep.center + half}, sweep.radius};
 }
 
-/// The least distance [m] from a sweep to an obstacle of a tree, at most `most`.
-template <class Tree>
-class SweepClearance {
+/// Calls `enter(box, is_leaf)` for the nodes of a tree that may hold an obstacle and come nearer than
+/// `squared_reach()` [m²] to a box, nearest first: whether to go on to what is below.
+template <class Tree, class SquaredReach, class Enter>
+class ObstacleWalk {
   static constexpr int D = Tree::kDim;
+  static constexpr int N = Tree::kBranching;
+  using Ref = typename Tree::ConstRef;
 
  public:
-  SweepClearance(const Tree& tree, const Sweep<D>& sweep, bool minds_unknown, double most)
-      : tree_(tree), sweep_(sweep), minds_unknown_(minds_unknown), most_(most) {}
+  ObstacleWalk(const Tree& tree, const Box<D>& around, bool minds_unknown, const SquaredReach& squared_reach,
+               const Enter& enter)
+      : tree_(tree),
+        around_(around),
+        centre_(0.5 * (around.lower + around.upper)),
+        minds_unknown_(minds_unknown),
+        squared_reach_(squared_reach),
+        enter_(enter) {}
 
-  [[nodiscard]] double find() {
-    const RoundedBox<D> rounded = rounded_box_around(sweep_);
-    around_ = rounded.core;
-    if (minds_unknown_) {
-      const Box<D> root = tree_.box(tree_.root().index);
-      const double inside =
-          std::min((around_.lower - root.lower).minCoeff(), (root.upper - around_.upper).minCoeff());
-      most_ = std::min(most_, std::max(0.0, inside - sweep_.radius));
-    }
-    descend(tree_.root());
-    return most_;
+  void run() {
+    const Ref root = tree_.root();
+    const Box<D> box = tree_.box(root.index);
+    if (!is_obstacle(*root.node) || !(around_.squared_distance(box) < squared_reach_())) return;
+    if (enter_(box, root.is_leaf())) below(root);
   }
 
  private:
-  void descend(const typename Tree::ConstRef& ref) {
-    const Summary summary = Summary::of(*ref.node);
-    if (!summary.may_contain(CellState::occupied) &&
-        !(minds_unknown_ && summary.may_contain(CellState::unknown)))
-      return;
-    const Box<D> box = tree_.box(ref.index);
-    const double reach = most_ + sweep_.radius;
-    if (around_.squared_distance(box) >= reach * reach) return;
-    SweepDistance<D> distance(sweep_, box);
-    while (distance.refine() && distance.least() < reach * reach) {
+  template <class NodeType>
+  [[nodiscard]] bool is_obstacle(const NodeType& node) const {
+    const Summary summary = Summary::of(node);
+    return summary.may_contain(CellState::occupied) ||
+           (minds_unknown_ && summary.may_contain(CellState::unknown));
+  }
+  /// @pre `parent` is no leaf.
+  void below(const Ref& parent) {
+    const auto& geometry = tree_.geometry();
+    const std::int64_t edge = geometry.edge(parent.index.level - 1);
+    std::array<std::array<double, std::size_t{N} + 1>, std::size_t{D}> border;
+    std::array<std::array<double, std::size_t{N}>, std::size_t{D}> squared;  // Distances along each axis.
+    Offset<D> nearest{};
+    for (std::size_t a = 0; a < D; ++a) {
+      const auto b = static_cast<int>(a);
+      for (std::size_t k = 0; k <= N; ++k)
+        border[a][k] = geometry.border(parent.index.lower[a] + static_cast<std::int64_t>(k) * edge);
+      for (std::size_t k = 0; k < N; ++k) {
+        const double gap =
+            std::max({0.0, around_.lower[b] - border[a][k + 1], border[a][k] - around_.upper[b]});
+        squared[a][k] = gap * gap;
+        nearest[a] += border[a][k + 1] < centre_[b];
+      }
+      nearest[a] = std::min(nearest[a], N - 1);
     }
-    if (distance.least() >= reach * reach) return;
-    if (ref.is_leaf()) {
-      most_ = std::min(most_, std::max(0.0, std::sqrt(distance.least()) - sweep_.radius));
-      return;
+    const auto* const children = tree_.children(*parent.node);
+    const int first = child_number<N, D>(nearest);
+    for (int i = 0; i < Tree::kNumChildren; ++i) {
+      const int j = child_from<N, D>(first, i);
+      if (!is_obstacle(children[j])) continue;
+      const auto offset = child_offset<N, D>(j);
+      Box<D> box;
+      double sum = 0.0;
+      for (std::size_t a = 0; a < D; ++a) {
+        const auto k = static_cast<std::size_t>(offset[a]);
+        sum += squared[a][k];
+        box.lower[static_cast<int>(a)] = border[a][k];
+        box.upper[static_cast<int>(a)] = border[a][k + 1];
+      }
+      if (!(sum < squared_reach_())) continue;
+      const Ref child = tree_.child(parent, j);
+      if (enter_(box, child.is_leaf())) below(child);
     }
-    for (int j = 0; j < Tree::kNumChildren; ++j) descend(tree_.child(ref, j));
   }
 
   const Tree& tree_;
-  const Sweep<D>& sweep_;
-  Box<D> around_{};
+  Box<D> around_;
+  Vector<D> centre_;
   bool minds_unknown_;
-  double most_;
+  const SquaredReach& squared_reach_;
+  const Enter& enter_;
 };
+
+/// How far the border of a tree lies outside of a box [m]; beyond it, all is unknown.
+template <class Tree>
+[[nodiscard]] double room_inside(const Tree& tree, const Box<Tree::kDim>& box) {
+  const Box<Tree::kDim> root = tree.box(tree.root().index);
+  return std::min((box.lower - root.lower).minCoeff(), (root.upper - box.upper).minCoeff());
+}
+
+/// The least distance [m] from a sweep to a box and what was nearest before, at most `most`.
+template <int D>
+[[nodiscard]] double nearer_of(double most, const Sweep<D>& sweep, const Box<D>& box) {
+  const double reach = most + sweep.radius;
+  SweepDistance<D> distance(sweep, box);
+  while (distance.refine() && distance.least() < reach * reach) {
+  }
+  if (distance.least() >= reach * reach) return most;
+  return std::min(most, std::max(0.0, std::sqrt(distance.least()) - sweep.radius));
+}
+
+/// The least distance [m] from a sweep to an obstacle of a tree, at most `most`.
+template <class Tree>
+[[nodiscard]] double clearance_of(const Tree& tree, const Sweep<Tree::kDim>& sweep, bool minds_unknown,
+                                  double most) {
+  constexpr int D = Tree::kDim;
+  const Box<D> around = rounded_box_around(sweep).core;
+  if (minds_unknown) most = std::min(most, std::max(0.0, room_inside(tree, around) - sweep.radius));
+  const auto squared_reach = [&] { return (most + sweep.radius) * (most + sweep.radius); };
+  const auto enter = [&](const Box<D>& box, bool is_leaf) {
+    const double nearer = nearer_of(most, sweep, box);
+    if (is_leaf) most = nearer;
+    return !is_leaf && nearer < most;
+  };
+  ObstacleWalk(tree, around, minds_unknown, squared_reach, enter).run();
+  return most;
+}
 
 }  // namespace detail
 
@@ -278,7 +345,7 @@ template <class Map>
   constexpr int D = Map::kDim;
   for (const BodyPart<D>& part : body) {
     const detail::Sweep<D> sweep = detail::sweep_of<D>(part, from, to);
-    most = detail::SweepClearance(map.tree(), sweep, unknown == UnknownSpace::occupied, most).find();
+    most = detail::clearance_of(map.tree(), sweep, unknown == UnknownSpace::occupied, most);
   }
   return most;
 }
