@@ -23,6 +23,7 @@ from ndtree.logs.core.log import Log, require_log
 from ndtree.logs.core.silence import CutOff, CutOffSearch
 from ndtree.tuning.agreement import Disagreement, disagreement
 from ndtree.tuning.calibration import range_noise
+from ndtree.tuning.heading import HeadingDrift, heading_drift
 from ndtree.tuning.revisits import Drift, drift
 
 #: Of structured light and stereo, where the log has too little to measure it: at the sensor [m], and growing
@@ -68,6 +69,8 @@ class FirstLook:
         From when on the poses of a 2-D log do not fit its scans.
     drift : Drift or None
         How far its surfaces lie apart where the robot comes back, if they do.
+    heading_drift : HeadingDrift or None
+        How fast headings of a 2-D log drift, if they do.
     """
 
     dim: int
@@ -87,6 +90,13 @@ class FirstLook:
     zeros: int = 0
     disagreement: Disagreement | None = None
     drift: Drift | None = None
+    heading_drift: HeadingDrift | None = None
+
+    @property
+    def doubt(self) -> str | None:
+        """Why the poses cannot be right, in one line; None where nothing says so."""
+        found = self.disagreement or self.drift or self.heading_drift
+        return None if found is None else str(found)
 
     @property
     def options(self) -> MapOptions:
@@ -108,6 +118,7 @@ class FirstLook:
             "no_return_expected": self.no_returns.expected,
             "max_range": self.max_range if math.isfinite(self.max_range) else None,
             "drift": None if self.drift is None else self.drift.error,
+            "doubt": self.doubt,
         }
 
     def cost(self) -> tuple[float, float]:
@@ -185,6 +196,7 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         zeros=round(looked.times * looked.zeros),
         disagreement=disagreement(runs) if log.dim == 2 else None,
         drift=drift(runs) if log.dim == 2 else None,
+        heading_drift=heading_drift(runs) if log.dim == 2 else None,
     )
 
 

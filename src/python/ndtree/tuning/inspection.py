@@ -116,8 +116,7 @@ def _said(
         )
     if look.cut_off is not None:
         lines.append(f"readings of {look.cut_off:.4g} m, the log's largest range, are beams without return")
-    doubt = look.disagreement or look.drift
-    return list(map(Text, lines if doubt is None else [*lines, str(doubt)]))
+    return list(map(Text, lines if look.doubt is None else [*lines, look.doubt]))
 
 
 @dataclass(frozen=True)
@@ -161,8 +160,7 @@ def prospect_of(log: Log, given: Config | None = None, *, progress: Progress | N
     look = config.look
     if look is None and log.has_sensor:  # Nothing had to be decided.
         look = first_look(log, progress=progress)
-        doubt = look.disagreement or look.drift
-        config = replace(config, notes=(*config.notes, *([] if doubt is None else [Text(str(doubt))])))
+        config = replace(config, notes=(*config.notes, *([] if look.doubt is None else [Text(look.doubt)])))
     try:
         cost = None if look is None else look.cost()
     except MemoryError:

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Headings that drift as odometry's are told of, those that a SLAM system made are not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import ndtree
+from ndtree.base.scan import Scan
+from ndtree.cli.commands import app
+from ndtree.evaluation.sampling import spread
+from ndtree.tuning.heading import heading_drift
+
+
+@pytest.fixture(scope="module")
+def office() -> list[Scan]:
+    """A drive of 150 m."""
+    return list(ndtree.simulate("office"))
+
+
+def turned(scans: list[Scan], angles: np.ndarray, together: bool) -> list[Scan]:
+    """By how much each pose errs [rad]; or how much is added on the way, and turns all that follows."""
+    origins = np.array([scan.origin for scan in scans])
+    steps = np.diff(origins, axis=0)
+    if together:
+        angles = np.cumsum(angles)
+    turns = np.array([[[math.cos(a), math.sin(a)], [-math.sin(a), math.cos(a)]] for a in angles])
+    moves = np.einsum("ni,nij->nj", steps, turns[:-1]) if together else steps
+    places = origins[0] + np.concatenate([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
+    return [
+        replace(
+            scan,
+            endpoints=(scan.endpoints - scan.origin) @ turn + place,
+            origin=place,
+            heading=None if scan.heading is None else scan.heading + angle,
+        )
+        for scan, turn, place, angle in zip(scans, turns, places, angles)
+    ]
+
+
+def ways(scans: list[Scan]) -> np.ndarray:
+    origins = np.array([scan.origin for scan in scans])
+    return np.concatenate([[0.0], np.linalg.norm(np.diff(origins, axis=0), axis=1)])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("degrees", [1.5, 3.0])
+def test_growth_is_found_as_it_is(office: list[Scan], degrees: float, seed: int) -> None:
+    """The variance of a heading grows by degrees² a metre."""
+    growth = math.radians(degrees) ** 2
+    noise = np.random.default_rng(seed).normal(0.0, np.sqrt(growth * ways(office)))
+    found = heading_drift(spread(turned(office, noise, together=True))[0])
+    assert found is not None and found.least <= found.growth
+    assert growth / 3 < found.growth < 2 * growth
+    assert "degrees over the 150 m" in str(found).replace("149", "150") and "align" in str(found)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("degrees", [0.0, 0.3, 0.6])
+def test_poses_that_err_each_by_itself_do_not_drift(office: list[Scan], degrees: float, seed: int) -> None:
+    noise = np.random.default_rng(seed).normal(0.0, math.radians(degrees), len(office))
+    assert heading_drift(spread(turned(office, noise, together=False))[0]) is None
+
+
+def test_what_tells_too_little_says_nothing(office: list[Scan]) -> None:
+    assert heading_drift([]) is None
+    assert heading_drift([[]] * 20) is None
+    assert heading_drift([office[:4]] * 30) is None
+    assert heading_drift([[scan] for scan in office[:9]]) is None
+    assert heading_drift([[Scan(np.empty((0, 2)), np.zeros(2))] * 4] * 20) is None
+
+
+def there(path: Path) -> Path:
+    if not path.exists():
+        pytest.skip(f"{path} is not there")
+    return path
+
+
+@pytest.mark.parametrize("name", ["aces", "csail"])
+def test_raw_odometry_is_doubted_before_it_is_mapped(name: str, recordings: Path) -> None:
+    log = there(recordings / f"laser2d_raw_{name}" / f"{name}.clf.bz2")
+    done = CliRunner().invoke(app, ["info", str(log), "--look"])
+    assert done.exit_code == 0 and "align" in done.output
+
+
+@pytest.mark.parametrize("name", ["intel", "freiburg_079"])
+def test_poses_of_slam_systems_are_not_doubted(name: str, recordings: Path) -> None:
+    look = ndtree.first_look(ndtree.read(there(recordings / f"laser2d_{name}" / f"laser2d_{name}.npz")))
+    assert look.heading_drift is None and look.doubt is None
