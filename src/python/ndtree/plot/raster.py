@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
-_SAMPLES = 2  # A pixel has so many rows and columns of samples.
+_SAMPLES = 2  # Rows and columns of samples in a pixel.
 _AT_ONCE = 1 << 18  # Samples that are looked at in one go.
 
 

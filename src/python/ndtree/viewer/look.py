@@ -6,10 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from ndtree._native._core import OccupancyMap
-from ndtree.cells.lattice import Cells
+from ndtree.cells.lattice import occupied_cells
 from ndtree.cells.regions import ceiling
 from ndtree.plot import COLORS
 
@@ -59,9 +57,9 @@ class Look:
     @classmethod
     def below_ceiling(cls, m: OccupancyMap, **more: Any) -> Look:
         """As `of`, but rooms are cut just below their ceiling, so that one sees into them."""
-        if m.dim == 3 and more.get("slice_at") is None and np.any(m.leaves().state == 1):
-            some = Cells.of(m)
-            top = ceiling(some.where(some.occupied))
+        if m.dim == 3 and more.get("slice_at") is None and m.stats().observed_leaves:
+            some = occupied_cells(m)
+            top = ceiling(some) if len(some) else None
             if top is not None:
                 more = {**more, "axis": 2, "slice_at": top, "cut": True, "plane": False}
         return cls.of(m.dim, **more)
