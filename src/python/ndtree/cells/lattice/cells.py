@@ -84,8 +84,12 @@ class Cells:
 
     def where(self, chosen: Booleans | Integers | slice) -> Cells:
         """Some of the cells, by a mask, their numbers or a slice."""
-        arrays = {f.name: getattr(self, f.name)[chosen] for f in fields(self) if f.name not in SCALARS}
-        return replace(self, **arrays)
+        if isinstance(chosen, slice):
+            chosen = np.arange(len(self))[chosen]
+        elif np.asarray(chosen).dtype == np.bool_:
+            chosen = np.flatnonzero(chosen)  # Once, not for each array.
+        names = [f.name for f in fields(self) if f.name not in SCALARS]
+        return replace(self, **{name: getattr(self, name).take(chosen, axis=0) for name in names})
 
     def along(self, axes: Sequence[int]) -> Cells:
         """The same cells with some of their axes only."""
