@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -67,7 +67,7 @@ class Scan:
     layers: Mapping[str, NDArray[Any]] | None = None
 
     def __post_init__(self) -> None:
-        refuse_masked("Scan", {f.name: getattr(self, f.name) for f in fields(self)})
+        refuse_masked("Scan", vars(self))
         endpoints = _floats(self.endpoints)
         origin = _floats(self.origin)
         if endpoints.ndim != 2 or endpoints.shape[1] < 1:
@@ -153,7 +153,9 @@ class Scan:
 
         For sensors whose missing returns say nothing: glass, dark surfaces and the sky cause them alike.
         """
-        return self if self.returned is None else replace(self.only(self.returned), returned=None)
+        if self.returned is None:
+            return self
+        return replace(self, returned=None) if self.returned.all() else self._part(self.returned, None)
 
     def only(self, which: NDArray[np.bool_] | slice) -> Scan:
         """The same scan with only some beams, in their order.
@@ -162,14 +164,16 @@ class Scan:
         ----------
         which : ndarray of bool, (n,), or slice
         """
+        return self._part(which, None if self.returned is None else self.returned[which])
 
+    def _part(self, which: NDArray[np.bool_] | slice, returned: NDArray[np.bool_] | None) -> Scan:
         def part(values: NDArray[Any] | None) -> Any:
             return None if values is None else values[which]
 
         return Scan(
             self.endpoints[which],
             self.origin if self.origin.ndim == 1 else self.origin[which],
-            part(self.returned),
+            returned,
             self.stamp,
             part(self.range_sigma),
             self.points_only,

@@ -158,6 +158,7 @@ class _Pieces:
         self._progress = progress
         self._waiting = {RADII[0]: _middles(self._length)}
         self._is_search = True
+        self._grids: dict[float, Grid] = {}
 
     def residuals(self, model: tuple[float, float] | None) -> _Residuals:
         """Of all flat pieces, where ranges are as noisy as a model says, or all alike."""
@@ -172,7 +173,9 @@ class _Pieces:
             waiting = self._waiting.get(radius, accepted[radius])
             if not len(waiting):
                 continue
-            grid = Grid(self._end, radius)
+            if radius not in self._grids:
+                self._grids[radius] = Grid(self._end, radius)
+            grid = self._grids[radius]
             for start in range(0, len(waiting), CHUNK):
                 seeds = waiting[start : start + CHUNK]
                 near_by, use = grid.around(self._end[seeds])
