@@ -90,7 +90,7 @@ class _Explorer:
     way: float = 0.0
     visited: list[Array] = field(default_factory=list)
     goal: Array | None = None  # Of the random strategy.
-    seen: set[tuple[float, ...]] = field(default_factory=set)  # Places that show nothing new.
+    gains: dict[tuple[float, ...], float] = field(default_factory=dict)  # When a place was last asked for.
 
     def __post_init__(self) -> None:
         self.body = _core.Sphere(self.robot.radius)
@@ -168,19 +168,30 @@ class _Explorer:
         return np.array([np.linalg.norm(cells - place, axis=1).min() < AT_FRONTIER for place in places])
 
 
-def _best(robot: _Explorer, places: Array, worth: Callable[[Any, Array], Array]) -> Array | None:
+def _best(
+    robot: _Explorer,
+    places: Array,
+    worth: Callable[[Any, Array], Array],
+    ask: Callable[[NDArray[np.intp]], None] = lambda some: None,
+) -> Array | None:
     """The place that is worth most, by the way there. Ways are asked for only as long as the straight line
     leaves hope.
 
     `worth`: Of places, by their numbers, at distances; it falls with them.
+    `ask`: Called for places before their ways are asked for; what they are worth may only fall by it.
     """
     batch, best, value = 16, None, -math.inf
-    bounds = worth(slice(None), np.linalg.norm(places - robot.here, axis=1))
+    straight = np.linalg.norm(places - robot.here, axis=1)
+    bounds = worth(slice(None), straight)
     order = np.argsort(-bounds, kind="stable")
     for first in range(0, len(order), batch):
         some = order[first : first + batch]
         if bounds[some[0]] <= value:
             break
+        ask(some)
+        some = some[worth(some, straight[some]) > value]
+        if not len(some):
+            continue
         ways = robot.ways(places[some])
         values = np.where(np.isfinite(ways), worth(some, ways), -np.inf)
         if values.max() > value:
@@ -204,16 +215,24 @@ def _random(robot: _Explorer, places: Array) -> Array | None:
 def _information(robot: _Explorer, places: Array) -> Array | None:
     """The most that is seen anew by the metre; less than the robot's own volume is not worth a way.
 
-    While unknown space occludes nothing, gains only fall as more is observed: what was not worth a way before
-    is not asked again.
+    While unknown space occludes nothing, gains only fall as more is observed: those of before are bounds, and
+    what was not worth a way before is not asked again.
     """
     dim, radius = robot.map.dim, robot.robot.radius
     least = math.pi * radius**2 if dim == 2 else 4.0 / 3.0 * math.pi * radius**3
-    places = places[[tuple(place) not in robot.seen for place in places.tolist()]]
-    gains = robot.map.information_gain(places, robot.robot.expects).volume
-    robot.seen.update(tuple(place) for place in places[gains <= least].tolist())
+    gains = np.array([robot.gains.get(tuple(place), math.inf) for place in places.tolist()])
     places, gains = places[gains > least], gains[gains > least]
-    return _best(robot, places, lambda which, distances: gains[which] / (distances + STRIDE))
+    asked = np.zeros(len(places), dtype=np.bool_)
+
+    def ask(some: NDArray[np.intp]) -> None:
+        some = some[~asked[some]]
+        asked[some] = True
+        volume = robot.map.information_gain(places[some], robot.robot.expects).volume
+        robot.gains.update(zip(map(tuple, places[some].tolist()), volume.tolist()))
+        gains[some] = np.where(volume > least, volume, -np.inf)
+
+    ask(np.flatnonzero(np.isinf(gains)))
+    return _best(robot, places, lambda which, distances: gains[which] / (distances + STRIDE), ask)
 
 
 STRATEGIES: dict[str, Callable[[_Explorer, Array], Array | None]] = {
