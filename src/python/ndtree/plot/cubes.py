@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ndtree._native._core import OccupancyMap
 from ndtree.cells.lattice import (
+    Booleans,
     CellIndex,
     Cells,
     Floats,
@@ -177,8 +178,10 @@ def draw_cubes(
         count = np.bincount(number)[:, None]
         fills = np.stack([np.bincount(number, fills[:, k]) for k in range(3)], axis=1) / count
         cubes = joined
-    order = _far_to_near(cubes, to_viewer)
-    corners, fill = _open_faces(cubes.where(order), bounds, fills[order], to_viewer, screen)
+    number, axis = _open_faces(cubes, to_viewer)
+    corners = _corners(cubes, bounds, number, axis, to_viewer >= 0, screen)
+    shades = np.array([0.15, 0.5, 1.0], dtype=corners.dtype) * 0.38 + 0.62
+    fill = fills.astype(corners.dtype)[number] * shades[axis, None]  # Darker to the sides.
     if len(corners) > MAX_VECTOR_FACES:
         ax.add_image(FacesImage(ax, corners, fill, _OUTLINE, _LINEWIDTH))
     else:
@@ -190,23 +193,22 @@ def draw_cubes(
     return ax
 
 
-def _open_faces(
-    cubes: Cells, bounds: Region, fills: Floats, to_viewer: Floats, screen: Floats
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Faces of cubes that look to the viewer and lie on no cube as large, in the cubes' order.
-
-    Returns three corners (n, 3, 2) on the screen [m], the one between the others first, and the colors
-    (n, 3), darker to the sides.
-    """
-    is_upper = to_viewer >= 0
-    shades = 0.62 + 0.38 * np.array([0.15, 0.5, 1.0])
+def _open_faces(cubes: Cells, to_viewer: Floats) -> tuple[Integers, Integers]:
+    """Cube and axis of each face that looks to the viewer and lies on no cube as large; far ones first."""
     index = CellIndex(cubes.lower, cubes.size, cubes.branching)
     open_ = np.zeros((len(cubes), 3), dtype=np.bool_)
     for a in np.flatnonzero(np.abs(to_viewer) >= 1e-9):
-        beside = index.find(neighbours(cubes, a, is_upper[a]))
+        beside = index.find(neighbours(cubes, a, to_viewer[a] >= 0))
         open_[:, a] = (beside < 0) | (cubes.size[beside] < cubes.size)
-    # A cube's own faces do not hide each other: only the cubes' order counts.
-    number, axis = np.nonzero(open_)
+    order = _far_to_near(cubes, to_viewer)
+    place, axis = np.nonzero(open_[order])  # A cube's own faces do not hide each other.
+    return order[place], axis
+
+
+def _corners(
+    cubes: Cells, bounds: Region, number: Integers, axis: Integers, is_upper: Booleans, screen: Floats
+) -> NDArray[Any]:
+    """Three corners (n, 3, 2) of faces on the screen [m], the one between the others first."""
     kind = np.float32 if len(number) > MAX_VECTOR_FACES else np.float64
     lower, upper = _clipped(cubes, bounds)
     corner, extent = (lower @ screen).astype(kind), (upper - lower).astype(kind)
@@ -218,7 +220,7 @@ def _open_faces(
             corners[of_axis] += (of_cube[:, a, None] * screen[a].astype(kind))[:, None]
         for k, b in enumerate(b for b in range(3) if b != a):
             corners[of_axis, 1 + k] += of_cube[:, b, None] * screen[b].astype(kind)
-    return corners, fills.astype(kind)[number] * shades[axis, None].astype(kind)
+    return corners
 
 
 def _far_to_near(cubes: Cells, to_viewer: Floats) -> Integers:

@@ -21,9 +21,9 @@ class FacesImage(AxesImage):
     ----------
     ax : matplotlib.axes.Axes
         That they are drawn in, linear along both.
-    corners : (n, 3, 2)
+    corners : (n, 3, 2) float32
         Of each a corner, and the two beside it.
-    fills : (n, 3)
+    fills : (n, 3) float32
         Red, green and blue of each, from 0 to 1.
     border : float
         Brightness of the borders, of that of a face.
@@ -32,7 +32,12 @@ class FacesImage(AxesImage):
     """
 
     def __init__(
-        self, ax: Axes, corners: NDArray[Any], fills: NDArray[Any], border: float, linewidth: float
+        self,
+        ax: Axes,
+        corners: NDArray[np.float32],
+        fills: NDArray[np.float32],
+        border: float,
+        linewidth: float,
     ) -> None:
         super().__init__(ax)
         self._corners, self._fills, self._border, self._linewidth = corners, fills, border, linewidth
@@ -47,12 +52,13 @@ class FacesImage(AxesImage):
         box = self.axes.bbox
         left, bottom = np.floor(box.p0)
         width, height = np.ceil((box.p1 - (left, bottom)) * magnification).astype(int)
-        to_pixels = self.axes.transData.get_matrix()[:2]
-        corners = self._corners @ to_pixels[:, :2].T + (to_pixels[:, 2] - (left, bottom))
         scale = _SAMPLES * magnification
-        scaled = np.asarray(corners * scale, dtype=np.float32)
+        to_pixels = self.axes.transData.get_matrix()
+        pixels_a_metre = to_pixels.diagonal()[:2]
+        corners = self._corners - (((left, bottom) - to_pixels[:2, 2]) / pixels_a_metre).astype(np.float32)
+        corners *= (scale * pixels_a_metre).astype(np.float32)
         line = 0.5 * renderer.points_to_pixels(self._linewidth) * scale
-        seen = _front(scaled, _SAMPLES * width, _SAMPLES * height, line)
+        seen = _front(corners, _SAMPLES * width, _SAMPLES * height, line)
         return _colored(seen, self._fills, self._border), left, bottom, None
 
 
