@@ -14,10 +14,12 @@ from typer.testing import CliRunner
 import ndtree
 from ndtree.alignment.aligned_log import moved
 from ndtree.alignment.loops import Graph
+from ndtree.alignment.motion import Motion
 from ndtree.alignment.outline import Outline
 from ndtree.alignment.planar import between, composed, placed, pose_of, seen_from, turned
 from ndtree.alignment.sensor_scans import SensorScan, pose_in_log
-from ndtree.alignment.tracking import Motion, Track, Tracker, even_since
+from ndtree.alignment.track import Track
+from ndtree.alignment.tracking import Tracker
 from ndtree.cli.commands import app
 from ndtree.logs.core.log import Log
 from ndtree.logs.ros.reading import heading_of
@@ -128,8 +130,6 @@ def test_scans_of_a_stall_are_placed_when_odometry_has_caught_up(start):
     odometry[start : start + 7] = odometry[start]
     found = ndtree.align(Drifting(list(seen_in(walls, truth, reach=12.0, beams=240)), odometry))
     assert np.hypot(*(found.poses - truth)[:, :2].T).max() < 0.25
-    # The way is even since before odometry stopped.
-    assert even_since(odometry[start - 5 : start + 8, :2], 0.1 * np.arange(13)) <= 5
 
 
 def test_a_jump_of_odometry_leaves_the_poses_where_they_were():

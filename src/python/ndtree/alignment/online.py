@@ -16,10 +16,12 @@ import numpy as np
 
 from ndtree.alignment.aligning import MAX_RANGE, is_confirmed, scale_of, told_scale
 from ndtree.alignment.loops import SUBMAP_SCANS, SUBMAP_WAY, Graph, Loop
+from ndtree.alignment.motion import NO_ODOMETRY, Motion
 from ndtree.alignment.planar import Floats, between, composed
 from ndtree.alignment.result import Alignment, between_keys
 from ndtree.alignment.sensor_scans import SensorScan, sensor_scan
-from ndtree.alignment.tracking import NO_ODOMETRY, Motion, Track, Tracker
+from ndtree.alignment.track import Track
+from ndtree.alignment.tracking import Tracker
 from ndtree.base.scan import Scan
 
 _TAKEN = 5  # Key scans after which loops count that were looked for.
