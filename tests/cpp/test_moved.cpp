@@ -198,6 +198,23 @@ TEST(BeamImage, BeamsFarApartAreAskedOneByOne) {
   EXPECT_EQ(edge.look(ahead, 0.01F, 2.95F, 3.02F), Seen::nothing);
 }
 
+TEST(BeamImage, GapsAroundADirectionAreAlongEachAxis) {
+  constexpr float kDegree = 0.0174532925F;
+  const BeamImage<3>::Offset wide{0.3F, 0.3F};
+  const auto image = image_of(4.0F, 8, 0.5F, 30, [](const auto&) { return 9.0F; });
+  const BeamImage<3>::Point ahead(std::cos(kDegree), std::sin(kDegree), 0.0F);  // Columns at 0 and 4 degrees.
+  const auto both = image.beside(ahead, wide, {0.02F, 0.02F}, 8.0F, 0.001F);
+  EXPECT_NEAR(both[0].nearest, kDegree, 1e-3F);
+  EXPECT_NEAR(both[0].gap, 4.0F * kDegree, 1e-3F);
+  EXPECT_NEAR(both[1].nearest, 0.0F, 1e-3F) << "a row at this height";
+  const auto narrow = image.beside(ahead, wide, {0.01F, 0.01F}, 8.0F, 0.001F);
+  EXPECT_GT(narrow[1].gap, 1.0F) << "no column is so near";
+  EXPECT_NEAR(narrow[0].gap, 4.0F * kDegree, 1e-3F);
+  EXPECT_GT(image.beside(ahead, wide, {0.02F, 0.02F}, 9.5F, 0.001F)[0].nearest, 1.0F) << "none passes";
+  const auto near = image.beside({1.0F, 0.0F, 0.0F}, wide, {0.02F, 0.02F}, 8.0F, 0.001F);
+  EXPECT_LT(near[0].nearest, 0.001F) << "through the middle";
+}
+
 TEST(BeamImage, BeamsFarApartDoNotTellOfOneSurface) {
   // Neighbours meet two rods of a row at the same range: 0.5 m apart that is no surface of 0.4 m.
   const auto coarse = [](float most) {
@@ -294,7 +311,6 @@ TEST(Moved, ProbabilityIsThatOfBayes) {
         stands += std::pow(e * q, v) * std::pow(1.0 - e * q, h) / kSteps;
         all += std::pow(q, v) * std::pow(1.0 - q, h) / kSteps;
       }
-      stands = (1.0 - kThin) * stands + kThin * all;
       // All orders of v scans that see through and h that find something, by their numbers of rows.
       std::array<int, 8> orders{};
       for (unsigned order = 0; order < 1U << (v + h); ++order) {
@@ -310,13 +326,48 @@ TEST(Moved, ProbabilityIsThatOfBayes) {
       for (std::uint32_t r = h == 0 ? 0 : 1; r <= std::min(h, v + 1); ++r, ++cases) {
         const double stays = h == 0 ? 1.0 : std::pow(kReturns, r - 1.0);
         const double likely = moved * stays;
-        EXPECT_NEAR(posterior(v, h, r), likely / (likely + stands * orders[r] / sum), 1e-4);
+        // By chance all orders are as probable; of what is thin, all numbers of rows.
+        const double by_chance = (1.0 - kThin) * stands * orders[r] / sum;
+        const double thin = kThin * all / (h == 0 ? 1 : std::min(h, v + 1));
+        EXPECT_NEAR(posterior(v, h, r), likely / (likely + by_chance + thin), 1e-4);
+        if (v + h > 0) {
+          EXPECT_NEAR(posterior(v, h, r, 2.0F), likely / (likely + by_chance + std::exp(2.0) * thin), 1e-4);
+        }
+        EXPECT_EQ(posterior(v, h, r, -2.0F), posterior(v, h, r)) << "a hole is no sign of what moved";
         EXPECT_TRUE(v > 0 || posterior(v, h, r) <= 0.5F);
       }
     }
   EXPECT_GT(cases, 100);
   for (const std::uint32_t h : {100U, 1000U, 100000U}) EXPECT_LT(posterior(0U, h, 1U), 0.5F) << h;
   EXPECT_GT(posterior(2000U, 3U, 1U), 0.9F) << "behind the table of factorials";
+  EXPECT_GT(posterior(20000U, 20000U, 1U), 0.9F) << "numbers stay finite";
+  EXPECT_LT(posterior(20000U, 20000U, 1U, 1e9F), 0.1F);
+  MovedTally tally;
+  tally.find();
+  for (int i = 0; i < 9; ++i) posterior.pass(tally);
+  EXPECT_GT(posterior(tally, 0.0F), 0.8F);
+  EXPECT_EQ(posterior(tally, 50.0F), 0.5F) << "thin things may stand: it is not said that they do";
+  tally.unsure = 3;
+  EXPECT_GE(posterior(tally, 50.0F), 0.5F);
+}
+
+TEST(Moved, BeamsPassARodBesideAndAnEmptyPlaceAnywhere) {
+  // A beam in the middle of a gap, in all places of it with the same probability: no odds on average, or
+  // less.
+  constexpr float kInfinite = std::numeric_limits<float>::infinity();
+  for (const float gap : {0.03F, 0.1F, 0.3F}) {
+    double sum = 0.0;
+    constexpr int kPlaces = 1000;
+    for (int i = 0; i < kPlaces; ++i) {
+      const float left = gap * (static_cast<float>(i) + 0.5F) / kPlaces;
+      sum += std::exp(MovedPosterior::odds_of_thin(std::min(left, gap - left), gap)) / kPlaces;
+    }
+    EXPECT_LT(sum, 1.01) << gap;
+    EXPECT_GT(sum, 0.7) << gap;
+    EXPECT_GT(MovedPosterior::odds_of_thin(0.5F * gap, gap), 0.0F);
+    EXPECT_LT(MovedPosterior::odds_of_thin(0.0F, gap), 0.0F);
+  }
+  EXPECT_EQ(MovedPosterior::odds_of_thin(0.3F, kInfinite), 0.0F) << "at a border of the view";
 }
 
 /// Shares of the points of what stands, and of what moves, that are said to have moved.
@@ -416,6 +467,67 @@ TEST(Moved, RodsThatBeamsPassOnBothSidesStay) {
     options.range_sigma = 0.01;
     EXPECT_LT(number_moved(scans, options, scans.size()), 77U) << "0.2 % of the points, gap " << gap;
   }
+}
+
+/// The distance along x, y of a way of unit length to a circle, or `far`.
+double to_circle(const Vector<2>& from, const Vector<2>& way, const Vector<2>& middle, double radius,
+                 double far) {
+  const Vector<2> to = middle - from;
+  const double along = to.dot(way);
+  const double left = radius * radius - to.squaredNorm() + along * along;
+  return left > 0.0 && along > 0.0 ? std::min(far, along - std::sqrt(left)) : far;
+}
+
+TEST(Moved, ARailingStaysThoughItsRodsAreAsFarApartAsBeams) {
+  // Rods of 4 cm every 20 cm, 2.5 m away, columns 4 degrees apart, so that neighbours meet one rod after the
+  // other; and on the other side a person who stands for some scans.
+  constexpr double kDegree = 3.14159265358979 / 180.0;
+  constexpr int kColumns = 90;
+  constexpr int kRows = 48;
+  std::vector<Scan<3>> scans;
+  std::vector<std::vector<int>> kinds;  // 1: on a rod, 2: on the person.
+  for (int i = 0; i < 13; ++i) {
+    Scan<3> scan;
+    scan.origins = Vector<3>(0.17 * i, 0.0, 0.0);
+    scan.endpoints.resize(3, kColumns * kRows);
+    const Vector<2> from(0.17 * i, 0.0);
+    std::vector<int>& kind = kinds.emplace_back(kColumns * kRows, 0);
+    for (int k = 0; k < kColumns * kRows; ++k) {
+      const double around = 4.0 * (k % kColumns) * kDegree;
+      const double up = 0.4 * (k / kColumns - kRows / 2) * kDegree;
+      const Vector<2> way(std::cos(around), std::sin(around));
+      const double wall = 4.5 / std::max(std::abs(way[1]), 0.1);
+      double far = wall;
+      for (int rod = -40; rod < 60; ++rod) far = to_circle(from, way, Vector<2>(0.2 * rod, 2.5), 0.02, far);
+      if (far < wall) kind[static_cast<std::size_t>(k)] = 1;
+      const double rods = far;
+      if (i < 4) far = to_circle(from, way, Vector<2>(0.5, -2.0), 0.25, far);
+      if (far < rods) kind[static_cast<std::size_t>(k)] = 2;
+      scan.endpoints.col(k) = scan.origins + far * Vector<3>(way[0], way[1], std::tan(up));
+    }
+    scans.push_back(scan);
+  }
+  MovedOptions options;
+  options.cell_size = 0.1;
+  options.range_sigma = 0.03;
+  MovedEvidence<3> evidence(options);
+  for (const auto& scan : scans) evidence.add(scan.view());
+  for (const auto& scan : scans) evidence.look(scan.view());
+  std::array<int, 3> all{};
+  std::array<int, 3> moved{};
+  for (std::size_t i = 0; i < scans.size(); ++i) {
+    std::vector<float> answers(kinds[i].size());
+    evidence.probabilities(scans[i].endpoints.data(), answers.size(), answers.data());
+    for (std::size_t k = 0; k < answers.size(); ++k) {
+      const auto kind = static_cast<std::size_t>(kinds[i][k]);
+      ++all[kind];
+      moved[kind] += answers[k] > 0.5F ? 1 : 0;
+    }
+  }
+  EXPECT_GT(all[1], 1000);
+  EXPECT_LT(moved[1], 0.1 * all[1]) << "a quarter by what each cell alone says";
+  EXPECT_GT(all[2], 200);
+  EXPECT_GT(moved[2], 0.8 * all[2]);
 }
 
 TEST(Moved, WhoWalkedOnTheGroundGoesThoughColumnsAreFarApart) {

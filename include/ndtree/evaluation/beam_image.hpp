@@ -120,6 +120,18 @@ class BeamImage {
   [[nodiscard]] bool surely_meets(const Point& direction, const Offset& size, const Offset& core,
                                   float least) const;
 
+  /// Along an axis, beside a direction: how far away the nearest beam is, and how far apart are those on both
+  /// sides, as offsets; infinite where there is none.
+  struct Beside {
+    float nearest;
+    float gap;
+  };
+  /// Where beams that surely passed farther than `least` went past a direction, axis by axis: of those that
+  /// are at most `core` or `radius` away along the other one. Sought up to the size at most, and no farther
+  /// than up to beams nearer than `radius`.
+  [[nodiscard]] std::array<Beside, kSides> beside(const Point& direction, const Offset& size,
+                                                  const Offset& core, float least, float radius) const;
+
  private:
   static constexpr std::int32_t kNotSought = -2;
   static constexpr std::int32_t kNone = -1;
@@ -426,6 +438,34 @@ bool BeamImage<D>::surely_meets(const Point& direction, const Offset& size, cons
     if (is_in_core) return true;
     if (passing.is_complete() && !is_without(passing, size, core)) return true;
     if (!passing.is_complete() || reach >= largest) return false;
+  }
+}
+
+template <int D>
+auto BeamImage<D>::beside(const Point& direction, const Offset& size, const Offset& core, float least,
+                          float radius) const -> std::array<Beside, kSides> {
+  constexpr float kNoBeam = std::numeric_limits<float>::infinity();
+  const Frame frame = frame_of(direction);
+  const float largest = *std::max_element(size.begin(), size.end());
+  for (float reach = 2.0F * pixel_width();; reach *= 1.5F) {
+    std::array<std::array<float, 2>, kSides> nearest;  // On each side.
+    for (auto& sides : nearest) sides.fill(kNoBeam);
+    for_each_near(frame, std::min(reach, largest), [&](std::int32_t beam, const Offset& to) {
+      if (!(beams_[static_cast<std::size_t>(beam)].sure > least)) return;
+      for (std::size_t k = 0; k < kSides; ++k) {
+        const std::size_t other = kSides - 1 - k;
+        if (other != k && std::abs(to[other]) > std::max(core[other], radius)) continue;
+        float& side = nearest[k][to[k] < 0.0F ? 0 : 1];
+        side = std::min(side, std::abs(to[k]));
+      }
+    });
+    std::array<Beside, kSides> found;
+    bool is_known = true;
+    for (std::size_t k = 0; k < kSides; ++k) {
+      found[k] = {std::min(nearest[k][0], nearest[k][1]), nearest[k][0] + nearest[k][1]};
+      is_known = is_known && (found[k].nearest < radius || found[k].gap < kNoBeam);
+    }
+    if (is_known || reach >= largest) return found;
   }
 }
 

@@ -45,8 +45,9 @@ namespace ndtree {
 /// is never seen through, nor is ground so oblique that neighbouring beams end far apart. Nor does a scan
 /// whose own beams end in a cell see through it.
 ///
-/// What scans say of a cell together is in MovedPosterior. The same log gives the same answers to the last
-/// bit, whatever the number of threads.
+/// What scans say of a cell together is in MovedPosterior. Where beams passed tells of the cells around, too:
+/// no rod of a fence is ever passed through its middle. The same log gives the same answers to the last bit,
+/// whatever the number of threads.
 template <int D>
 class MovedEvidence {
  public:
@@ -67,22 +68,26 @@ class MovedEvidence {
 
   /// That what returned at points was not part of what stands; 0.5 where no beam ended. O(n).
   void probabilities(const double* points, std::size_t n, float* out) const {
-    // Points beside each other are in the same cells, and most cells have one of few tallies.
+    if (!workers_) {
+      std::fill_n(out, n, 0.5F);
+      return;
+    }
+    // Points beside each other are in the same cells and blocks.
     constexpr std::size_t kRemembered = 4096;
-    std::vector<std::pair<MovedTally, float>> remembered(std::min(n, kRemembered), {MovedTally(), 0.5F});
+    constexpr std::uint32_t kNone = SurfaceCells<D>::kNone;
+    std::vector<std::pair<std::uint32_t, float>> remembered(std::min(n, kRemembered), {kNone, 0.5F});
+    std::vector<float> thin(blocks_.size(), std::numeric_limits<float>::quiet_NaN());
     typename SurfaceCells<D>::Cursor cursor;
     for_each_paced(n, 2, [&](std::size_t i) {
       const std::uint32_t number = cells_.find(Eigen::Map<const Vector<D>>(points + i * D), cursor);
       out[i] = 0.5F;
-      if (number == SurfaceCells<D>::kNone || !workers_) return;
-      const MovedTally& tally = tallies_[number];
-      const std::size_t place =
-          (tally.through * 641U + tally.found * 29U + tally.stays * 7U + tally.unsure) % remembered.size();
-      auto& [before, probability] = remembered[place];
-      if (before.through != tally.through || before.found != tally.found || before.stays != tally.stays ||
-          before.unsure != tally.unsure) {
-        before = tally;
-        probability = posterior_(tally);
+      if (number == kNone) return;
+      auto& [before, probability] = remembered[number % remembered.size()];
+      if (before != number) {
+        before = number;
+        float& around = thin[block_of(number)];
+        if (std::isnan(around)) around = thin_in(block_of(number));
+        probability = posterior_(tallies_[number], around);
       }
       out[i] = probability;
     });
@@ -151,10 +156,29 @@ class MovedEvidence {
       size[k] = sizes_[k][i] / distance;
       core[k] = kCore * size[k];
     }
-    if (image_.surely_meets(direction_of(i, distance), size, core, distance + margins_[i]))
-      posterior_.pass(tally);
-    else
+    const Point direction = direction_of(i, distance);
+    const float least = distance + margins_[i];
+    if (!image_.surely_meets(direction, size, core, least)) {
       ++tally.unsure;
+      return;
+    }
+    posterior_.pass(tally);
+    const auto beside = image_.beside(direction, size, core, least, MovedPosterior::kRod / distance);
+    for (std::size_t k = 0; k < kSides; ++k)
+      tally.thin[k] += MovedPosterior::odds_of_thin(beside[k].nearest * distance, beside[k].gap * distance);
+  }
+  [[nodiscard]] std::size_t block_of(std::uint32_t number) const {
+    return static_cast<std::size_t>(std::upper_bound(blocks_.begin(), blocks_.end(), number) -
+                                    blocks_.begin()) -
+           1;
+  }
+  /// MovedTally::thin of all cells of a block, along the axis along which it is larger.
+  [[nodiscard]] float thin_in(std::size_t block) const {
+    std::array<float, kSides> sums{};
+    const std::size_t end = block + 1 < blocks_.size() ? blocks_[block + 1] : tallies_.size();
+    for (std::size_t i = blocks_[block]; i < end; ++i)
+      for (std::size_t k = 0; k < kSides; ++k) sums[k] += tallies_[i].thin[k];
+    return *std::max_element(sums.begin(), sums.end());
   }
   void plant(std::size_t threads);
   /// Calls `use(first, last)` for beams from one origin: those of a sweep in motion whose origins are within
@@ -195,6 +219,7 @@ class MovedEvidence {
   std::vector<float> margins_;                            // By how much a beam must pass them [m].
   std::array<std::vector<float>, kSides> sizes_;          // Of what they are on [m].
   std::vector<MovedTally> tallies_;
+  std::vector<std::uint32_t> blocks_;  // First cells, see SurfaceCells::blocks().
   std::vector<CellBalls<D>> balls_;
   std::size_t task_level_ = 0;
   std::uint32_t scans_ = 0;   // That were added,
@@ -253,6 +278,7 @@ void MovedEvidence<D>::plant(std::size_t threads) {
         static_cast<float>(options_.cell_size) + static_cast<float>(options_.noise_sigmas) * cells_.sigma(i);
   }
   balls_ = CellBalls<D>::around(cells_, margins_);
+  blocks_ = cells_.blocks();
   cells_.forget();
   tallies_.assign(n, {});
   workers_ = std::make_unique<Workers>(threads);

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -45,6 +46,9 @@ struct MovedTally {
   std::uint32_t stays = 0;     ///< in how many rows without one that saw through.
   std::uint32_t unsure = 0;    ///< Scans that passed it with beams too far apart to surely meet it.
   std::uint32_t own_scan = 0;  ///< The last with a beam that ended in it.
+  /// Logarithm of the odds, by where those that saw through passed it, that something thin stands there:
+  /// along the axes across beams, see MovedPosterior::odds_of_thin().
+  std::array<float, 2> thin{};
 
   void find() {
     stays += found == 0 || streak > 0 ? 1 : 0;
@@ -55,16 +59,20 @@ struct MovedTally {
 
 /// Let v scans have seen through a cell, and h found a surface there, in r rows of scans between which others
 /// saw through. If something stands there, mostly a fraction of the scans of at most e = error_rate sees
-/// through it; but of a part t of what stands any fraction does: fences, foliage, glass. And scans see
-/// through what stands at any time, by chance, so that of all orders of v and h scans none is more probable.
-/// What moved was there without a break, and after a stay comes back with a probability of q. With both
-/// equally likely before, and fractions uniform,
+/// through it, at any time, by chance: of all orders of v and h scans none is more probable. But of a part t
+/// of what stands any fraction does: fences, foliage, glass; and since beams may sweep over these slowly, any
+/// number of rows is as probable. What moved was there without a break, and after a stay comes back with a
+/// probability of q. With both equally likely before, and fractions uniform,
 ///
-///     P(moved) = m / (m + s),  m = (1 - I_e(v + 1, h + 1)) / (1 - e) q^(r - 1) / p(r),
-///     s = (1 - t) I_e(v + 1, h + 1) / e + t,  p(r) = C(h - 1, r - 1) C(v + 1, r) / C(v + h, h),
+///     P(moved) = m / (m + s),  m = (1 - I_e(v + 1, h + 1)) / (1 - e) q^(r - 1),
+///     s = (1 - t) I_e(v + 1, h + 1) / e p(r) + t max(1, o) / min(h, v + 1),
+///     p(r) = C(h - 1, r - 1) C(v + 1, r) / C(v + h, h),
 ///
 /// I being the incomplete beta function, and p(r) the fraction of orders with r rows. That is 1/2 without any
 /// scan, less without one that saw through, and less the more found it or the more often it was found again.
+///
+/// o are the odds of something thin by where beams passed, see odds_of_thin(): they go past a rod on both
+/// sides, but never through it, and through any place that is empty.
 ///
 /// Once `most_scans` in a row have seen through, h counts for no more than these outweigh: what stood for
 /// long and left goes.
@@ -82,23 +90,42 @@ class MovedPosterior {
   }
 
   /// Of a cell that `through` scans saw through, and in which `found` found a surface, in `stays` rows of
-  /// scans without one that saw through. @pre stays <= found, and > 0 if found > 0.
-  [[nodiscard]] float operator()(std::uint32_t through, std::uint32_t found, std::uint32_t stays) const {
+  /// scans without one that saw through. @param thin logarithm of o. @pre stays <= found, and > 0 if found >
+  /// 0.
+  [[nodiscard]] float operator()(std::uint32_t through, std::uint32_t found, std::uint32_t stays,
+                                 float thin = 0.0F) const {
     if (through == 0 && found == 0) return 0.5F;
     const double below = std::clamp(below_(through + 1.0, found + 1.0), 0.0, 1.0);
     double moved = (1.0 - below) / (1.0 - error_rate_);
-    const double stands = (1.0 - kThin) * below / error_rate_ + kThin;
-    if (found > 0)
-      moved *= std::exp((stays - 1.0) * std::log(kReturns) + log_choices(through + found, found) -
-                        log_choices(found - 1, stays - 1) - log_choices(through + 1, stays));
+    double stands = (1.0 - kThin) * below / error_rate_;
+    double is_thin = kThin * std::exp(static_cast<double>(std::clamp(thin, 0.0F, kMostThin)));
+    if (found > 0) {
+      moved *= std::pow(kReturns, stays - 1.0);
+      stands *= std::exp(log_choices(found - 1, stays - 1) + log_choices(through + 1, stays) -
+                         log_choices(through + found, found));
+      is_thin /= std::min(found, through + 1);
+    }
+    stands += is_thin;
     return static_cast<float>(moved / (moved + stands));
   }
   /// At least 0.5, so that nothing is said, where more scans passed with beams too far apart than may see
-  /// through what stands.
-  [[nodiscard]] float operator()(const MovedTally& tally) const {
+  /// through what stands, and where something thin may stand: passes of one scan are correlated, so odds keep
+  /// a point, but do not say that it stands. @param thin logarithm of o, of the cell and those around it.
+  [[nodiscard]] float operator()(const MovedTally& tally, float thin) const {
     const float probability = operator()(tally.through, tally.found, tally.stays);
     const bool is_open = tally.unsure > error_rate_ * (static_cast<double>(tally.unsure) + tally.found);
-    return is_open ? std::max(probability, 0.5F) : probability;
+    if (is_open) return std::max(probability, 0.5F);
+    if (!(probability > 0.5F && thin > 0.0F)) return probability;
+    return std::max(operator()(tally.through, tally.found, tally.stays, thin), 0.5F);
+  }
+  /// How much more probable it is, as a logarithm, that beams pass a place as they do if something thin
+  /// stands there. Of beams `gap` apart, one passes an empty place within `kRod` with a probability of 2 kRod
+  /// / gap, and a rod a fraction kMistaken as often: not its middle is known, but a mean of points.
+  /// @param nearest of them @param gap between those on both sides [m]; infinite where there is none.
+  [[nodiscard]] static float odds_of_thin(float nearest, float gap) {
+    const bool is_through = nearest < kRod;
+    const float chance = std::isfinite(gap) ? std::min(1.0F, 2.0F * kRod / gap) : is_through ? 1.0F : 0.0F;
+    return (is_through ? kLogMistaken : 0.0F) + (1.0F - kMistaken) * chance;
   }
   /// Counts a scan that saw through.
   void pass(MovedTally& tally) const {
@@ -108,8 +135,13 @@ class MovedPosterior {
     tally.stays = std::min(tally.stays, outweighed_);
   }
 
+  static constexpr float kRod = 0.01F;  ///< Half the width of the thinnest rods, legs and twigs [m].
+
  private:
   static constexpr std::size_t kFactorials = 1024;
+  static constexpr float kMistaken = 0.25F;  // Measured in railings: 0.1 to 0.2; of what moved 0.95 to 1.05.
+  static constexpr float kLogMistaken = -1.38629436F;
+  static constexpr float kMostThin = 300.0F;  // So that numbers stay finite.
   // Fitted by tools/bench/moved-fit on simulated worlds in which nothing moves, or one thing does:
   static constexpr double kThin = 0.2;      // Of what stands, that any fraction of scans sees through.
   static constexpr double kReturns = 0.15;  // Of stays in a cell, that another one follows.

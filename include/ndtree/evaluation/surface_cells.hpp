@@ -106,6 +106,18 @@ class SurfaceCells {
     cells_ = std::move(sorted);
     if (numbers_) numbers_->renumber(now);
   }
+  /// The first cell of each cube of 16 cells' edge that has any. @pre sort()
+  [[nodiscard]] std::vector<std::uint32_t> blocks() const {
+    std::vector<std::uint32_t> firsts;
+    typename CellNumbers<D>::Cell last = CellNumbers<D>::Cell::Zero();
+    for (std::uint32_t i = 0; i < size(); ++i) {
+      typename CellNumbers<D>::Cell block = numbers_->cell(i);
+      for (int k = 0; k < D; ++k) block[k] >>= kBlockBits;
+      if (firsts.empty() || block != last) firsts.push_back(i);
+      last = block;
+    }
+    return firsts;
+  }
   // Of a cell, until forget():
   [[nodiscard]] const Point& mean(std::size_t i) const { return cells_[i].mean; }
   [[nodiscard]] float sigma(std::size_t i) const { return cells_[i].sigma; }
@@ -123,6 +135,7 @@ class SurfaceCells {
   void forget() { cells_ = {}; }
 
  private:
+  static constexpr int kBlockBits = 4;  // Of the number of cells along a block: some rods of a fence.
   static constexpr std::size_t kWidths = 12;
   static constexpr std::uint8_t kMostMeasured = 24;  // Surfaces in a cell: more change its width little.
   // Of a cell's surfaces, that look narrower than they are: beside rods that stand in a row, beams that meet
