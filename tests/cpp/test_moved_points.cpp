@@ -36,7 +36,7 @@ float expected(const Map& map, const Vector<Map::kDim>& point) {
   take(most);
   if constexpr (std::is_same_v<typename Map::Cell, EvidenceCell>) {
     const EvidenceCell cell = cell_at(map, point);
-    const bool has_left = !cell.streak_is_of_hits() && cell.streak() >= std::min(cell.hits() + 1, 12U);
+    const bool has_left = !cell.streak_is_of_hits() && cell.streak() >= std::min(cell.hits() + 1, 3U);
     if (cell.hits() > 0 && cell.probability() < 0.5 && has_left) return 0.5F;
     if (cell.hits() > 0) take(0.5F);
   }

@@ -41,11 +41,12 @@ inline constexpr float kMovedUnknown = 0.5F;
 /// least while a cell with evidence remembers a beam that ended in it. Most beams pass a rod's cell, and a
 /// larger cell that is free holds rods and edges; counts do not tell these from what left, until the cell has
 /// changed. 0.5, whatever is beside it, once all beams of more scans in a row than those that ended there
-/// have passed, or of a dozen: what is beside it may have left with it.
+/// have passed, or of three: what is beside it may have left with it.
 template <class Cell>
 [[nodiscard]] float probability_standing(const Cell& cell) {
   constexpr float kMayHold = 0.49999F;
-  constexpr std::uint32_t kMostPasses = 12;  // That outweigh any stay, as MovedOptions::most_scans.
+  constexpr std::uint32_t kMostPasses =
+      3;  // Hits count beams, passes scans: some beams of one scan end here.
   const auto probability = static_cast<float>(cell.probability());
   if constexpr (std::is_same_v<Cell, EvidenceCell>) {
     if (cell.hits() == 0 || probability >= kMovedUnknown) return probability;
