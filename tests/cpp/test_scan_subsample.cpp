@@ -317,6 +317,23 @@ TEST(CubeMap, FacesAreAsDenseAsTheirBeams) {
   EXPECT_NEAR(face.expected_beams(face.depth_for(7.0f, 0.1f), 0.1f), 7.0f, 1e-3f);
 }
 
+TEST(CubeMap, InAPlaneBeamsAreAsWideAsTheyAreApartByAngle) {
+  const double step = 0.01;
+  for (const double first : {-0.78, -0.2, 0.3}) {
+    CubeFace<2> face(Vector<2>::Zero(), 0, false);
+    face.lower = {static_cast<float>(std::tan(first))};
+    const int count = static_cast<int>((0.78 - first) / step);
+    face.upper = {static_cast<float>(std::tan(first + step * count))};
+    face.num_beams = static_cast<std::uint32_t>(count);
+    face.make_pixels();
+    for (int i = 0; i < count; ++i) {
+      const double between = std::tan(first + step * (i + 1)) - std::tan(first + step * i);
+      const double slant = std::cos(first + step * (i + 0.5));
+      EXPECT_NEAR(static_cast<double>(face.width_of_beam()) / (slant * slant), between, 0.02 * between) << i;
+    }
+  }
+}
+
 TEST(BeamBuckets, OfFacesFollowEachOther) {
   std::vector<CubeFace<3>> faces(3, CubeFace<3>(Vector<3>::Zero(), 0, false));
   const int shifts[] = {24, 10, 4};

@@ -465,6 +465,18 @@ class FlatScanMap {
       if (cell.misses() < power) return true;
     return false;
   }
+  /// In a plane, where beams are evenly spaced by angle: how far they are apart in the middle of a face, over
+  /// their mean distance on it.
+  [[nodiscard]] static float evenness(const Face& face, std::size_t axis) {
+    double sum = 0.0;
+    for (int i = 0; D == 2 && i < 5; ++i) {
+      const auto across = static_cast<std::size_t>(D - 1) - axis;
+      const auto lower = static_cast<double>(face.lower[across]);
+      const double at = lower + unfused(0.25 * i * (static_cast<double>(face.upper[across]) - lower));
+      sum += (i == 0 || i == 4 ? 1 : i == 2 ? 2 : 4) / (1.0 + unfused(at * at));
+    }
+    return D == 2 ? static_cast<float>(sum / 12.0) : 1.0f;
+  }
   /// Coverage of a cell that was not observed before, or not all of it.
   [[nodiscard]] Coverage coverage_of(const CellIndex<D>& index, const EvidenceCell& cell,
                                      const ScanEvidence& scan, double sample_beams) const {
@@ -480,6 +492,7 @@ class FlatScanMap {
     double way = 0.0;
     double slices = 0.0;  // Of the beams, as wide as the cell at most.
     bool are_single = true;
+    float sampled = 1.0f;
     for (const FlatBeam& beam : beams_) {
       float enter = 0.0f;
       float exit = 0.0f;
@@ -493,18 +506,24 @@ class FlatScanMap {
       if (enter >= beam.range) continue;
       exit = std::min(exit, beam.range);
       const auto width_at = [&](float distance) {
-        const float spacing = face.beams == 1 ? 0.0f : std::min(0.1f, 1.0f / face.density) * widening;
-        const float per_metre = std::max(spacing, width_per_range());
-        return per_metre > 0.0f ? distance * (beam.slant * (per_metre * per_child))
-                                : static_cast<float>(smallest()) * per_child;
+        const float spacing =
+            face.beams == 1
+                ? 0.0f
+                : std::min(0.1f, evenness(face, static_cast<std::size_t>(beam.face[D])) / face.density) *
+                      widening;
+        const float per_depth = std::max(spacing, width_per_range()) * per_child;
+        if (per_depth == 0.0f) return static_cast<float>(smallest()) * per_child;
+        return distance * (D == 2 ? per_depth / beam.slant : beam.slant * per_depth);
       };
       const float width = width_at(0.5f * (enter + exit));
       const float through = (exit - enter) * beam.slant * per_child * kUnits;
       float area_of_slice = 1.0f;
       for (int a = 1; a < D; ++a) area_of_slice *= std::min(static_cast<float>(N), width);
       way += static_cast<double>(std::nearbyint(through));
-      are_single =
-          are_single && ((face.beams == 1 && width_per_range() == 0.0f) || std::nearbyint(through) == 0.0f);
+      if (std::nearbyint(through) != 0.0f) {
+        are_single = are_single && face.beams == 1 && width_per_range() == 0.0f;
+        sampled = std::min(sampled, fraction);
+      }
       slices += static_cast<double>(std::nearbyint(through * area_of_slice));
       for (std::size_t j = 0; j < children.size(); ++j) {
         if (!clip(beam, children[j], enter, exit) || enter >= beam.range) continue;
@@ -538,8 +557,13 @@ class FlatScanMap {
                              : 1.0 - (1.0 - options_.covered_share) * std::min(1.0, 2.0 * N / smallest_cells);
     const double of_child = mean_share * of_part_seen;
     const double beams_for_child = slices > 0.0 ? way / slices : 0.0;
-    const double least =
-        std::min(of_child, mean_share * (1.0 - std::sqrt(2.0 * (1.0 - 1e-4) / beams_for_child)));
+    // In a plane beams are evenly spaced, but for those left out of a sample; in space their number scatters.
+    const double left_out = D == 2 ? 1.0 - static_cast<double>(sampled) : 1.0;
+    const double fewer = (D == 2 ? 0.5 / beams_for_child : 0.0) + std::sqrt(2.0 * left_out / beams_for_child);
+    double least = 0.0;
+    if (D == 2 && beams_for_child > (1.0 + 2.0 * left_out) * (1.0 - 1e-4))
+      least = std::min(of_child, 0.95 * (1.0 - fewer * (1.0 - 1e-4)));
+    if (D != 2) least = std::min(of_child, mean_share * (1.0 - fewer * std::sqrt(1.0 - 1e-4)));
     const bool may_split = smallest_cells > options_.coverage_cells * (1.0 + 1e-9);
     if (cell.is_partly_seen()) result.parts = cell.seen_parts();
     const auto seen_before = [before = result.parts](int part) { return (before & 1u << part) != 0; };
@@ -553,7 +577,8 @@ class FlatScanMap {
       of_part += std::min(1.0, seen_fraction);
       ++count;
       if (seen_fraction < least) with_missing.insert(part_of(children[j], index));
-      if (seen_fraction < least && !seen_before(part_of(children[j], index)) && may_split)
+      if (seen_fraction < least && !seen_before(part_of(children[j], index)) && may_split &&
+          beams_for_child > 2.0 * (1.0 - 1e-4))
         result.splits = true;
       // Covered: each child was seen, but for one smallest cell in depth, or half of it.
       if (seen_fraction < (1.0 - 1e-4) * (1.0 - std::min(0.5, N / smallest_cells)) - 1e-6)
@@ -576,7 +601,8 @@ class FlatScanMap {
     const double miss = std::round(-256.0 * static_cast<double>(log_odds_of(options_.probability_min)));
     const double beams = static_cast<double>(cell.free_evidence() + scan.free) / miss;
     const double parts_side_by_side = std::exp2(std::min(D, 4) - 1);
-    if (!has_enough && (may_split || are_few) && beams > 8.0 * parts_side_by_side) result.splits = true;
+    if (!has_enough && (may_split || are_few) && beams > (D == 2 ? 4.0 : 8.0) * parts_side_by_side)
+      result.splits = true;
     const double most = std::round(256.0 * std::min(options_.free_memory, options_.evidence_memory));
     const bool adds_nothing = scan.free > 0 && static_cast<double>(cell.free_evidence()) >= most;
     if (!has_enough && (adds_nothing || are_single)) result.splits = true;

@@ -207,8 +207,9 @@ struct CoverageVerdict {
 /// A cell that is not observed, and whose edge is longer than coverage_cells smallest cells, splits where the
 /// unseen part is significant:
 /// - by one scan, if a child is missing: less than that share of it was seen, and n beams would pass it if
-///   it was seen like the rest of the cell: their number scatters by sqrt(n); with sqrt(2) times that, only a
-///   child that at least two would pass can be missing;
+///   it was seen like the rest of the cell. In space their number scatters by sqrt(n); with sqrt(2) times
+///   that, only a child that at least two would pass can be missing. In a plane they are evenly spaced, and
+///   leave half a width out;
 /// - by all scans so far, if kBeamsOfPart beams would have passed each part if all were seen alike; then few
 ///   beams split a cell with an edge of N smallest cells, too, whatever coverage_cells.
 ///
@@ -254,17 +255,18 @@ class CoverageModel {
   /// @param beams mean passes that its evidence for free space is worth, of this scan and before.
   /// @param adds_nothing scans like this one leave the cell as it is, or show no more of it: it remembers no
   ///   more beams, or the scan's have no neighbours.
+  /// @param fraction of the beams that were sampled.
   template <int N, int D>
   [[nodiscard]] CoverageVerdict judge(const ScanCoverage<N, D>& scan, std::uint32_t seen_before,
-                                      const CoverageLimits& limits, double beams,
-                                      bool adds_nothing = false) const {
+                                      const CoverageLimits& limits, double beams, bool adds_nothing = false,
+                                      double fraction = 1.0) const {
     using Parts = CellParts<N, D>;
     const double beams_for_child = scan.beams_for_child();
     const double mean_share = scan.mean_share();
     std::int64_t missing_below = 0;
-    if (may_miss(scan))
+    if (beams_for_child > least_to_miss<D>(fraction))
       missing_below = units_from(
-          mean_share * std::min(limits.least_seen, 1.0 - std::sqrt(2.0 * kRounding / beams_for_child)));
+          std::min(mean_share * limits.least_seen, least_of<D>(beams_for_child, mean_share, fraction)));
     const double seen_from = mean_share * limits.least_of_part * kRounding;
     std::uint32_t with_missing = 0;  // Parts of which a child is missing.
     std::uint32_t are_seen = 0;      // Parts of which enough was seen.
@@ -290,15 +292,15 @@ class CoverageModel {
         are_enough<N, D>(verdict.parts, limits.size) ||
         (are_few && verdict.parts != 0 && scan.volume() >= mean_share * covered_share_ * kRounding);
     const bool may_split = this->may_split(limits);
-    const bool is_due = beams > kBeamsOfPart * (Parts::kCount / 2) && (may_split || are_few);
-    verdict.shows_more =
-        ((with_missing & ~seen_before) != 0 && may_split) || (!has_enough && (is_due || adds_nothing));
+    const bool is_due = beams > kBeamsOfPart<D> * (Parts::kCount / 2) && (may_split || are_few);
+    verdict.shows_more = ((with_missing & ~seen_before) != 0 && may_split && may_miss(scan)) ||
+                         (!has_enough && (is_due || adds_nothing));
     verdict.is_enough = !verdict.shows_more && has_enough;
     return verdict;
   }
   /// Whether a cell splits if a child is missing that was not seen before.
   [[nodiscard]] bool may_split(const CoverageLimits& limits) const { return limits.size > least_to_split_; }
-  /// Whether a child can be missing at all: then one that no beam has crossed is.
+  /// Whether a cell may split for a missing child: then one that no beam has crossed is missing.
   template <int N, int D>
   [[nodiscard]] NDTREE_ALWAYS_INLINE static bool may_miss(const ScanCoverage<N, D>& scan) {
     return scan.beams_for_child() > 2.0 * kRounding;
@@ -310,6 +312,20 @@ class CoverageModel {
   }
 
  private:
+  /// Seen fraction of a child, at least, if n beams would pass it: their number may be less. In a plane beams
+  /// are evenly spaced, and those nearest to the child's borders leave half a width out, at most; n beams of
+  /// a sample have the variance n (1 - fraction). In space, where rows and columns differ, n.
+  template <int D>
+  [[nodiscard]] static double least_of(double n, double mean_share, double fraction) {
+    if (D != 2) return mean_share * (1.0 - std::sqrt(2.0 * kRounding / n));
+    constexpr double kOfWidths = 0.95;  // Beams are not exactly as far apart as their mean angle.
+    return kOfWidths * (1.0 - kRounding * (0.5 / n + std::sqrt(2.0 * (1.0 - fraction) / n)));
+  }
+  /// From how many beams on a child can be missing: least_of() is more than 0.
+  template <int D>
+  [[nodiscard]] static double least_to_miss(double fraction) {
+    return (D == 2 ? 3.0 - 2.0 * fraction : 2.0) * kRounding;
+  }
   /// The least number of units that is not less than a fraction of a child. @param fraction not negative.
   [[nodiscard]] static std::int64_t units_from(double fraction) {
     const double units = fraction * kUnitsOfChild;
@@ -321,7 +337,8 @@ class CoverageModel {
 
   static constexpr double kUnitsOfChild = static_cast<double>(ScanCoverage<2, 2>::kOne);  // For any N and D.
   static constexpr double kRounding = 1.0 - 1e-4;  // Of ways through cells.
-  static constexpr double kBeamsOfPart = 8.0;
+  template <int D>
+  static constexpr double kBeamsOfPart = D == 2 ? 4.0 : 8.0;
 
   double covered_share_;
   double least_to_split_;

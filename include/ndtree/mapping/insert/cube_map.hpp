@@ -70,7 +70,8 @@ struct CubeFace {
     if (num_beams == 0) return;
     while (key_shift > 0 && num_beams >> (kKeyBits + 1 - key_shift) != 0) --key_shift;
     constexpr double kNarrowest = 1e-6;
-    double area = 1.0;  // Of the axes on which the beams differ.
+    constexpr float kWidest = 0.1f;  // Width of a beam.
+    double area = 1.0;               // Of the axes on which the beams differ.
     double widest = 0.0;
     int axes = 0;
     for (std::size_t k = 0; k < kAxes; ++k) {
@@ -83,6 +84,7 @@ struct CubeFace {
     double width = axes == 0 ? 1.0 : std::max(kNarrowest, std::pow(area / num_beams, 1.0 / axes));
     width = std::max(width, widest / num_beams);  // At most num_beams pixels on an axis.
     density = static_cast<float>(1.0 / width);
+    width_of_beam_ = num_beams == 1 ? 0.0f : std::min(kWidest, static_cast<float>(evenness()) / density);
     for (std::size_t k = 0; k < kAxes; ++k)
       pixels[k] = static_cast<float>(1.0 + std::floor(extent(k) / width));
   }
@@ -140,16 +142,30 @@ struct CubeFace {
     return static_cast<float>(std::max(half, std::abs(centre)));
   }
   /// Edge of the square that a beam stands for at depth 1: that of a pixel, at most 0.1. 0 for a single beam,
-  /// whose solid angle is unknown.
-  [[nodiscard]] float width_of_beam() const {
-    constexpr float kWidest = 0.1f;
-    return is_single() ? 0.0f : std::min(kWidest, 1.0f / density);
-  }
+  /// whose solid angle is unknown. In a plane it is the width along the axis, see evenness().
+  [[nodiscard]] float width_of_beam() const { return width_of_beam_; }
   [[nodiscard]] bool is_single() const { return num_beams == 1; }
 
  private:
+  float width_of_beam_ = 0.0f;
+
   [[nodiscard]] double extent(std::size_t k) const {
     return static_cast<double>(upper[k]) - static_cast<double>(lower[k]);
+  }
+  /// In a plane, beams are evenly spaced by angle: on the face, 1 + u² times as far apart at u as in the
+  /// middle. This is the mean of its inverse, by Simpson's rule: the same on all machines.
+  [[nodiscard]] double evenness() const {
+    if constexpr (D != 2) {
+      return 1.0;
+    } else {
+      double sum = 0.0;
+      constexpr int kWeights[] = {1, 4, 2, 4, 1};
+      for (int i = 0; i < 5; ++i) {
+        const double at = static_cast<double>(lower[0]) + unfused(0.25 * i * extent(0));
+        sum += kWeights[i] / (1.0 + unfused(at * at));
+      }
+      return sum / 12.0;
+    }
   }
 };
 

@@ -102,18 +102,22 @@ class LeafCoverage {
     const OfLevel& level = of(leaf.level);
     const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
     // One beam leaves out a child. If that is missing, no more is asked.
-    const bool splits_if_missing = list.size == 1 && seen_before == 0 && kMostCrossed < kNumChildren &&
-                                   CellParts<N, D>::kAreChildren && model_.may_split(level.limits);
+    bool splits_if_missing = list.size == 1 && seen_before == 0 && kMostCrossed < kNumChildren &&
+                             CellParts<N, D>::kAreChildren && model_.may_split(level.limits);
     Sum sum;
     bool are_single = true;
+    float sampled = 1.0f;
     sample.for_each_fraction(
         beams_, list, [&](const CubeFace<D>& face, float fraction, const BeamList& part) {
           // Sampled beams stand for the others, too.
           const float width = face.width_of_beam() * BeamSampling<N, D>::widening(fraction);
           const BeamWidths widths{std::max(width, width_per_range_) * level.per_child, level.smallest};
           const std::int64_t before = sum.way();
+          splits_if_missing &= D != 2 || fraction >= 1.0f;  // A sample may leave it out.
           (*this)(leaf, face, part, level.per_child, widths, level.limits, splits_if_missing, sum);
-          are_single &= widths.per_depth == 0.0f || sum.way() == before;
+          if (sum.way() == before) return;
+          are_single &= widths.per_depth == 0.0f;
+          sampled = std::min(sampled, fraction);
         });
     CoverageVerdict verdict;
     if (splits_if_missing && CoverageModel::may_miss(sum)) {
@@ -121,7 +125,8 @@ class LeafCoverage {
       return verdict;
     }
     if (!cell.observed())  // What lies beside a beam without neighbours, no such beam shows.
-      verdict = model_.judge(sum, seen_before, level.limits, beams, adds_nothing || are_single);
+      verdict = model_.judge(sum, seen_before, level.limits, beams, adds_nothing || are_single,
+                             static_cast<double>(sampled));
     verdict.is_covered = verdict.is_enough && CoverageModel::is_covered(sum, level.limits);
     return verdict;
   }
@@ -159,7 +164,7 @@ class LeafCoverage {
           if (!(exit > enter)) return;
           const float units_per_metre = end.slant * (per_child * Sum::kUnitsOfOne);
           const auto width_at = [&](float distance) {
-            return widths.per_depth > 0.0f ? distance * (end.slant * widths.per_depth) : widths.fixed;
+            return widths.per_depth > 0.0f ? distance * per_metre(end.slant, widths.per_depth) : widths.fixed;
           };
           if (beam != last) {
             last = beam;
@@ -200,6 +205,14 @@ class LeafCoverage {
     }
     return numbers;
   }();
+  /// Width of a beam for each metre along it. @param slant depth for each metre.
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static Floats per_metre(const Floats& slant, float per_depth) {
+    if constexpr (D == 2)
+      return Floats(per_depth) / slant;  // Evenly spaced by angle, see CubeFace.
+    else
+      return slant * per_depth;
+  }
   /// The middle of a child, in its edges. @param border its lower one.
   template <class Floats>
   [[nodiscard]] NDTREE_ALWAYS_INLINE static Floats middle_of(const Floats& border, float per_child) {
@@ -230,7 +243,7 @@ class LeafCoverage {
       EightFloats exit[std::size_t{kNumChildren}];
       Partition::template crossings_of_children<EightFloats>(planes, rays.inverse, 0.0f, seen, enter, exit);
       const EightFloats units_per_metre = ends.slant * (per_child * Sum::kUnitsOfOne);
-      const EightFloats width_per_metre = ends.slant * widths.per_depth;
+      const EightFloats width_per_metre = per_metre(ends.slant, widths.per_depth);
       EightFloats enter_leaf, exit_leaf;
       Partition::crossings_of_node(planes, rays.inverse, seen, enter_leaf, exit_leaf);
       const EightMask passes = exit_leaf > enter_leaf;
@@ -305,7 +318,7 @@ class LeafCoverage {
       Partition::crossings_of_node(planes, ray.inverse.data(), seen, enter_leaf, exit_leaf);
       if (!(exit_leaf > enter_leaf)) continue;
       const float units_per_metre = end.slant * (per_child * Sum::kUnitsOfOne);
-      const float width_per_metre = end.slant * widths.per_depth;
+      const float width_per_metre = per_metre(end.slant, widths.per_depth);
       sum.add(Sum::passed((exit_leaf - enter_leaf) * units_per_metre,
                           unfused(0.5f * (enter_leaf + exit_leaf) * width_per_metre) + fixed));
       if (may_stop && CoverageModel::may_miss(sum)) return;
