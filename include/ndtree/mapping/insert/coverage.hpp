@@ -196,20 +196,17 @@ struct CoverageVerdict {
 /// evidence must not become the state of the unseen rest.
 ///
 /// A part of a cell, see CellParts, is *seen* once one scan has seen covered_share of it, and none of its
-/// children is missing. A cell is observed once all its parts were seen, by one scan or by several. A
-/// smallest cell is observed as soon as any beam passes it, so one with an edge of two smallest cells asks
-/// for less: half of covered_share, of half of its parts. Of one with an edge of N smallest cells, few beams
-/// do not tell the parts apart: if they are so far apart that fewer than two would pass a smallest cell, a
-/// part and covered_share of the volume are enough.
+/// children is missing, of which less than least_of() was seen. A cell is observed once all its parts were
+/// seen, by one scan or by several. A smallest cell is observed as soon as any beam passes it, so one with an
+/// edge of two smallest cells asks for less: half of covered_share, of half of its parts. Of one with an edge
+/// of N smallest cells, few beams do not tell the parts apart: if they are so far apart that fewer than two
+/// would pass a smallest cell, a part and covered_share of the volume are enough.
 /// Until then the cell stores which parts were seen. Thresholds for parts, volumes and missing children are
 /// scaled by ScanCoverage::mean_share(); that for a covered cell is not.
 ///
 /// A cell that is not observed, and whose edge is longer than coverage_cells smallest cells, splits where the
 /// unseen part is significant:
-/// - by one scan, if a child is missing: less than that share of it was seen, and n beams would pass it if
-///   it was seen like the rest of the cell. In space their number scatters by sqrt(n); with sqrt(2) times
-///   that, only a child that at least two would pass can be missing. In a plane they are evenly spaced, and
-///   leave half a width out;
+/// - by one scan, if a child is missing that at least two beams would pass;
 /// - by all scans so far, if kBeamsOfPart beams would have passed each part if all were seen alike; then few
 ///   beams split a cell with an edge of N smallest cells, too, whatever coverage_cells.
 ///
