@@ -18,6 +18,8 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 KINDS = ("ros1", "sqlite3", "mcap")
+START = 1.7e9  # Of recordings [s].
+LEVEL = [0, 0, 0, 1]  # A quaternion that turns nothing.
 
 _TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms\n"
 

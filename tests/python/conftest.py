@@ -4,6 +4,7 @@
 import os
 import signal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,6 +28,22 @@ def recordings() -> Path:
 @pytest.fixture(params=SHAPES, ids=lambda shape: f"N{shape[0]}D{shape[1]}")
 def shape(request: pytest.FixtureRequest) -> tuple[int, int]:
     return request.param
+
+
+@pytest.fixture(params=["ros1", "sqlite3", "mcap"])
+def make(request: pytest.FixtureRequest) -> Any:
+    """What makes messages for bags of each kind."""
+    from bags import Messages
+
+    return Messages(request.param)
+
+
+@pytest.fixture
+def ros2() -> Any:
+    """What makes messages for bags of ROS 2."""
+    from bags import Messages
+
+    return Messages("mcap")
 
 
 def room_scan(dim: int, seed: int, beams: int = 300) -> tuple[np.ndarray, np.ndarray]:

@@ -11,14 +11,12 @@ import pytest
 
 pytest.importorskip("scipy")
 
-from bags import Messages, write_bag
+from bags import LEVEL, START, Messages, write_bag
 from scipy.spatial import transform as spatial
 
 from ndtree.logs import read
 
 Rotation = spatial.Rotation
-START = 1.7e9
-LEVEL = [0, 0, 0, 1]
 
 
 class Drive:

@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bags import Messages
-from drives import START
+from bags import START, Messages
 
 import ndtree
 from ndtree.maps.writers.map_server import noise_depth

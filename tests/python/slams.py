@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bags import Messages, write_bag
-from drives import START
+from bags import START, Messages, write_bag
 
 import ndtree
 

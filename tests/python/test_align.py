@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from calling import cli as run
 
 import ndtree
 from ndtree.alignment.aligned_log import moved
@@ -20,13 +20,8 @@ from ndtree.alignment.planar import between, composed, placed, pose_of, seen_fro
 from ndtree.alignment.sensor_scans import SensorScan, pose_in_log
 from ndtree.alignment.track import Track
 from ndtree.alignment.tracking import Tracker
-from ndtree.cli.commands import app
 from ndtree.logs.core.log import Log
 from ndtree.logs.ros.reading import heading_of
-
-
-def run(*arguments: object):
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 class Drifting(Log):

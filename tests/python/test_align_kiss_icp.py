@@ -10,15 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("typer")
-
-from typer.testing import CliRunner
+from calling import cli
 
 import ndtree
 from ndtree.alignment import align_by_kiss_icp
 from ndtree.alignment.spatial_loops import SpatialGraph
-from ndtree.cli.commands import app
 from ndtree.logs.poses.pose import quaternions_of
 
 FIRST, SCANS = 60, 30
@@ -135,10 +131,6 @@ def test_places_that_are_seen_again_close_loops(is_changed: bool) -> None:
 def off(poses: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """How far places are from the truth, both from the first on [m]."""
     return np.linalg.norm((poses[:, :3, 3] - poses[0, :3, 3]) - (truth - truth[0]), axis=1)
-
-
-def cli(*words: Any) -> Any:
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 def test_a_log_without_poses_is_aligned(tmp_path: Path) -> None:

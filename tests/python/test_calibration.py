@@ -238,11 +238,9 @@ def test_bad_input_is_named(log: Any, options: dict[str, Any], expected: str) ->
 def run(*arguments: object) -> Any:
     pytest.importorskip("typer")
     pytest.importorskip("rich")
-    from typer.testing import CliRunner
+    from calling import cli
 
-    from ndtree.cli.commands import app
-
-    return CliRunner().invoke(app, ["calibrate", *(str(argument) for argument in arguments)])
+    return cli("calibrate", *arguments)
 
 
 @pytest.fixture(scope="module")

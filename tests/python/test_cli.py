@@ -19,21 +19,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("typer")
 pytest.importorskip("rich")
 pytest.importorskip("matplotlib")
 
-from typer.testing import CliRunner
+from calling import cli as run
 
 import ndtree
-from ndtree.cli.commands import app
 
-RUN = CliRunner()
 IS_ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
-
-
-def run(*arguments: object) -> Any:
-    return RUN.invoke(app, [str(argument) for argument in arguments])
 
 
 def plain(text: str) -> str:

@@ -212,10 +212,10 @@ def test_wrong_calls_are_refused(options: dict[str, Any], message: str) -> None:
 
 
 def run(*arguments: object) -> Any:
-    testing = pytest.importorskip("typer.testing")
-    from ndtree.cli.commands import app
+    pytest.importorskip("typer")
+    from calling import cli
 
-    return testing.CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return cli(*arguments)
 
 
 def test_the_command_compares_and_converts(tmp_path: Path) -> None:

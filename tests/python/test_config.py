@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from calling import cli
 from test_live_decisions import robot
-from typer.testing import CliRunner
 
 import ndtree
-from ndtree.cli.commands import app
 from ndtree.live.ros.parameters import ROWS, config_of
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.rules import GIVEN, MEASURED, USUAL
@@ -26,7 +25,7 @@ from ndtree.tuning.inspection import inspect
 
 
 def run(*arguments: object) -> Any:
-    done = CliRunner().invoke(app, [str(one) for one in arguments])
+    done = cli(*arguments)
     assert done.exit_code == 0, done.output
     return done
 

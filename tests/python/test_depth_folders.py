@@ -203,8 +203,7 @@ def test_a_folder_can_be_read_again_and_mapped(tmp_path: Path) -> None:
 
 def test_a_folder_is_mapped_from_the_command_line(tmp_path: Path) -> None:
     pytest.importorskip("typer")
-    testing = pytest.importorskip("typer.testing")
-    from ndtree.cli.commands import app
+    from calling import cli
 
     folder = tmp_path / "log"
     folder.mkdir()
@@ -212,9 +211,9 @@ def test_a_folder_is_mapped_from_the_command_line(tmp_path: Path) -> None:
     target, figures = tmp_path / "a.ndt", tmp_path / "a.json"
     command = ["map", str(folder), "-o", str(target), "--json", str(figures), "--min-cell-size", "0.5"]
     options = ["--camera", "300,300,8,6,1000", "--pixel-stride", "3", "--time-offset", "0.125"]
-    refused = testing.CliRunner().invoke(app, [*command, *options])
+    refused = cli(*command, *options)
     assert refused.exit_code == 1 and not target.exists()
-    result = testing.CliRunner().invoke(app, [*command, *options, "--keep-going"])
+    result = cli(*command, *options, "--keep-going")
     assert result.exit_code == 0, result.output
     written = json.loads(figures.read_text())
     kept = [np.count_nonzero(depth_image(i)[1::3, 1::3]) for i in (0, 2)]

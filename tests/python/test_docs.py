@@ -74,16 +74,14 @@ def shape_of(line: str) -> str:
 
 def run_shell(code: str) -> str:
     """Run each line that calls ndtree; the others must name a script of ours. Returns what was printed."""
-    from typer.testing import CliRunner
-
-    from ndtree.cli.commands import app
+    from calling import cli
 
     printed = ""
     lines = [line for line in code.replace("\\\n", " ").splitlines() if not line.lstrip().startswith("#")]
     for line in filter(str.strip, lines):
         name, *arguments = shlex.split(line, comments=True)
         assert name == "ndtree", f"{line}: expected a call of ndtree"
-        done = CliRunner().invoke(app, arguments)
+        done = cli(*arguments)
         assert done.exit_code == 0, f"{line}: {done.output}"
         printed += done.stdout
     return printed

@@ -11,18 +11,15 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("typer")
 pytest.importorskip("rich")
 
-from typer.testing import CliRunner
+from calling import cli
 
 import ndtree
-from ndtree.cli.commands import COMMANDS, app, every
+from ndtree.cli.commands import COMMANDS, every
 from ndtree.cli.commands.pages import MOST_LINES, pages, table_of_options
 from ndtree.cli.commands.questions import QUESTIONS, TOUCHED, row_of
 from ndtree.cli.help import FOLDER, WIDTH, fitted, page_asked_for, path_of
-
-RUN = CliRunner()
 
 
 def options_of(command: str) -> list[str]:
@@ -93,7 +90,7 @@ def test_defaults_are_those_of_the_program() -> None:
 @pytest.mark.parametrize("flag", ["--help", "-h", "--help-all"])
 def test_the_command_prints_its_page(command: str, flag: str) -> None:
     for call in ([command, flag], [command, "nothing", flag, "--no-such"]):
-        done = RUN.invoke(app, call)
+        done = cli(*call)
         assert (done.exit_code, done.stderr) == (0, "")
         assert done.stdout == Path(path_of(command, whole=flag == "--help-all")).read_text()
 
@@ -143,5 +140,5 @@ def test_pages_fit_narrow_terminals(columns: int) -> None:
 
 
 def test_no_words_get_the_page_and_a_wrong_call() -> None:
-    done = RUN.invoke(app, [])
+    done = cli()
     assert done.exit_code == 2 and done.stdout == "" and done.stderr == pages()["ndtree", False]

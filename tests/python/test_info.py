@@ -9,19 +9,17 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("typer")
 pytest.importorskip("rosbags")
 
 import numpy as np
 from bags import KINDS, Messages, write_bag
-from typer.testing import CliRunner
+from calling import cli
 
 import ndtree
-from ndtree.cli.commands import app, info
+from ndtree.cli.commands import info
 from ndtree.logs.ros.files.bag import Bag, open_bag
 from ndtree.logs.ros.outline import outline
 
-RUN = CliRunner()
 LEVEL = (0, 0, 0, 1)
 
 
@@ -68,15 +66,15 @@ def test_at_once_the_same_is_said_as_of_all_of_it(bag: Path, monkeypatch: pytest
 
 
 def test_info_of_a_bag_has_topics_and_what_to_type(bag: Path) -> None:
-    done = RUN.invoke(app, ["info", str(bag)])
+    done = cli("info", bag)
     assert done.exit_code == 0 and done.stderr == ""
     lines = done.stdout.splitlines()
     assert any(line.split()[:3] == ["/scan", "sensor_msgs/msg/LaserScan", "200"] for line in lines)
     assert lines[-1] == f"  ndtree info {bag} --look"
     assert "chosen:" not in done.stdout and "beams" not in done.stdout
-    figures = json.loads(RUN.invoke(app, ["info", str(bag), "--json"]).stdout)
+    figures = json.loads(cli("info", bag, "--json").stdout)
     assert {topic["topic"] for topic in figures["contents"]["topics"]} > {"/scan", "/tf"}
-    looked = RUN.invoke(app, ["info", str(bag), "--look"])
+    looked = cli("info", bag, "--look")
     assert "chosen: --dim" in looked.stdout and "mapping will take about" in looked.stdout
     assert "--look" not in looked.stdout
 
@@ -84,13 +82,13 @@ def test_info_of_a_bag_has_topics_and_what_to_type(bag: Path) -> None:
 def test_of_long_logs_the_beginning_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log = tmp_path / "office.npz"
     ndtree.simulate("office", scans=10).save(log)
-    whole = RUN.invoke(app, ["info", str(log)]).stdout
+    whole = cli("info", log).stdout
     assert "2-D, 10 scans" in whole
     monkeypatch.setattr(info, "FIRST_BEAMS", 1000)
-    begun = RUN.invoke(app, ["info", str(log)]).stdout
+    begun = cli("info", log).stdout
     assert "2-D, the first 3 scans" in begun
     figures, _, hint = whole.rpartition("to see what mapping will choose, and how long it takes:\n")
     assert hint == f"  ndtree info {log} --look\n"
-    looked = RUN.invoke(app, ["info", str(log), "--look"]).stdout
+    looked = cli("info", log, "--look").stdout
     assert looked.startswith(figures) and "mapping will take about" in looked and "no_return = " in looked
-    assert json.loads(RUN.invoke(app, ["info", str(log), "--json"]).stdout)["is_whole"] is False
+    assert json.loads(cli("info", log, "--json").stdout)["is_whole"] is False

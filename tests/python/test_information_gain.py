@@ -135,12 +135,10 @@ def test_a_robot_explores_and_says_how_far_it_drove() -> None:
 
 def test_the_command_says_what_each_strategy_took(tmp_path, capsys) -> None:
     pytest.importorskip("typer")
-    from typer.testing import CliRunner
-
-    from ndtree.cli.commands import app
+    from calling import cli
 
     target = tmp_path / "explored.json"
-    result = CliRunner().invoke(app, ["explore", "office", "--scans", "4", "--json", str(target)])
+    result = cli("explore", "office", "--scans", "4", "--json", target)
     assert result.exit_code == 0, result.output
     figures = json.loads(target.read_text())
     assert set(figures["strategies"]) == {"information", "nearest", "random"}

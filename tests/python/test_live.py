@@ -15,14 +15,12 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rosbags")
-pytest.importorskip("typer")
 
-from bags import KINDS, Messages, write_bag
-from drives import START, Drive
-from typer.testing import CliRunner
+from bags import KINDS, START, Messages, write_bag
+from calling import cli
+from drives import Drive
 
 import ndtree
-from ndtree.cli.commands import app
 from ndtree.live import LiveMapper, MessagesIntake, Saver, ScansIntake, Window, play
 from ndtree.live.figures import LiveFigures
 from ndtree.live.frames import FramesIntake, Reading, Transform
@@ -36,10 +34,6 @@ from ndtree.tuning.config import Config
 
 SETTINGS = Config.of(no_return="free")
 PATIENCE = 60.0
-
-
-def cli(*arguments: object) -> Any:
-    return CliRunner().invoke(app, [str(one) for one in arguments])
 
 
 def same_as_map(log: Path, folder: Path, *options: str) -> Any:

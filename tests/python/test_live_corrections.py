@@ -11,15 +11,13 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rosbags")
-pytest.importorskip("typer")
 pytest.importorskip("scipy")
 
+from calling import cli
 from drives import START
 from slams import bag_of, drifted, office, path_message, yaw
-from typer.testing import CliRunner
 
 import ndtree
-from ndtree.cli.commands import app
 from ndtree.live import Correction, Corrections, FramesIntake, LiveMapper, Reading, Transform, Window
 from ndtree.logs.poses.pose import Pose, quaternions_of
 from ndtree.tuning.config import Config
@@ -28,10 +26,6 @@ N = 40
 SETTINGS = Config.of(
     range_sigma=0.02, min_cell_size=0.05, max_cell_size=1.6, max_range=20.0, no_return="free"
 )
-
-
-def cli(*arguments: object) -> Any:
-    return CliRunner().invoke(app, [str(one) for one in arguments])
 
 
 def cells_of(m: Any) -> tuple[np.ndarray, ...]:

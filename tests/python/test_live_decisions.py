@@ -12,17 +12,14 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rosbags")
-pytest.importorskip("typer")
 pytest.importorskip("scipy")
 
-from bags import KINDS, Messages, write_bag
-from drives import START
+from bags import KINDS, START, Messages, write_bag
+from calling import cli
 from slams import bag_of, drifted, office, path_message, yaw
-from typer.testing import CliRunner
 
 import ndtree
 from ndtree._errors import key
-from ndtree.cli.commands import app
 from ndtree.live import FramesIntake, LiveMapper, MessagesIntake, Reading, Transform
 from ndtree.live.playing import messages_of
 from ndtree.live.ros.parameters import in_parameters
@@ -33,10 +30,6 @@ from ndtree.tuning.config import Config
 
 PATIENCE = 60.0
 FIXED = ["--range-sigma", "0.02", "--no-return", "free", "--sweep", "said"]
-
-
-def cli(*arguments: object) -> Any:
-    return CliRunner().invoke(app, [str(one) for one in arguments])
 
 
 def same_as_map(log: Path, folder: Path, *options: object) -> str:

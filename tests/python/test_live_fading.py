@@ -10,14 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("typer")
-
-from typer.testing import CliRunner
+from calling import cli
 
 import ndtree
 from ndtree.base.scan import Scan
-from ndtree.cli.commands import app
 from ndtree.live import Fading, LiveMapper, ScansIntake
 from ndtree.tuning.config import Config
 
@@ -174,9 +170,9 @@ def test_the_command_fades_as_the_class_does(tmp_path: Path) -> None:
     arrays["offsets"] = np.cumsum([0, *(len(scan) for scan in scans)])
     np.savez(log, **arrays, stamps=[scan.stamp for scan in scans])
     words = ["live", log, "-o", target, "--rate", 0, "--range-sigma", 0.03, "--no-return", "free", "--fade"]
-    done = CliRunner().invoke(app, [str(one) for one in [*words, 10]])
+    done = cli(*words, 10)
     assert done.exit_code == 0, done.stderr
     assert target.read_bytes() == made(ndtree.AdaptiveMap, 2, Fading(10.0)).to_bytes()
     assert target.read_bytes() != made(ndtree.AdaptiveMap, 2, None).to_bytes()
-    refused = CliRunner().invoke(app, [str(one) for one in [*words, 0]])
+    refused = cli(*words, 0)
     assert refused.exit_code == 2 and "fade = 0 s: must be > 0 and finite" in refused.stderr

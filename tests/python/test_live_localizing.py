@@ -12,15 +12,12 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rosbags")
-pytest.importorskip("typer")
 pytest.importorskip("scipy")
 
-from bags import Messages, write_bag
-from drives import START
-from typer.testing import CliRunner
+from bags import START, Messages, write_bag
+from calling import cli
 
 import ndtree
-from ndtree.cli.commands import app
 from ndtree.live import FramesIntake, LiveMapper, Localizer, Reading, Transform, Window
 from ndtree.live.hypotheses import NOT_HERE, ScanEvidence
 from ndtree.live.localizing import FINDS, LOSES, inverse, matrix_of, place_of, quaternion_of
@@ -336,7 +333,7 @@ def test_the_command_writes_where_it_was(world: World, tmp_path: Path) -> None:
         "live", bag, "--localize", tmp_path / "office.ndt", "--guess", f"{x},{y},0", "--rate", 0,
         "-o", tmp_path / "poses.txt", "--json", tmp_path / "said.json",
     ]  # fmt: skip
-    done = CliRunner().invoke(app, [str(one) for one in words])
+    done = cli(*words)
     assert done.exit_code == 0, done.stderr
     assert "40 of 40 scans localized, never lost" in done.stdout
     rows = np.loadtxt(tmp_path / "poses.txt")
@@ -369,5 +366,5 @@ def test_wrong_calls_are_said(world: World, tmp_path: Path) -> None:
         (["--localize", tmp_path / "m.ndt", "--min-cell-size", "0.1"], "--min-cell-size: not with"),
         (["--localize", tmp_path / "m.ndt"], "expected a ROS bag"),
     ):
-        done = CliRunner().invoke(app, [str(one) for one in ["live", "--world", "office", *words]])
+        done = cli("live", "--world", "office", *words)
         assert done.exit_code == 2 and said in done.stderr, done.stderr

@@ -19,24 +19,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("typer")
-
-from typer.testing import CliRunner
+from calling import cli
 
 import ndtree
 from ndtree.base.callers import MOST_CONNECTIONS
-from ndtree.cli.commands import app
 from ndtree.live import LiveMapper, MapServer, ScansIntake, serving
 from ndtree.live.serving import address_of
 from ndtree.maps.running import RunningMap
 from ndtree.tuning.config import Config
 
 SETTINGS = Config.of(no_return="free")
-
-
-def cli(*arguments: object) -> Any:
-    return CliRunner().invoke(app, [str(one) for one in arguments])
 
 
 def test_a_map_that_grows_is_fetched_as_often_as_it_changes() -> None:

@@ -14,13 +14,12 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rosbags")
-pytest.importorskip("typer")
 pytest.importorskip("scipy")
 
+from calling import cli as run
 from slams import bag_of, drifted
 from slams import office as driven
 from test_align import Drifting
-from typer.testing import CliRunner
 
 import ndtree
 from ndtree.alignment.aligned_log import moved
@@ -28,17 +27,12 @@ from ndtree.alignment.loops import Graph
 from ndtree.alignment.online import OnlineAlignment
 from ndtree.alignment.planar import between, composed
 from ndtree.alignment.sensor_scans import pose_in_log
-from ndtree.cli.commands import app
 from ndtree.live import Corrections, LiveMapper, Localization, ScansIntake, Session, Slam
 from ndtree.live.slam import NOT_FOUND, scans_beside
 from ndtree.tuning.config import Config
 
 N = 300
 CONFIG = Config.of(range_sigma=0.02, max_range=20.0, no_return="ignore")
-
-
-def run(*words: object) -> Any:
-    return CliRunner().invoke(app, [str(one) for one in words])
 
 
 class Drive:

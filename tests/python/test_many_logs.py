@@ -8,9 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("typer")
-
+from calling import cli
 from typer.testing import CliRunner
 
 import ndtree
@@ -21,7 +19,7 @@ RUN = CliRunner()
 
 
 def called(*arguments: object) -> tuple[int, str, str]:
-    done = RUN.invoke(app, [str(one) for one in arguments])
+    done = cli(*arguments)
     return done.exit_code, done.stdout, done.stderr
 
 

@@ -15,15 +15,13 @@ pytest.importorskip("typer")
 pytest.importorskip("rich")
 pytest.importorskip("matplotlib")
 
-from typer.testing import CliRunner
+from calling import cli
 
 import ndtree
 from ndtree._errors import Text, WrongValue, key, located
-from ndtree.cli.commands import app, every
+from ndtree.cli.commands import every
 from ndtree.cli.commands.messages import in_words, laid_out
 from ndtree.logs import READER_OPTIONS
-
-RUN = CliRunner()
 
 
 @pytest.fixture(scope="module")
@@ -194,7 +192,7 @@ PYTHONIC = re.compile(
 
 def said(call: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.chdir(folder)
-    return RUN.invoke(app, shlex.split(call))
+    return cli(*shlex.split(call))
 
 
 @pytest.mark.parametrize("call, status, expected", CALLS, ids=[call for call, _, _ in CALLS])

@@ -11,23 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
 
-from typer.testing import CliRunner
+from calling import cli as run
 
 import ndtree
-from ndtree.cli.commands import app
 from ndtree.evaluation.moved import MovedPoints, moved_scores
 from ndtree.evaluation.pose_tilt import PoseTilt
 from ndtree.logs.folders.cloud_files import points_of_file
 from ndtree.logs.folders.cloud_rows import write_cloud, write_rows
-
-RUN = CliRunner()
-
-
-def run(*arguments: object) -> Any:
-    return RUN.invoke(app, [str(argument) for argument in arguments])
 
 
 @pytest.fixture(scope="module")

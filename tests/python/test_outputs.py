@@ -18,18 +18,16 @@ pytest.importorskip("typer")
 pytest.importorskip("rich")
 pytest.importorskip("matplotlib")
 
-from typer.testing import CliRunner
+from calling import cli
 
 import ndtree
-from ndtree.cli.commands import app, every
+from ndtree.cli.commands import every
 from ndtree.cli.commands.output import INPUTS, OUTPUTS
 from ndtree.logs import Log
 
-RUN = CliRunner()
-
 
 def run(line: str) -> Any:
-    return RUN.invoke(app, shlex.split(line))
+    return cli(*shlex.split(line))
 
 
 @pytest.fixture(scope="module")

@@ -305,9 +305,7 @@ def test_corridors_are_free_and_overlap(dim: int, name: str) -> None:
 
 def test_the_command_writes_a_path(tmp_path: Path) -> None:
     pytest.importorskip("typer")
-    from typer.testing import CliRunner
-
-    from ndtree.cli.commands import app
+    from calling import cli
 
     m = rooms(2)
     m.save(tmp_path / "rooms.ndt")
@@ -315,7 +313,7 @@ def test_the_command_writes_a_path(tmp_path: Path) -> None:
     expected = m.plan([-3.3, -1.0], [3.3, -1.0], body=ndtree.Sphere(0.25))
     for ending in (".csv", ".yaml", ".json"):
         file = tmp_path / f"way{ending}"
-        done = CliRunner().invoke(app, [*call, "-o", str(file)])
+        done = cli(*call, "-o", file)
         assert (
             done.exit_code == 0 and f"{expected.length:.3f} m in {len(expected) - 1} segments" in done.stdout
         )
@@ -332,7 +330,7 @@ def test_the_command_writes_a_path(tmp_path: Path) -> None:
         (["--unknown", "0.5"], 2, "--unknown 0.5: expected blocked, free or a cost >= 1"),
         (["-o", str(tmp_path / "way.txt")], 2, "must end in .csv, .yaml, .json"),
     ):
-        done = CliRunner().invoke(app, [*call, *more])
+        done = cli(*call, *more)
         assert done.exit_code == status and said in done.stderr.replace("\n", " "), done.stderr
-    done = CliRunner().invoke(app, [*call[:3], "1,2,3", *call[4:]])
+    done = cli(*call[:3], "1,2,3", *call[4:])
     assert done.exit_code == 2 and "--from 1,2,3: expected X,Y in metres" in done.stderr

@@ -222,13 +222,9 @@ def test_covariances_are_interpolated_and_moved_to_the_sensor() -> None:
 
 
 pytest.importorskip("rosbags")
-pytest.importorskip("typer")
-
-from bags import KINDS, Messages, write_bag  # noqa: E402
-from drives import LEVEL, START  # noqa: E402
-from typer.testing import CliRunner  # noqa: E402
-
-from ndtree.cli.commands import app  # noqa: E402
+from bags import KINDS, LEVEL, Messages, write_bag  # noqa: E402
+from calling import cli  # noqa: E402
+from drives import START  # noqa: E402
 
 STAMPS = np.arange(0, 3, 0.1)
 MOUNT = np.array([0.4, 0.1, 0.2])
@@ -284,9 +280,6 @@ def test_poses_of_bags_tell_how_sure_they_are(kind: str, of: str, tmp_path: Path
 
 
 def test_the_command_says_what_it_does_with_covariances(tmp_path: Path) -> None:
-    def cli(*words: Any) -> Any:
-        return CliRunner().invoke(app, [str(word) for word in words])
-
     constant, out = bag(tmp_path, lambda t: 0.01), tmp_path / "out.ndt"
     asked = ("map", constant, "--odometry", "/pose", "-o", out)
     done = cli(*asked)
@@ -310,6 +303,6 @@ def test_live_maps_take_covariances_as_the_recording_does(tmp_path: Path) -> Non
     files = tmp_path / "live.ndt", tmp_path / "map.ndt"
     options = ("--odometry", "/pose", "--pose-covariance", "use")
     for words in (("live", path, "-o", files[0], "--rate", 0), ("map", path, "-o", files[1])):
-        done = CliRunner().invoke(app, [str(word) for word in (*words, *options)])
+        done = cli(*words, *options)
         assert done.exit_code == 0, done.output
     assert files[0].read_bytes() == files[1].read_bytes()

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rosbags")
-pytest.importorskip("typer")
 
-from typer.testing import CliRunner
+from calling import cli
 
 import ndtree
-from ndtree.cli.commands import app
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +24,7 @@ def bags(recordings: Path) -> Path:
 
 
 def mapped(path: Path, target: Path, *options: str) -> tuple[str, str, int]:
-    done = CliRunner().invoke(app, ["map", str(path), "-o", str(target), *options])
+    done = cli("map", path, "-o", target, *options)
     return done.stdout, done.stderr, done.exit_code
 
 

@@ -13,18 +13,14 @@ import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
-pytest.importorskip("typer")
 pytest.importorskip("rich")
 
+from calling import cli
 from conftest import room_scan
 from PIL import Image, ImageSequence
-from typer.testing import CliRunner
 
 import ndtree
-from ndtree.cli.commands import app
 from ndtree.plot import record
-
-RUN = CliRunner()
 
 
 def recorded(path: Path, dim: int, scans: int, **options: Any) -> record.Recorder:
@@ -108,11 +104,11 @@ def test_map_records_and_the_map_is_the_same(tmp_path: Path) -> None:
             for x, y in points:
                 file.write(f"{origin[0]} {origin[1]} {x} {y} 1\n")
     film, one, two = tmp_path / "film.gif", tmp_path / "one.ndt", tmp_path / "two.ndt"
-    done = RUN.invoke(app, ["map", str(log), "-o", str(one), "--record", str(film), "--record-every", "4"])
+    done = cli("map", log, "-o", one, "--record", film, "--record-every", "4")
     assert done.exit_code == 0, done.output
     assert f"wrote {one} and {film}" in done.output
     assert len(gif_frames(film)) == 2
-    assert RUN.invoke(app, ["map", str(log), "-o", str(two)]).exit_code == 0
+    assert cli("map", log, "-o", two).exit_code == 0
     assert one.read_bytes() == two.read_bytes()
     there = sorted(tmp_path.iterdir())
     for arguments, status, message in (
@@ -120,11 +116,11 @@ def test_map_records_and_the_map_is_the_same(tmp_path: Path) -> None:
         (("--record", str(tmp_path / "film.avi")), 2, "must end in .gif or .mp4"),
         (("--record", str(tmp_path / "none" / "film.gif")), 1, "cannot be written"),
     ):
-        done = RUN.invoke(app, ["map", str(log), "-o", str(tmp_path / "three.ndt"), *arguments])
+        done = cli("map", log, "-o", tmp_path / "three.ndt", *arguments)
         assert done.exit_code == status
         assert message in done.stderr and done.stderr.count("\n") == 1
     with open(log, "a") as file:
         file.write("what?\n")
-    done = RUN.invoke(app, ["map", str(log), "-o", str(tmp_path / "three.ndt"), "--record", str(film)])
+    done = cli("map", log, "-o", tmp_path / "three.ndt", "--record", film)
     assert done.exit_code == 1
     assert sorted(tmp_path.iterdir()) == there, "a refused call left something"

@@ -25,8 +25,7 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
-from bags import Messages, write_bag
-from drives import START
+from bags import START, Messages, write_bag
 from robots import PATIENCE, Processes, apartment, check_office, check_services, grid_like, mapped, office
 from slams import bag_of, drifted, path_message
 from slams import office as driven

@@ -12,8 +12,8 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
-from bags import KINDS, Messages, write_bag
-from drives import LEVEL, SCAN_TIMES, START, Drive, laser_points, standing
+from bags import LEVEL, START, Messages, write_bag
+from drives import SCAN_TIMES, Drive, laser_points, standing
 from scipy.spatial import transform as spatial
 
 import ndtree
@@ -21,16 +21,6 @@ from ndtree.logs import read
 from ndtree.logs.ros.messages.own import multi_echo
 
 Rotation = spatial.Rotation
-
-
-@pytest.fixture(params=KINDS)
-def make(request: pytest.FixtureRequest) -> Messages:
-    return Messages(request.param)
-
-
-@pytest.fixture
-def ros2() -> Messages:
-    return Messages("mcap")
 
 
 def test_laser_scans_lie_where_the_transforms_say(make: Messages, tmp_path: Path) -> None:

@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rosbags")
-pytest.importorskip("typer")
 
-from bags import Messages, write_bag
-from drives import START, Drive
-from typer.testing import CliRunner
+from bags import START, Messages, write_bag
+from calling import cli
+from drives import Drive
 
 import ndtree
-from ndtree.cli.commands import app
 from ndtree.logs.ros.placement.body import Body
 
 #: Shapes in the frame of the base, and an oracle of each: is a point in it?
@@ -114,7 +112,7 @@ def test_live_leaves_out_the_same(tmp_path: Path) -> None:
     for command in (["map"], ["live", "--rate", "0"]):
         target = tmp_path / f"{command[0]}.ndt"
         options = ["--body", "sphere:1.5@base", "--range-sigma", "0.02", "--no-return", "free"]
-        done = CliRunner().invoke(app, [*command, str(bag), "-o", str(target), *options])
+        done = cli(*command, bag, "-o", target, *options)
         assert done.exit_code == 0, done.stderr
         assert "beams ended in the robot's own body" in done.output
         maps.append(target.read_bytes())
@@ -123,5 +121,5 @@ def test_live_leaves_out_the_same(tmp_path: Path) -> None:
         (["--body", "cone:1"], "'cone:1'"),
         (["--sweep", "never"], "--sweep never: expected"),
     ):
-        done = CliRunner().invoke(app, ["live", str(bag), "--rate", "0", *words])
+        done = cli("live", bag, "--rate", "0", *words)
         assert done.exit_code == 2 and said in done.stderr

@@ -15,18 +15,9 @@ pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
 
-from bags import KINDS, Messages, write_bag
+from bags import KINDS, LEVEL, START, Messages, write_bag
 
 from ndtree.logs import read
-
-START = 1.7e9
-LEVEL = [0, 0, 0, 1]
-
-
-@pytest.fixture
-def ros2() -> Messages:
-    return Messages("mcap")
-
 
 STAMPS = np.arange(0, 3, 0.05)
 

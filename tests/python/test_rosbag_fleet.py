@@ -11,19 +11,12 @@ import pytest
 
 pytest.importorskip("rosbags")
 
-from bags import Messages, write_bag
+from bags import LEVEL, START, Messages, write_bag
 
 from ndtree.logs import read
 from ndtree.logs.ros.clock import Clock
 
-START = 1.7e9
-LEVEL = [0, 0, 0, 1]
 Content = list[tuple[str, float, Any]]
-
-
-@pytest.fixture
-def ros2() -> Messages:
-    return Messages("mcap")
 
 
 def drive(

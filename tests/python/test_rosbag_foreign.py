@@ -15,22 +15,16 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("typer")
 
-from bags import Messages, write_bag
+from bags import START, Messages, write_bag
 
 from ndtree.cli.commands.messages import in_words
 from ndtree.logs import contents, read
 from ndtree.logs.ros.messages.beams import pitch_of
 from ndtree.logs.ros.messages.foxglove import decoded, type_of
 
-START = 1.7e9
 POINTS = np.random.default_rng(5).uniform(1, 9, (12, 3)).astype(np.float32)
 DEPTHS = np.array([[0, 1000, 2000], [1500, 0, 500]], dtype=np.uint16)
 CAMERA = (100.0, 110.0, 1.0, 0.5)
-
-
-@pytest.fixture
-def ros2() -> Messages:
-    return Messages("mcap")
 
 
 def placed(make: Messages, frame: str) -> tuple[str, float, Any]:

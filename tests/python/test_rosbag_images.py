@@ -14,20 +14,13 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("hypothesis")
 
-from bags import Messages, write_bag
+from bags import START, Messages, write_bag
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from ndtree.logs import read
 from ndtree.logs.ros.messages import rvl
-
-START = 1.7e9
-
-
-@pytest.fixture
-def ros2() -> Messages:
-    return Messages("mcap")
 
 
 def rvl_of(image: np.ndarray) -> bytes:

@@ -12,8 +12,7 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
-from bags import Messages, write_bag
-from drives import LEVEL, START
+from bags import LEVEL, START, Messages, write_bag
 
 from ndtree.logs import read
 

@@ -12,21 +12,11 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
-from bags import KINDS, Messages, write_bag
-from drives import LEVEL, SCAN_TIMES, START, Drive, standing
+from bags import LEVEL, START, Messages, write_bag
+from drives import SCAN_TIMES, Drive, standing
 from rosbags.typesys import get_types_from_msg
 
 from ndtree.logs import read
-
-
-@pytest.fixture(params=KINDS)
-def make(request: pytest.FixtureRequest) -> Messages:
-    return Messages(request.param)
-
-
-@pytest.fixture
-def ros2() -> Messages:
-    return Messages("mcap")
 
 
 @pytest.mark.parametrize("when", [-1.0, 9.0])
@@ -222,15 +212,13 @@ def test_cameras_without_calibration(ros2: Messages, tmp_path: Path) -> None:
 
 def test_a_log_without_one_valid_beam_makes_no_map(ros2: Messages, tmp_path: Path) -> None:
     pytest.importorskip("typer")
-    from typer.testing import CliRunner
-
-    from ndtree.cli.commands import app
+    from calling import cli
 
     drive = Drive(planar=True)
     for ranges, said in (([np.nan] * 3, "15 beams: 15 ignored"), ([], "0 beams")):
         content = drive.transforms(ros2) + [("/scan", t, ros2.laser(t, "sensor", ranges)) for t in SCAN_TIMES]
         path = write_bag(tmp_path / f"bag{len(ranges)}", ros2, sorted(content, key=lambda one: one[1]))
-        done = CliRunner().invoke(app, ["map", str(path), "-o", str(tmp_path / "a.ndt")])
+        done = cli("map", path, "-o", tmp_path / "a.ndt")
         assert done.exit_code == 1 and not (tmp_path / "a.ndt").exists()
         assert " ".join(done.stderr.split()) == f"ndtree: {path}: nothing to map in 5 scans, {said}"
 

@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
-from bags import Messages, write_bag
+from bags import LEVEL, START, Messages, write_bag
 from scipy.spatial import transform as spatial
 
 from ndtree.logs import read
@@ -21,14 +21,7 @@ from ndtree.logs.ros.messages.own import livox as decoded
 from ndtree.logs.ros.placement.mount import mount_of
 
 Rotation = spatial.Rotation
-START = 1.7e9
-LEVEL = [0, 0, 0, 1]
 POINTS = np.array([[1.0, 2.0, 0.5], [3.0, -1.0, 0.25], [-2.0, 0.5, 1.0]], dtype=np.float32)
-
-
-@pytest.fixture
-def ros2() -> Messages:
-    return Messages("mcap")
 
 
 def at(t: float) -> tuple[np.ndarray, Any]:

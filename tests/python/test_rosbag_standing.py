@@ -10,17 +10,13 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rosbags")
-pytest.importorskip("typer")
 
-from bags import Messages, write_bag
-from typer.testing import CliRunner
+from bags import LEVEL, START, Messages, write_bag
+from calling import cli
 
-from ndtree.cli.commands import app
 from ndtree.logs.ros.messages.beams import Beams
 from ndtree.logs.ros.placement.standing import MOVES, Standing
 
-START = 1.7e9
-LEVEL = [0, 0, 0, 1]
 #: Of the room: walls, floor and ceiling, as (axis, place) [m].
 PLANAR_SIDES = ((0, 5.0), (0, -4.0), (1, 3.0), (1, -6.0))
 SIDES = (*PLANAR_SIDES, (2, -0.5), (2, 2.5))
@@ -141,18 +137,18 @@ def test_commands_warn_of_a_sensor_that_moves(options: list[str], said: str, tmp
         ["info", str(moving), "--look"],
         ["map", str(moving), "-o", str(tmp_path / "a.ndt"), "--to", "2"],
     ):
-        done = CliRunner().invoke(app, [*command, *options])
+        done = cli(*command, *options)
         assert done.exit_code == 0, done.stderr
         assert done.stderr.count("its scans show that it moves") == 1 and f"/scan: {said}, but" in done.stderr
     standing = bag(tmp_path / "standing", lambda i: (0, 0, 0), not options)
-    done = CliRunner().invoke(app, ["info", str(standing), "--look", *options])
+    done = cli("info", standing, "--look", *options)
     assert done.exit_code == 0 and "moves" not in done.stderr + done.stdout
 
 
 def test_align_begins_at_rest_where_a_bag_has_no_poses(tmp_path: Path) -> None:
     way = WAYS["winds"]
     path, poses, both = bag(tmp_path / "moving", way, False), tmp_path / "poses.txt", tmp_path / "both.ndt"
-    done = CliRunner().invoke(app, ["align", str(path), "-o", str(poses), "--map", str(tmp_path / "a.ndt")])
+    done = cli("align", path, "-o", poses, "--map", tmp_path / "a.ndt")
     assert done.exit_code == 0, done.stderr
     assert "there is no /tf, nor any other poses: its scans alone say where it was" in done.stderr
     assert "shows that it moves" not in done.stderr and "smear" not in done.stderr
@@ -160,8 +156,8 @@ def test_align_begins_at_rest_where_a_bag_has_no_poses(tmp_path: Path) -> None:
     away = truth[:, :2] - truth[0, :2]
     c, s = np.cos(truth[0, 2]), np.sin(truth[0, 2])
     assert np.abs(rows[:, 1:3] - away @ np.array([[c, -s], [s, c]])).max() < 0.05
-    done = CliRunner().invoke(app, ["map", str(path), "--align", "-o", str(both)])
+    done = cli("map", path, "--align", "-o", both)
     assert done.exit_code == 0 and "smear" not in done.stderr, done.stderr
     assert both.read_bytes() == (tmp_path / "a.ndt").read_bytes()
-    asked = CliRunner().invoke(app, ["align", str(path), "-o", str(poses), "--fixed-frame", "odom"])
+    asked = cli("align", path, "-o", poses, "--fixed-frame", "odom")
     assert asked.exit_code == 1 and "--still" in asked.stderr, "what was asked for is missing"

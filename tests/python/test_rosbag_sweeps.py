@@ -13,21 +13,14 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
-from bags import Messages, write_bag
+from bags import LEVEL, START, Messages, write_bag
 from scipy.spatial import transform as spatial
 
 from ndtree.logs import read
 from ndtree.logs.ros.options import BagOptions
 
 Rotation = spatial.Rotation
-START = 1.7e9
-LEVEL = [0, 0, 0, 1]
 POINTS = np.array([[1.0, 2.0, 0.5], [3.0, -1.0, 0.25], [-2.0, 0.5, 1.0]], dtype=np.float32)
-
-
-@pytest.fixture
-def ros2() -> Messages:
-    return Messages("mcap")
 
 
 SIDES = ((5.0, 0), (-4.0, 0), (3.0, 1), (-6.0, 1))
@@ -177,9 +170,8 @@ def test_the_mount_is_found_where_the_map_is_sharpest(
 ) -> None:
     """A body that winds through a room, its laser sits askew on it or hangs, and the clock is off."""
     pytest.importorskip("typer")
-    from typer.testing import CliRunner
+    from calling import cli
 
-    from ndtree.cli.commands import app
     from ndtree.logs.ros.rosbag import RosbagLog
     from ndtree.tuning.calibration.mount import find_mount
 
@@ -231,7 +223,7 @@ def test_the_mount_is_found_where_the_map_is_sharpest(
     if sweep:  # By the command the same.
         report = tmp_path / "found.json"
         call = ["calibrate", str(path), "--find-mount", "--poses", "/pose", "--json", str(report)]
-        done = CliRunner().invoke(app, call)
+        done = cli(*call)
         assert done.exit_code == 0 and "the map is sharpest with --mount" in done.stdout
         assert json.loads(report.read_text())["time_offset"] == pytest.approx(offset, abs=0.01)
         return

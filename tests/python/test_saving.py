@@ -424,21 +424,19 @@ def test_content_is_on_the_disk_before_the_name_and_the_name_after_it(tmp_path: 
 
 
 def test_the_command_line_checks_before_the_work(tmp_path: Path) -> None:
-    from typer.testing import CliRunner
-
-    from ndtree.cli.commands import app
+    from calling import cli
 
     log = tmp_path / "a.txt"
     log.write_text("0 0 1 1\n0 0 1 2\n")
     target = tmp_path / "a.ndt"
     target.touch()
     os.link(target, tmp_path / "other.ndt")
-    done = CliRunner().invoke(app, ["map", str(log), "-o", str(target)])
+    done = cli("map", log, "-o", target)
     said = " ".join(done.output.split())
     assert done.exit_code == 1 and f"{target}: cannot be written: has 2 names" in said
     (tmp_path / "other.ndt").unlink()
     figures = tmp_path / "figures.json"
     figures.symlink_to("real.json")
-    done = CliRunner().invoke(app, ["map", str(log), "-o", str(target), "--json", str(figures)])
+    done = cli("map", log, "-o", target, "--json", figures)
     assert done.exit_code == 0, done.output
     assert figures.is_symlink() and json.loads((tmp_path / "real.json").read_text())["scans"] == 1

@@ -9,14 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("typer")
-
-from typer.testing import CliRunner
+from calling import cli
 
 import ndtree
 from ndtree.base.scan import Scan
-from ndtree.cli.commands import app
 from ndtree.tuning.first_look import Scale
 
 
@@ -65,10 +61,10 @@ def test_map_and_compare_say_it_in_one_line(tmp_path: Path) -> None:
     )
     maps = ["map", str(tmp_path / "a.npz"), "-o", str(tmp_path / "a.ndt"), "--no-return", "free"]
     for call in (maps, ["compare", str(tmp_path / "a.npz"), "--maps", "adaptive", "--held-out", "0"]):
-        done = CliRunner().invoke(app, call)
+        done = cli(*call)
         assert done.exit_code == 0, done.output
         assert done.output.count("scan 2 has a beam of 4,000 m") == 1
-        assert "a beam of" not in CliRunner().invoke(app, [*call, "--max-range", "100"]).output
+        assert "a beam of" not in cli(*call, "--max-range", "100").output
     assert ndtree.load(tmp_path / "a.ndt").dim == 2
 
 

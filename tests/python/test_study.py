@@ -16,16 +16,14 @@ import numpy as np
 import pytest
 from snippets import ROOT, blocks
 
-pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
 if sys.version_info < (3, 11):
     pytest.importorskip("tomli")
 
-from typer.testing import CliRunner
+from calling import cli
 
 import ndtree
 from ndtree.base.engines import ProcessEngine
-from ndtree.cli.commands import app
 from ndtree.study import StudyTable, load, run
 from ndtree.study.run import _outcome, jobs_of
 
@@ -147,7 +145,7 @@ def test_a_job_that_fails_stops_no_other(tmp_path: Path) -> None:
         + '[logs.missing]\npath = "missing.log"\n[logs.bad]\npath = "bad.log"\n[maps.x]\nrange_sigma = -1.0\n'
     )
     file = written(tmp_path, text)
-    done = CliRunner().invoke(app, ["study", str(file), "--processes", "2"])
+    done = cli("study", file, "--processes", "2")
     assert done.exit_code == 1
     lines = " ".join(done.stderr.split()).split("ndtree: ")[1:]
     assert len(lines) == 7 and len(list((tmp_path / "study-results" / "results").glob("*.json"))) == 2
@@ -198,7 +196,7 @@ def test_a_wrong_file_is_named_with_key_value_and_what_was_expected(
     tmp_path: Path, text: str, said: str
 ) -> None:
     file = written(tmp_path, text)
-    done = CliRunner().invoke(app, ["study", str(file)])
+    done = cli("study", file)
     assert done.exit_code == 1
     printed = " ".join(done.stderr.split())
     assert printed.startswith(f"ndtree: {file}: ") and said in printed

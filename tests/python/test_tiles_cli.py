@@ -8,13 +8,11 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("typer")
 pytest.importorskip("rich")
 
-from typer.testing import CliRunner
+from calling import cli
 
 import ndtree
-from ndtree.cli.commands import app
 from ndtree.maps.open import is_map
 from ndtree.tiles import TileMapper, storage_of
 
@@ -22,7 +20,7 @@ OPTIONS = ("--min-cell-size", "0.1", "--max-cell-size", "0.8", "--no-return", "f
 
 
 def run(*arguments: object, status: int = 0) -> str:
-    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    done = cli(*arguments)
     assert done.exit_code == status, done.output
     if status:
         assert done.output.count("ndtree: ") == 1

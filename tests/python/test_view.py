@@ -20,23 +20,19 @@ import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
-pytest.importorskip("typer")
 pytest.importorskip("rich")
 pytest.importorskip("viser", reason="viser is not installed")
 
 from browser import Browser, coloured
+from calling import cli
 from conftest import room_scan
-from typer.testing import CliRunner
 
 import ndtree
 from ndtree import viewer as view
-from ndtree.cli.commands import app
 from ndtree.viewer import Look, picking, snapshot
 from ndtree.viewer.frame import MAX_TRACK, Track, framed
 from ndtree.viewer.look import KINDS, shown_kinds
 from ndtree.viewer.snapshot import Snapshot
-
-RUN = CliRunner()
 
 
 def inserted(m: Any, scans: int, far: float = 0.0) -> Any:
@@ -324,7 +320,7 @@ def test_a_growing_map_grows_on_the_page(flat: Any) -> None:
 
 
 def ended(*arguments: object) -> tuple[int, str]:
-    done = RUN.invoke(app, [str(argument) for argument in arguments])
+    done = cli(*arguments)
     return done.exit_code, done.stderr.strip()
 
 
@@ -411,7 +407,7 @@ def test_a_picture_is_drawn_off_screen(map_file: Path, more: tuple[str, ...], tm
     from matplotlib.image import imread
 
     target = tmp_path / "room.png"
-    done = RUN.invoke(app, ["view", str(map_file), "--png", str(target), *more])
+    done = cli("view", map_file, "--png", target, *more)
     assert (done.exit_code, done.output.strip()) == (0, f"wrote {target}")
     picture = imread(target)[:, :, :3]
     assert np.count_nonzero(np.ptp(picture, axis=2) > 0.15) > 10_000
@@ -437,7 +433,7 @@ def test_watching_ends_with_the_map_written(tmp_path: Path) -> None:
         program.send_signal(signal.SIGINT)
         assert program.wait(20) == 0
         assert program.stderr.read() == ""
-    without = RUN.invoke(app, ["map", str(log), "-o", str(tmp_path / "b.ndt")])
+    without = cli("map", log, "-o", tmp_path / "b.ndt")
     assert without.exit_code == 0
     assert (tmp_path / "a.ndt").read_bytes() == (tmp_path / "b.ndt").read_bytes()
     status, line = ended("map", log, "-o", tmp_path / "c.ndt", "--port", 0)
