@@ -52,7 +52,7 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "no map": (
         lambda: ndtree.Planner(3, ndtree.Sphere(0.3)),
-        "Planner(): map = 3: must be ndtree.OccupancyMap",
+        "Planner(): map = 3: must be an ndtree.OccupancyMap",
     ),
     "none at all": (lambda: M.save(None), "save(): path = None: must be a path"),
     "a long text": (lambda: M.insert(POINTS, ORIGIN, max_range="x" * 10**6), "insert(): max_range = 'xxxx"),

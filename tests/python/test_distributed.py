@@ -375,13 +375,14 @@ def test_scans_that_no_map_takes_are_left_out(tmp_path):
 
 def test_wrong_calls_are_refused_in_one_line(tmp_path):
     def refusal(logs=None, url=tmp_path / "a", **options):
-        with pytest.raises((ValueError, OSError, ImportError)) as error:
+        with pytest.raises((TypeError, ValueError, OSError, ImportError)) as error:
             distributed.map(fleet() if logs is None else logs, url, **{"engine": "local", **options})
         assert "\n" not in str(error.value)
         return str(error.value)
 
     assert refusal({}) == "no logs: must be at least one"
     assert refusal(engine="spark") == "engine = 'spark': must be one of processes, local, ray, dask"
+    assert refusal(tile_sizes=1).startswith("map(): no argument tile_sizes, expected tile_size, max_range")
     assert refusal(workers=0) == "workers = 0: must be >= 1"
     assert refusal(block_beams=0) == "block_beams = 0: must be >= 1"
     assert refusal(no_return="auto") == "no_return = 'auto': must be 'free' or 'ignore'"

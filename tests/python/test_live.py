@@ -260,10 +260,16 @@ def test_frames_are_resolved_as_by_hand() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong, said", [({"queue": 0}, "queue = 0"), ({"patience": -1.0}, "patience = -1 s")]
+    "wrong, said",
+    [
+        ({"queue": 0}, "queue = 0"),
+        ({"patience": -1.0}, "patience = -1 s"),
+        ({"patience": "x"}, r"LiveMapper\(\): patience = 'x': must be a number"),
+        ({"patient": 1}, r"LiveMapper\(\): no argument patient, expected target, make, queue, patience"),
+    ],
 )
 def test_wrong_numbers_are_refused(wrong: Any, said: str) -> None:
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises((TypeError, ValueError), match=said):
         LiveMapper(ScansIntake(SETTINGS, 2), **wrong)
 
 

@@ -9,12 +9,13 @@ import inspect
 import math
 import operator
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from difflib import get_close_matches
 from typing import Any
 
 from ndtree._errors import WrongOption, key
 from ndtree._native import _core
+from ndtree._native._kinds import shown, words_for
 
 _LINE = re.compile(r"\w*\((?P<inside>.*)\)(?: -> (?P<result>.*))?$")
 _NAMED_LINE = re.compile(rf"(?=\w){_LINE.pattern}")
@@ -116,26 +117,8 @@ ELSEWHERE = (
     ("clamp_max", "log_odds_max"),
     ("dimension", "dim"),
 )
-#: By what is in an annotation: a type that suits, and what it is called.
-_WANTED: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
-    *(
-        (kind, lambda value: _are_texts(value), "several texts, as ['...', '...']")
-        for kind in ("Sequence[str]", "list[str]", "List[str]")
-    ),
-    ("SupportsFloat", lambda value: is_number(value), "a number"),
-    ("SupportsInt", lambda value: is_integer(value), "an integer"),
-    ("PathLike", lambda value: is_path(value), "a path"),
-    ("tuple", lambda value: isinstance(value, (tuple, list)), "a pair of numbers"),
-    ("bytes", lambda value: isinstance(value, bytes), "bytes"),
-    ("str", lambda value: isinstance(value, str), "a text"),
-    ("bool", lambda value: isinstance(value, bool), "True or False"),
-)
-_BOUND_CLASS = re.compile(r"ndtree\._native\._core\.(\w+)")
-#: What makes objects of a class that has no constructor of its own.
-_MADE_BY = {"Shape": "an ndtree.Sphere, Capsule or Box, or several joined by |"}
-_MOST_SHOWN = 60
 #: Of arguments whose type the compiled functions leave open.
-_OF_OBJECTS = {"max_seconds": "SupportsFloat | None"}
+_OF_OBJECTS = {"max_seconds": "float | None"}
 #: Of integers: what the compiled functions' types hold.
 _OF_INT = (-(2**31), 2**31 - 1)
 _BOUNDS = {
@@ -250,19 +233,14 @@ class Call:
     def _refused(self, name: str, value: Any, wanted: str) -> str:
         """What a value must be; empty if it suits."""
         wanted = _OF_OBJECTS.get(name, wanted) if wanted == "object" else wanted
-        if value is None and "None" in wanted:
-            return ""
-        for word, suits, words in _WANTED:
-            if word in wanted:
-                if not suits(value):
-                    return f"{name} = {shown(value)}: must be {words}"
-                if word == "SupportsInt":
-                    _check_bounds(f"{self._name}(): {name}", value, _BOUNDS.get(name, _OF_INT))
-                return ""
-        classes = tuple(getattr(_core, one) for one in _BOUND_CLASS.findall(wanted))
-        if classes and not isinstance(value, classes):
-            names = " or ".join(_MADE_BY.get(one.__name__, f"ndtree.{one.__name__}") for one in classes)
-            return f"{name} = {shown(value)}: must be {names}"
+        plain = "" if wanted == "object" else str(_annotation(wanted))
+        words = words_for(value, plain)
+        if plain == "bool" and not isinstance(value, bool):  # An integer, which pybind11 takes for none.
+            words = "True or False"
+        if words:
+            return f"{name} = {shown(value)}: must be {words}"
+        if value is not None and plain.startswith("int"):
+            _check_bounds(f"{self._name}(): {name}", value, _BOUNDS.get(name, _OF_INT))
         return ""
 
 
@@ -270,30 +248,3 @@ def _check_bounds(what: str, value: Any, bounds: tuple[int, int]) -> None:
     number = operator.index(value)
     if not bounds[0] <= number <= bounds[1]:
         raise ValueError(f"{what} = {shown(number)}: must be from {bounds[0]} to {bounds[1]}")
-
-
-def _are_texts(value: Any) -> bool:
-    return isinstance(value, (list, tuple)) and all(isinstance(one, str) for one in value)
-
-
-def is_number(value: Any) -> bool:
-    """Whether it is one, of Python or NumPy; arrays of one value are none."""
-    return not getattr(value, "ndim", 0) and (hasattr(value, "__float__") or hasattr(value, "__index__"))
-
-
-def is_integer(value: Any) -> bool:
-    return not getattr(value, "ndim", 0) and hasattr(value, "__index__")
-
-
-def is_path(value: Any) -> bool:
-    return isinstance(value, (str, bytes)) or hasattr(value, "__fspath__")
-
-
-def shown(value: Any) -> str:
-    """What a value is, in few words: that of an array would take many."""
-    if hasattr(value, "shape") and hasattr(value, "dtype"):
-        return f"array of shape {tuple(value.shape)} and dtype {value.dtype}"
-    if isinstance(value, int) and value.bit_length() > 200:
-        return f"an integer of {value.bit_length()} bits"
-    text = repr(value)
-    return text if len(text) <= _MOST_SHOWN else text[: _MOST_SHOWN - 3] + "..."

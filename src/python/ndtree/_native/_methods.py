@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ndtree import _lazy
 from ndtree._native import _core
-from ndtree._native._calls import shown
 from ndtree._native._checked import checked
+from ndtree._native._kinds import shown
 from ndtree._native.results import Frontier
 
 _save_own = _core.OccupancyMap.save

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from ndtree._errors import WrongValue
 from ndtree._native import _core
-from ndtree._native._checked import checked
+from ndtree._native._checked import checked, settings_of
 from ndtree._native._core import OccupancyMap
 from ndtree.base.progress import Progress
 from ndtree.distributed import plan
@@ -126,7 +126,7 @@ def map(
     ImportError
         If the engine is not installed; it names the extra.
     """
-    times, settings, sources = Times(), FleetSettings(**how), named(logs)
+    times, settings, sources = Times(), settings_of(FleetSettings(), "map", how), named(logs)
     target = _core.AdaptiveMap(dim=_dim_of(next(iter(sources.values())))) if like is None else like
     storage = storage_of(url)
     before = _manifest(storage)

@@ -18,13 +18,13 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._errors import marked
+from ndtree._native._checked import settings_of
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
 from ndtree.live.feed import Feed
@@ -78,7 +78,7 @@ class LiveMapper:
     """
 
     def __init__(self, intake: Intake, how: LiveSettings = _USUAL, **given: Any) -> None:
-        how = replace(how, **given)
+        how = settings_of(how, "LiveMapper", given)
         self.figures = LiveFigures()
         self.position: NDArray[np.float64] | None = None
         self.intake, self._patience = intake, how.patience
