@@ -358,6 +358,10 @@ def written(name: str, content: bytes) -> Callable[[Path], Path]:
     return write
 
 
+def npz(said: str, **changes: np.ndarray | None) -> tuple[Callable[[Path], Path], str]:
+    return lambda folder: save(folder / "a.npz", **changes), said
+
+
 BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
     "truncated gzip": (cut_gzip, r"behind line \d+: the gzip stream is cut off"),
     "gzip of a few bytes": (
@@ -392,50 +396,35 @@ BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
         lambda folder: np.savez(folder / "a.npz", other=np.zeros(3)) or folder / "a.npz",
         r"a zip archive without points.npy",
     ),
-    "missing array": (
-        lambda folder: save(folder / "a.npz", offsets=None),
-        "no array offsets, expected origins, points, offsets, found",
+    "missing array": npz("no array offsets, expected origins, points, offsets, found", offsets=None),
+    "points of one axis": npz(
+        r"points: has shape \(20,\) of float64, expected \(P, 2\) or \(P, 3\) floats", points=np.zeros(20)
     ),
-    "points of one axis": (
-        lambda folder: save(folder / "a.npz", points=np.zeros(20)),
-        r"points: has shape \(20,\) of float64, expected \(P, 2\) or \(P, 3\) floats",
+    "origins of other axes": npz(
+        r"origins: has shape \(4, 2\) of float64, expected \(S, 3\) floats", origins=np.zeros((4, 2))
     ),
-    "origins of other axes": (
-        lambda folder: save(folder / "a.npz", origins=np.zeros((4, 2))),
-        r"origins: has shape \(4, 2\) of float64, expected \(S, 3\) floats",
+    "offsets too short": npz(
+        r"offsets: has shape \(4,\) of int64, expected \(5,\) integers", offsets=np.arange(4)
     ),
-    "offsets too short": (
-        lambda folder: save(folder / "a.npz", offsets=np.arange(4)),
-        r"offsets: has shape \(4,\) of int64, expected \(5,\) integers",
+    "offsets of floats": npz(
+        r"offsets: has shape \(5,\) of float64, expected \(5,\) integers", offsets=np.arange(5) * 5.0
     ),
-    "offsets of floats": (
-        lambda folder: save(folder / "a.npz", offsets=np.arange(5) * 5.0),
-        r"offsets: has shape \(5,\) of float64, expected \(5,\) integers",
+    "offsets falling": npz(
+        "offsets: must rise from 0 to 20, the number of points", offsets=np.array([0, 10, 5, 15, 20])
     ),
-    "offsets falling": (
-        lambda folder: save(folder / "a.npz", offsets=np.array([0, 10, 5, 15, 20])),
-        "offsets: must rise from 0 to 20, the number of points",
+    "offsets beyond": npz(
+        "offsets: must rise from 0 to 20, the number of points", offsets=np.array([0, 5, 10, 15, 25])
     ),
-    "offsets beyond": (
-        lambda folder: save(folder / "a.npz", offsets=np.array([0, 5, 10, 15, 25])),
-        "offsets: must rise from 0 to 20, the number of points",
+    "short no_return": npz(
+        r"no_return: has shape \(19,\) of bool, expected \(20,\) bools", no_return=np.zeros(19, dtype=bool)
     ),
-    "short no_return": (
-        lambda folder: save(folder / "a.npz", no_return=np.zeros(19, dtype=bool)),
-        r"no_return: has shape \(19,\) of bool, expected \(20,\) bools",
+    "no_return of numbers": npz(
+        r"no_return: has shape \(20,\) of float64, expected \(20,\) bools", no_return=np.zeros(20)
     ),
-    "no_return of numbers": (
-        lambda folder: save(folder / "a.npz", no_return=np.zeros(20)),
-        r"no_return: has shape \(20,\) of float64, expected \(20,\) bools",
+    "stamps too short": npz(
+        r"stamps: has shape \(3,\) of float64, expected \(4,\) numbers", stamps=np.zeros(3)
     ),
-    "stamps too short": (
-        lambda folder: save(folder / "a.npz", stamps=np.zeros(3)),
-        r"stamps: has shape \(3,\) of float64, expected \(4,\) numbers",
-    ),
-    "pickled objects": (
-        lambda folder: save(folder / "a.npz", points=np.array([{}] * 20, dtype=object)),
-        "points: cannot be read as an array",
-    ),
+    "pickled objects": npz("points: cannot be read as an array", points=np.array([{}] * 20, dtype=object)),
 }
 
 
