@@ -13,18 +13,12 @@
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/point.hpp"
 #include "ndtree/query/transform.hpp"
+#include "options.hpp"
 #include "random.hpp"
 
 namespace ndtree::test::test_join {
 namespace {
 
-MapOptions some_options(int branching) {
-  MapOptions options;
-  options.min_cell_size = 0.25;
-  options.max_cell_size = 0.25 * branching * branching;
-  options.range_sigma = 0.05;
-  return options;
-}
 template <class Map>
 Map random_map(Random& random, int scans) {
   constexpr int D = Map::kDim;

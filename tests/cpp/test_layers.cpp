@@ -18,6 +18,7 @@
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/point.hpp"
 #include "ndtree/tree/visit.hpp"
+#include "options.hpp"
 #include "random.hpp"
 
 namespace ndtree::test::test_layers {
@@ -151,13 +152,6 @@ TEST(Values, RefuseWhatCannotBeAdded) {
 template <class Map>
 using Layered = LayeredMap<Map, MeanValue<1>, MajorityLabel, LatestStamp>;
 
-MapOptions some_options(int branching) {
-  MapOptions options;
-  options.min_cell_size = 0.25;
-  options.max_cell_size = 0.25 * branching * branching;
-  options.range_sigma = 0.05;
-  return options;
-}
 struct Measured {
   std::vector<std::array<float, 1>> heights;
   std::vector<std::int64_t> labels;

@@ -14,18 +14,12 @@
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/changes.hpp"
 #include "ndtree/query/point.hpp"
+#include "options.hpp"
 #include "random.hpp"
 
 namespace ndtree::test::test_snapshot {
 namespace {
 
-MapOptions some_options(int branching) {
-  MapOptions options;
-  options.min_cell_size = 0.25;
-  options.max_cell_size = 0.25 * branching * branching;
-  options.range_sigma = 0.05;
-  return options;
-}
 template <int D>
 Scan<D> random_scan(Random& random, double center, Eigen::Index beams = 40) {
   Scan<D> scan;

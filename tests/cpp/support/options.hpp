@@ -21,6 +21,15 @@ std::string refusal_of(const Options& options) {
   return "accepted";
 }
 
+/// Cells of 0.25 m, and of two levels more.
+inline MapOptions some_options(int branching) {
+  MapOptions options;
+  options.min_cell_size = 0.25;
+  options.max_cell_size = 0.25 * branching * branching;
+  options.range_sigma = 0.05;
+  return options;
+}
+
 /// @param min_cell_size @param max_cell_size [m].
 inline MapOptions spelled_out_options(double min_cell_size, double max_cell_size) {
   MapOptions options;

@@ -13,18 +13,12 @@
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/frontiers.hpp"
+#include "options.hpp"
 #include "random.hpp"
 
 namespace ndtree::test::test_frontier_search {
 namespace {
 
-MapOptions some_options(int branching) {
-  MapOptions options;
-  options.min_cell_size = 0.25;
-  options.max_cell_size = 0.25 * branching * branching;
-  options.range_sigma = 0.05;
-  return options;
-}
 template <int D>
 Scan<D> random_scan(Random& random, double spread) {
   Scan<D> scan;
