@@ -446,17 +446,3 @@ def test_a_terminal_sees_how_far_the_map_is(log: Path, tmp_path: Path) -> None:
     os.close(near)
     assert process.wait() == 0
     assert re.search(r"20 scans, [\d,]+ beams/s, [\d,]+ leaves, [\d.]+ MiB", plain(seen.decode()))
-
-
-# --- Real recordings --------------------------------------------------------------------------------
-
-
-def test_compare_on_a_real_log(recordings: Path, tmp_path: Path) -> None:
-    target = tmp_path / "a.json"
-    log = recordings / "laser2d_intel" / "intel-corrected.log.gz"
-    done = run("compare", log, "--maps", "adaptive,fixed", "--max-range", 20, "--json", target)
-    assert done.exit_code == 0, done.output
-    written = json.loads(target.read_text())
-    assert (written["scans"], written["scans_mapped"]) == (910, 819)
-    assert 0 < written["ratios"]["cells"] < 0.5
-    assert written["maps"][0]["truth"]["samples"] > 100_000

@@ -138,7 +138,7 @@ def nav2_state(pixel: list[int], mode: str, has_alpha: bool) -> int:
 
 
 @pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
-@pytest.mark.parametrize("kind", ["RGBA", "LA", "L with a transparent grey", "RGB"])
+@pytest.mark.parametrize("kind", ["RGBA", "LA", "L with a transparent grey", "RGB", "P"])
 def test_pixels_with_an_alpha_channel_are_read_as_nav2_does(tmp_path: Path, mode: str, kind: str) -> None:
     pytest.importorskip("yaml")
     image_module = pytest.importorskip("PIL.Image")
@@ -153,13 +153,16 @@ def test_pixels_with_an_alpha_channel_are_read_as_nav2_does(tmp_path: Path, mode
     elif kind == "RGB":
         pixels[..., 3] = 255
         image_module.fromarray(pixels[..., :3], "RGB").save(picture)
+    elif kind == "P":
+        pixels[..., 1:3], pixels[..., 3] = pixels[..., :1], 255
+        image_module.fromarray(pixels[..., 0], "L").convert("P").save(picture)
     elif kind != "RGBA":
         pixels[..., 1:3] = pixels[..., :1]
         pixels[..., 3] = np.where(pixels[..., 0] == 205, 0, 255)
         image_module.fromarray(pixels[..., 0], "L").save(picture, transparency=205)
     row, column = np.indices(pixels.shape[:2])
     points = np.stack([(column + 0.5) * 0.5, (len(pixels) - 1 - row + 0.5) * 0.5], axis=-1)
-    expected = [nav2_state(one.tolist(), mode, kind != "RGB") for one in pixels.reshape(-1, 4)]
+    expected = [nav2_state(one.tolist(), mode, kind not in ("RGB", "P")) for one in pixels.reshape(-1, 4)]
     assert len(set(expected)) == 3
     np.testing.assert_array_equal(open_map(path).state(points.reshape(-1, 2)), expected)
 
