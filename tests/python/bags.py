@@ -164,6 +164,12 @@ class Messages:
             is_bigendian=int(big), step=len(rows[0]), data=np.frombuffer(b"".join(rows), dtype=np.uint8),
         )  # fmt: skip
 
+    def compressed_image(self, format: str, data: bytes) -> Any:
+        return self.of(
+            "sensor_msgs/msg/CompressedImage", header=self.header(START, "camera"), format=format,
+            data=np.frombuffer(data, np.uint8),
+        )  # fmt: skip
+
     def camera_info(self, stamp: float, frame: str, shape: tuple[int, int], camera: Any) -> Any:
         fx, fy, cx, cy = camera
         k = np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0])
@@ -180,6 +186,13 @@ class Messages:
 
     def text(self, words: str) -> Any:
         return self.of("std_msgs/msg/String", data=words)
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two logs have the same scans."""
+    return len(one) == len(other) and all(
+        np.array_equal(a.endpoints, b.endpoints) and a.stamp == b.stamp for a, b in zip(one, other)
+    )
 
 
 def write_bag(

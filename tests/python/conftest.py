@@ -3,6 +3,7 @@
 
 import os
 import signal
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,18 @@ def ros2() -> Any:
     from bags import Messages
 
     return Messages("mcap")
+
+
+def arrays_of(scans: Iterable[Any], **more: Any) -> dict[str, np.ndarray]:
+    """What an .npz of scans holds."""
+    scans = list(scans)
+    return {
+        "origins": np.array([scan.origin for scan in scans]),
+        "points": np.concatenate([scan.endpoints for scan in scans]).astype(np.float32),
+        "offsets": np.cumsum([0, *(len(scan) for scan in scans)]),
+        "no_return": np.concatenate([~scan.returned for scan in scans]),
+        **more,
+    }
 
 
 def room_scan(dim: int, seed: int, beams: int = 300) -> tuple[np.ndarray, np.ndarray]:

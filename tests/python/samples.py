@@ -17,6 +17,7 @@ import laspy
 import numpy as np
 import rooms
 from bags import Messages, write_bag
+from conftest import arrays_of
 from test_depth_folders import seven_scenes, tum
 from test_octomap_graph import graph, node
 from test_point_clouds import las, numbered, pcd, ply_by_meshio, pose_matrix, tum_lines
@@ -82,14 +83,7 @@ def _gzip(make: Callable[[Path], Path]) -> Callable[[Path], Path]:
 
 
 def _arrays() -> dict[str, Any]:
-    scans = list(_office())
-    return {
-        "origins": np.array([scan.origin for scan in scans]),
-        "points": np.concatenate([scan.endpoints for scan in scans]).astype(np.float32),
-        "offsets": np.cumsum([0, *(len(scan) for scan in scans)]),
-        "no_return": np.concatenate([~scan.returned for scan in scans]),
-        "stamps": np.arange(len(scans)) / 10,
-    }
+    return arrays_of(_office(), stamps=np.arange(5) / 10)
 
 
 def _npz(save: Callable[..., None]) -> Callable[[Path], Path]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import arrays_of
 
 import ndtree
 from ndtree.tuning.calibration import range_noise
@@ -246,13 +247,8 @@ def run(*arguments: object) -> Any:
 @pytest.fixture(scope="module")
 def log(office: list[ndtree.Scan], tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("logs") / "office.npz"
-    np.savez(
-        path,
-        origins=np.array([scan.origin for scan in office]),
-        points=np.concatenate([scan.endpoints for scan in office]),
-        offsets=np.cumsum([0, *(len(scan) for scan in office)]),
-        no_return=np.concatenate([~scan.returned for scan in office]),
-    )
+    points = np.concatenate([scan.endpoints for scan in office])
+    np.savez(path, **{**arrays_of(office), "points": points})
     return path
 
 

@@ -23,6 +23,7 @@ pytest.importorskip("rich")
 pytest.importorskip("matplotlib")
 
 from calling import cli as run
+from conftest import arrays_of
 
 import ndtree
 
@@ -48,15 +49,8 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def log_3d(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of a simulated apartment."""
-    scans = list(ndtree.simulate("apartment", seed=2, scans=6))
     path = tmp_path_factory.mktemp("logs") / "apartment.npz"
-    np.savez(
-        path,
-        origins=np.array([scan.origin for scan in scans]),
-        points=np.concatenate([scan.endpoints for scan in scans]).astype(np.float32),
-        offsets=np.cumsum([0, *(len(scan) for scan in scans)]),
-        no_return=np.concatenate([~scan.returned for scan in scans]),
-    )
+    np.savez(path, **arrays_of(ndtree.simulate("apartment", seed=2, scans=6)))
     return path
 
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import arrays_of
 
 import ndtree
 from ndtree.base.scan import Scan
@@ -160,13 +161,7 @@ def test_only_some_beams_of_a_large_scan_are_sampled() -> None:
 
 
 def written(scans: list[Scan], path: Path) -> Path:
-    np.savez(
-        path,
-        origins=np.array([scan.origin for scan in scans]),
-        points=np.concatenate([scan.endpoints for scan in scans]).astype(np.float32),
-        offsets=np.cumsum([0, *(len(scan) for scan in scans)]),
-        no_return=np.concatenate([~scan.returned for scan in scans]),
-    )
+    np.savez(path, **arrays_of(scans))
     return path
 
 

@@ -15,7 +15,7 @@ pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
 
-from bags import KINDS, LEVEL, START, Messages, write_bag
+from bags import KINDS, LEVEL, START, Messages, same, write_bag
 
 from ndtree.logs import read
 
@@ -29,12 +29,6 @@ def drive_content(make: Messages) -> list[tuple[str, float, Any]]:
         content.append(("/tf", START + t, make.tf(moved)))
         content.append(("/scan", START + t, make.laser(START + t, "laser", [1.0 + 0.1 * i, 2.0])))
     return content
-
-
-def same(one: Any, other: Any) -> bool:
-    return len(one) == len(other) and all(
-        np.array_equal(a.endpoints, b.endpoints) and a.stamp == b.stamp for a, b in zip(one, other)
-    )
 
 
 @pytest.mark.parametrize("kind", KINDS)

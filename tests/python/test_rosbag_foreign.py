@@ -92,17 +92,10 @@ def png(values: np.ndarray) -> bytes:
     return file.getvalue()
 
 
-def packed(make: Messages, format: str, data: bytes) -> Any:
-    return make.of(
-        "sensor_msgs/msg/CompressedImage", header=make.header(START, "camera"), format=format,
-        data=np.frombuffer(data, dtype=np.uint8),
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize("said", ["Z16", "z16", "16SC1", "png", "", "16UC1; png compressed"])
 def test_depths_by_whatever_name(ros2: Messages, said: str, tmp_path: Path) -> None:
     if "png" in said.lower() or not said:
-        image: Any = packed(ros2, said, png(DEPTHS))
+        image: Any = ros2.compressed_image(said, png(DEPTHS))
     else:
         image = changed(ros2.image(START, "camera", DEPTHS, said), step=0)
     info = ros2.camera_info(START, "camera", DEPTHS.shape, CAMERA)
@@ -118,7 +111,7 @@ def test_depths_by_whatever_name(ros2: Messages, said: str, tmp_path: Path) -> N
 def test_images_without_depths_are_named_with_their_encoding(ros2: Messages, tmp_path: Path) -> None:
     content = [
         ("/rgb", START, ros2.image(START, "camera", np.zeros((2, 6)), "rgb8")),
-        ("/grey", START, packed(ros2, "png", png(DEPTHS.astype(np.uint8)))),
+        ("/grey", START, ros2.compressed_image("png", png(DEPTHS.astype(np.uint8)))),
     ]
     with pytest.raises(ValueError, match=r"/grey \(CompressedImage of png\), /rgb \(Image of rgb8\).*Z16"):
         read(write_bag(tmp_path / "bag", ros2, content))

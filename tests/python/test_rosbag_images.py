@@ -6,7 +6,6 @@ from __future__ import annotations
 import io
 import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -57,13 +56,6 @@ def png_of(image: np.ndarray) -> bytes:
     return packed.getvalue()
 
 
-def compressed(make: Messages, format: str, data: bytes) -> Any:
-    return make.of(
-        "sensor_msgs/msg/CompressedImage", header=make.header(START, "camera"), format=format,
-        data=np.frombuffer(data, np.uint8),
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize("packing", ["png", "rvl"])
 @pytest.mark.parametrize("metres", [False, True])
 def test_packed_depth_images(ros2: Messages, metres: bool, packing: str, tmp_path: Path) -> None:
@@ -72,7 +64,7 @@ def test_packed_depth_images(ros2: Messages, metres: bool, packing: str, tmp_pat
     with np.errstate(divide="ignore"):
         values = np.where(depths > 0, a / depths + b if metres else 1000 * depths, 0).astype(np.uint16)
     data = struct.pack("<iff", 0, a, b) + (png_of if packing == "png" else rvl_of)(values)
-    message = compressed(ros2, f"{'32FC1' if metres else '16UC1'}; compressedDepth {packing}", data)
+    message = ros2.compressed_image(f"{'32FC1' if metres else '16UC1'}; compressedDepth {packing}", data)
     info = ros2.camera_info(START, "camera", (2, 2), (1.0, 1.0, 0.0, 0.0))
     content = [
         ("/camera/depth/image/compressedDepth", START, message),

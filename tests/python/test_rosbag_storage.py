@@ -10,13 +10,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
-from bags import LEVEL, START, Messages, write_bag
+from bags import LEVEL, START, Messages, same, write_bag
 
 from ndtree.logs import read
 
@@ -39,12 +38,6 @@ def content() -> list[tuple[str, float, Any]]:
 def database(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = write_bag(tmp_path_factory.mktemp("bag") / "whole", MAKE, content())
     return folder / "whole.db3"
-
-
-def same(one: list[Any], other: list[Any]) -> bool:
-    return len(one) == len(other) and all(
-        np.array_equal(a.endpoints, b.endpoints) and a.stamp == b.stamp for a, b in zip(one, other)
-    )
 
 
 def metadata(version: int, files: list[str], packed: bool = False) -> str:
