@@ -26,8 +26,8 @@ from ndtree.tuning.revisits import is_of_one_place, surface_of
 
 Floats = NDArray[np.float64]
 
-#: Growth that turns a map by this much [rad] on the log's way, of which so many metres count, is a doubt: a
-#: wall 5 m away is a third of a metre off.
+#: Growth that turns a map by this much [rad] on the log's way, of which the first metres count, is a doubt:
+#: a wall 5 m away is a third of a metre off.
 TURNED, MOST_WAY = math.radians(4.0), 100.0
 _LEAST_PAIRS = 12
 #: Between two scans of a pair, least and most [m]; nearer ones tell no growth, farther ones see others.
