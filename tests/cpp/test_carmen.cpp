@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "ndtree/logs/carmen.hpp"
+#include "refusals.hpp"
 
 namespace ndtree::test::test_carmen {
 namespace {
@@ -30,12 +31,9 @@ std::string ranges(int n, const std::string& value = " 1") {
 
 std::string message_of(const std::vector<std::string>& lines, CarmenOptions options = {}) {
   CarmenParser parser(options);
-  try {
+  return refusal_by<std::runtime_error>([&] {
     for (const std::string& line : lines) parser.parse_line(line);
-  } catch (const std::runtime_error& error) {
-    return error.what();
-  }
-  return "no error";
+  });
 }
 
 TEST(Carmen, FlaserBeamsStartAtTheRightAndDependOnTheCount) {
@@ -308,12 +306,8 @@ TEST(Carmen, ReadCarmenVisitsTheScansInOrderAndReportsTheLine) {
   EXPECT_EQ(xs, (std::vector<double>{1, 2, 3}));
 
   std::istringstream broken("\nFLASER 1 x 0 0 0\n");
-  try {
-    ndtree::read_carmen(broken, [](Scan<2>&&) {});
-    FAIL() << "accepted";
-  } catch (const std::runtime_error& error) {
-    EXPECT_STREQ(error.what(), "line 2: FLASER: expected a number in field 3, found 'x'");
-  }
+  EXPECT_EQ(refusal_by<std::runtime_error>([&] { ndtree::read_carmen(broken, [](Scan<2>&&) {}); }),
+            "line 2: FLASER: expected a number in field 3, found 'x'");
 }
 
 TEST(Carmen, NumbersAreReadExactlyWhateverTheirSize) {
@@ -329,13 +323,8 @@ TEST(Carmen, NumbersAreReadExactlyWhateverTheirSize) {
 }
 
 TEST(Carmen, OptionsAreChecked) {
-  const auto refusal = [](CarmenOptions options) -> std::string {
-    try {
-      CarmenParser parser(options);
-    } catch (const std::invalid_argument& error) {
-      return error.what();
-    }
-    return "accepted";
+  const auto refusal = [](CarmenOptions options) {
+    return refusal_by([&] { CarmenParser parser(options); });
   };
   CarmenOptions options;
   EXPECT_EQ(refusal(options), "accepted");

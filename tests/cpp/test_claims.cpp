@@ -18,6 +18,7 @@
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "options.hpp"
 #include "random.hpp"
+#include "refusals.hpp"
 #include "shapes.hpp"
 
 namespace elsewhere {
@@ -524,12 +525,8 @@ TEST(ClaimsOptions, OutOfBoundsAreNamed) {
   }
   EXPECT_EQ(test::refusal_of(ClaimsOptions{}), "accepted");
   for (const double max_range : {0.0, -1.0, kNan}) {
-    try {
-      const SeenSpace<2> space({}, max_range);
-      ADD_FAILURE() << max_range;
-    } catch (const std::invalid_argument& error) {
-      EXPECT_EQ(error.what(), "max_range = " + describe_number(max_range) + " m: must be > 0");
-    }
+    EXPECT_EQ(refusal_by([&] { const SeenSpace<2> space({}, max_range); }),
+              "max_range = " + describe_number(max_range) + " m: must be > 0");
   }
 }
 

@@ -14,12 +14,11 @@
 #include "ndtree/query/nearest.hpp"
 #include "ndtree/query/point.hpp"
 #include "random.hpp"
+#include "refusals.hpp"
 #include "shapes.hpp"
 
 namespace ndtree::test::test_dense_grid {
 namespace {
-
-using test::Random;
 
 template <class Map>
 Map scanned(Random& random) {
@@ -219,13 +218,8 @@ TEST(DenseGrid, WhatIsNoGridIsRefused) {
   const std::int8_t bad[] = {0, 2};
   GridGeometry<1> grid;
   grid.shape = {2};
-  const auto refused = [&](const std::int8_t* states) -> std::string {
-    try {
-      static_cast<void>(from_grid<FixedMap<2, 1>>(states, grid));
-      return "accepted";
-    } catch (const std::invalid_argument& error) {
-      return error.what();
-    }
+  const auto refused = [&](const std::int8_t* states) {
+    return refusal_by([&] { static_cast<void>(from_grid<FixedMap<2, 1>>(states, grid)); });
   };
   grid.cell_size = 0.1;
   EXPECT_EQ(refused(good), "accepted");

@@ -12,6 +12,7 @@
 
 #include "ndtree/evaluation/held_out_truth.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
+#include "refusals.hpp"
 
 namespace elsewhere {
 
@@ -248,12 +249,11 @@ TEST(HeldOutTruth, OptionsOutOfBoundsAreNamed) {
     HeldOutTruthOptions options;
     options.*c.option = c.value;
     HeldOutTruth truth;
-    try {
-      evaluate(elsewhere::Wall{1.0, 2.0}, beams_along_x({1.0}).view(), kUnlimitedRange, truth, options);
-      ADD_FAILURE() << "expected: " << c.message;
-    } catch (const std::invalid_argument& error) {
-      EXPECT_STREQ(error.what(), c.message);
-    }
+    const auto beams = beams_along_x({1.0});
+    EXPECT_EQ(refusal_by([&] {
+                evaluate(elsewhere::Wall{1.0, 2.0}, beams.view(), kUnlimitedRange, truth, options);
+              }),
+              c.message);
   }
 }
 

@@ -15,6 +15,7 @@
 #include "ndtree/query/transform.hpp"
 #include "options.hpp"
 #include "random.hpp"
+#include "refusals.hpp"
 
 namespace ndtree::test::test_join {
 namespace {
@@ -242,13 +243,8 @@ TEST(JoinedMaps, MustHaveCellsOfTheSameSizes) {
   AdaptiveMap<2, 2> map(some_options(2));
   MapOptions finer = some_options(2);
   finer.min_cell_size = 0.125;
-  try {
-    map.merge(AdaptiveMap<2, 2>(finer));
-    FAIL();
-  } catch (const std::invalid_argument& error) {
-    EXPECT_EQ(std::string(error.what()),
-              "a map with cells from 0.125 to 1.0 m cannot be merged into one with cells from 0.25 to 1.0 m");
-  }
+  EXPECT_EQ(refusal_by([&] { map.merge(AdaptiveMap<2, 2>(finer)); }),
+            "a map with cells from 0.125 to 1.0 m cannot be merged into one with cells from 0.25 to 1.0 m");
 }
 
 }  // namespace

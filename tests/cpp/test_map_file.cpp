@@ -9,6 +9,7 @@
 #include <string>
 
 #include "ndtree/ndtree.hpp"
+#include "refusals.hpp"
 
 namespace ndtree::test::test_map_file {
 namespace {
@@ -133,13 +134,8 @@ TEST(MapFileContent, ImpossibleContentIsRefusedDespiteAGoodChecksum) {
 }
 
 TEST(MapFileContent, ErrorsNameWhatIsWrong) {
-  const auto message = [](const std::string& bytes) -> std::string {
-    try {
-      static_cast<void>(from_bytes<PaperMap<2, 2>>(bytes));
-    } catch (const std::runtime_error& error) {
-      return error.what();
-    }
-    return "no error";
+  const auto message = [](const std::string& bytes) {
+    return refusal_by<std::runtime_error>([&] { static_cast<void>(from_bytes<PaperMap<2, 2>>(bytes)); });
   };
   const std::string good = to_bytes(PaperMap<2, 2>());
   std::string version = good;
@@ -212,13 +208,8 @@ TEST_F(MapFileOnDisk, FailuresNameTheFileAndLeaveNothing) {
   EXPECT_THROW(static_cast<void>(load<PaperMap<2, 3>>(folder_ / "none.ndt")),
                std::filesystem::filesystem_error);
   std::ofstream(folder_ / "text.ndt") << "not a map";
-  try {
-    static_cast<void>(load<PaperMap<2, 3>>(folder_ / "text.ndt"));
-    FAIL() << "loaded a text";
-  } catch (const std::runtime_error& error) {
-    EXPECT_NE(std::string(error.what()).find("text.ndt: not an ndtree map"), std::string::npos)
-        << error.what();
-  }
+  expect_refused<std::runtime_error>([&] { static_cast<void>(load<PaperMap<2, 3>>(folder_ / "text.ndt")); },
+                                     "text.ndt: not an ndtree map");
 }
 
 TEST(Crc32, IsThatOfIso3309) {

@@ -13,11 +13,10 @@
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/point.hpp"
 #include "random.hpp"
+#include "refusals.hpp"
 
 namespace ndtree::test::test_map_server {
 namespace {
-
-using test::Random;
 
 /// Boxes of cells, some free and some occupied, about 0.
 template <class Map>
@@ -225,13 +224,8 @@ TEST(MapServer, NumbersAreNumbersInYaml) {
 TEST(MapServer, WhatCannotBeDrawnIsRefused) {
   const auto plane = blocks<AdaptiveMap<2, 2>>(0.1, 1);
   const auto space = blocks<AdaptiveMap<2, 3>>(0.1, 1);
-  const auto refused = [](const auto& map, const MapServerOptions& options) -> std::string {
-    try {
-      static_cast<void>(map_server_image(map, options));
-      return "accepted";
-    } catch (const std::invalid_argument& error) {
-      return error.what();
-    }
+  const auto refused = [](const auto& map, const MapServerOptions& options) {
+    return refusal_by([&] { static_cast<void>(map_server_image(map, options)); });
   };
   EXPECT_EQ(refused(plane, {0.1, {}}), "accepted");
   EXPECT_NE(refused(plane, {0.0, {}}).find("cell_size"), std::string::npos);

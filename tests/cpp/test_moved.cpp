@@ -20,6 +20,7 @@
 #include "ndtree/evaluation/moved_posterior.hpp"
 #include "ndtree/evaluation/range_pyramid.hpp"
 #include "ndtree/logs/simulator.hpp"
+#include "refusals.hpp"
 
 namespace ndtree::test::test_moved {
 namespace {
@@ -681,12 +682,7 @@ TEST(Moved, ScansWithoutBeamsAndWrongCalls) {
      : wanted == "range_sigma_quadratic" ? options.range_sigma_quadratic
      : wanted == "noise_sigmas"          ? options.noise_sigmas
                                          : options.error_rate) = -1.0;
-    try {
-      const MovedEvidence<3> wrong(options);
-      ADD_FAILURE() << name;
-    } catch (const std::invalid_argument& error) {
-      EXPECT_NE(std::string(error.what()).find(wanted), std::string::npos) << error.what();
-    }
+    expect_refused([&] { const MovedEvidence<3> wrong(options); }, wanted);
   }
 }
 

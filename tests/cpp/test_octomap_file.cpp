@@ -17,6 +17,7 @@
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/point.hpp"
 #include "random.hpp"
+#include "refusals.hpp"
 #include "trees.hpp"
 
 #ifdef NDTREE_HAVE_OCTOMAP
@@ -25,8 +26,6 @@
 
 namespace ndtree::test::test_octomap_file {
 namespace {
-
-using test::Random;
 
 MapOptions room_options(double min_cell_size) {
   MapOptions options;
@@ -198,12 +197,7 @@ TEST(OctomapFile, WhatLiesTooFarIsRefused) {
   MapBuilder<PaperMap<2, 3>> builder(options);
   builder.fill({32768, 0, 0}, {32769, 1, 1}, 1.0f);
   const auto map = std::move(builder).finish();
-  try {
-    static_cast<void>(octomap_bytes(map, OctomapFormat::full));
-    FAIL();
-  } catch (const std::invalid_argument& error) {
-    EXPECT_NE(std::string(error.what()).find("16 levels end 3276.8"), std::string::npos) << error.what();
-  }
+  expect_refused([&] { static_cast<void>(octomap_bytes(map, OctomapFormat::full)); }, "16 levels end 3276.8");
   const auto coarse = octomap_from_bytes<PaperMap<2, 3>>(octomap_bytes(map, OctomapFormat::full, 0.3));
   EXPECT_EQ(coarse.stats().observed_leaves, 1u);
   EXPECT_THROW(static_cast<void>(octomap_bytes(map, OctomapFormat::full, 0.0)), std::invalid_argument);
@@ -307,12 +301,8 @@ TEST(OctomapFile, ZeroLogOddsIsUnknown) {
 }
 
 std::string refusal(const std::string& bytes) {
-  try {
-    static_cast<void>(octomap_from_bytes<PaperMap<2, 3>>(bytes));
-    return "accepted";
-  } catch (const std::runtime_error& error) {
-    return error.what();
-  }
+  return refusal_by<std::runtime_error>(
+      [&] { static_cast<void>(octomap_from_bytes<PaperMap<2, 3>>(bytes)); });
 }
 
 TEST(OctomapFile, DamagedFilesAreRefused) {
@@ -360,12 +350,8 @@ TEST(OctomapFile, FilesAreWrittenByName) {
   EXPECT_THROW(save_octomap(map, folder / "room.txt"), std::invalid_argument);
   EXPECT_FALSE(std::filesystem::exists(folder / "room.txt"));
   write_file(folder / "cut.bt", read_file(folder / "room.bt").substr(0, 90));
-  try {
-    static_cast<void>(load_octomap<PaperMap<2, 3>>(folder / "cut.bt"));
-    FAIL();
-  } catch (const std::runtime_error& error) {
-    EXPECT_NE(std::string(error.what()).find("cut.bt: "), std::string::npos);
-  }
+  expect_refused<std::runtime_error>(
+      [&] { static_cast<void>(load_octomap<PaperMap<2, 3>>(folder / "cut.bt")); }, "cut.bt: ");
   std::filesystem::remove_all(folder);
 }
 

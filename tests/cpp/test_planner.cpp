@@ -20,6 +20,7 @@
 #include "ndtree/query/point.hpp"
 #include "random.hpp"
 #include "random_rotation.hpp"
+#include "refusals.hpp"
 
 namespace ndtree::test::test_planner {
 namespace {
@@ -544,13 +545,8 @@ TEST(Planning, SaysWhatIsWrong) {
   map.mark(Box<2>{{-0.25, -4.0}, {0.0, 4.0}}, CellState::occupied);
   const Body<2> body{Capsule<2>{{0.0, 0.0}, {0.0, 0.0}, 0.3}};
   Planner<AdaptiveMap<2, 2>> planner(map, body);
-  const auto message = [&](const Vector<2>& start, const Vector<2>& goal) -> std::string {
-    try {
-      (void)planner.plan(start, goal);
-    } catch (const std::invalid_argument& error) {
-      return error.what();
-    }
-    return "";
+  const auto message = [&](const Vector<2>& start, const Vector<2>& goal) {
+    return refusal_by([&] { (void)planner.plan(start, goal); });
   };
   EXPECT_EQ(message({0.1, 1.1}, {2.0, 2.0}),
             "start = (0.1, 1.1): there the body meets the occupied cell from (-0.25, 1.0) to (0.0, 1.25); "

@@ -10,6 +10,7 @@
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/planning/turning.hpp"
 #include "random.hpp"
+#include "refusals.hpp"
 
 namespace ndtree::test::test_turning {
 namespace {
@@ -141,12 +142,8 @@ TEST(Turning, SaysWhatIsWrong) {
   const Map map = free_square(2.0);
   const Body<2> body = plank(0.3, 0.1);
   const auto message = [&](const Vector<3>& start, const PlannerOptions& options, int headings) {
-    try {
-      (void)plan_turning(map, start, Vector<3>(1.0, 1.0, 0.0), body, options, 10.0, headings);
-    } catch (const std::invalid_argument& error) {
-      return std::string(error.what());
-    }
-    return std::string();
+    return refusal_by(
+        [&] { (void)plan_turning(map, start, Vector<3>(1.0, 1.0, 0.0), body, options, 10.0, headings); });
   };
   PlannerOptions costly;
   costly.unknown_cost = 2.0;

@@ -11,6 +11,7 @@
 
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "random.hpp"
+#include "refusals.hpp"
 
 namespace ndtree::test::test_window {
 namespace {
@@ -108,13 +109,9 @@ TEST(WindowOfAMap, MustHaveAVolume) {
   Scan<2> scan;
   scan.origins = Vector<2>::Zero();
   scan.endpoints = Vector<2>(1.0, 1.0);
-  try {
-    map.insert(scan, kUnlimitedRange, 1, Box<2>{Vector<2>(0.0, 0.0), Vector<2>(1.0, 0.0)});
-    FAIL();
-  } catch (const std::invalid_argument& error) {
-    EXPECT_EQ(std::string(error.what()),
-              "box from (0.0, 0.0) to (1.0, 0.0): must be finite, and have a volume");
-  }
+  const Box<2> flat{Vector<2>(0.0, 0.0), Vector<2>(1.0, 0.0)};
+  EXPECT_EQ(refusal_by([&] { map.insert(scan, kUnlimitedRange, 1, flat); }),
+            "box from (0.0, 0.0) to (1.0, 0.0): must be finite, and have a volume");
   EXPECT_EQ(map.stats().observed_leaves, 0u);
 }
 

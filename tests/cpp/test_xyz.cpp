@@ -11,6 +11,7 @@
 
 #include "ndtree/core/random.hpp"
 #include "ndtree/logs/xyz.hpp"
+#include "refusals.hpp"
 
 namespace ndtree::test::test_xyz {
 namespace {
@@ -27,12 +28,7 @@ std::vector<Scan<D>> read(const std::string& text) {
 
 template <int D>
 std::string message_of(const std::string& text) {
-  try {
-    read<D>(text);
-  } catch (const std::runtime_error& error) {
-    return error.what();
-  }
-  return "no error";
+  return refusal_by<std::runtime_error>([&] { read<D>(text); });
 }
 
 std::string dimension_of(const std::string& text) {
