@@ -112,11 +112,11 @@ class MovedPosterior {
   /// through what stands, and where something thin may stand: passes of one scan are correlated, so odds keep
   /// a point, but do not say that it stands. @param thin logarithm of o, of the cell and those around it.
   [[nodiscard]] float operator()(const MovedTally& tally, float thin) const {
-    const float probability = operator()(tally.through, tally.found, tally.stays);
+    float probability = operator()(tally.through, tally.found, tally.stays);
+    if (probability > 0.5F && thin > 0.0F)
+      probability = std::max(operator()(tally.through, tally.found, tally.stays, thin), 0.5F);
     const bool is_open = tally.unsure > error_rate_ * (static_cast<double>(tally.unsure) + tally.found);
-    if (is_open) return std::max(probability, 0.5F);
-    if (!(probability > 0.5F && thin > 0.0F)) return probability;
-    return std::max(operator()(tally.through, tally.found, tally.stays, thin), 0.5F);
+    return is_open ? std::max(probability, 0.5F) : probability;
   }
   /// How much more probable it is, as a logarithm, that beams pass a place as they do if something thin
   /// stands there. Of beams `gap` apart, one passes an empty place within `kRod` with a probability of 2 kRod
