@@ -460,12 +460,12 @@ auto BeamImage<D>::beside(const Point& direction, const Offset& size, const Offs
       }
     });
     std::array<Beside, kSides> found;
-    bool is_known = true;
+    bool is_complete = true;
     for (std::size_t k = 0; k < kSides; ++k) {
       found[k] = {std::min(nearest[k][0], nearest[k][1]), nearest[k][0] + nearest[k][1]};
-      is_known = is_known && (found[k].nearest < radius || found[k].gap < kNoBeam);
+      is_complete = is_complete && (found[k].nearest < radius || found[k].gap < kNoBeam);
     }
-    if (is_known || reach >= largest) return found;
+    if (is_complete || reach >= largest) return found;
   }
 }
 
