@@ -8,11 +8,16 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <set>
 #include <stdexcept>
 #include <vector>
 
 #include "ndtree/alignment/likelihood_pyramid.hpp"
+#include "ndtree/alignment/likelihood_windows.hpp"
 #include "ndtree/alignment/matcher.hpp"
+#include "ndtree/alignment/pose_grid.hpp"
+#include "ndtree/alignment/pose_search.hpp"
+#include "ndtree/alignment/surface_elements.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/match.hpp"
 #include "options.hpp"
@@ -91,6 +96,7 @@ void search_is_exhaustive(int cases, double reach, double angle) {
   int with_points = 0;
   int with_others = 0;
   int with_prior = 0;
+  int with_windows = 0;
   for (int i = 0; i < cases; ++i) {
     MatchOptions options;
     options.cell_size = random.uniform(0.08, 0.2);
@@ -108,7 +114,9 @@ void search_is_exhaustive(int cases, double reach, double angle) {
       grid.set_prior(root * root.transpose(), 255.0);
       with_prior += grid.prior.isZero() ? 0 : 1;
     }
-    const std::vector<GridPose<D>> found = matcher.search(points, guess, grid, window, 3);
+    PoseSearch<D> search(matcher.pyramid(), points, guess, grid, window);
+    with_windows += search.has_windows() ? 1 : 0;
+    const std::vector<GridPose<D>> found = search.best(3);
     std::vector<GridPose<D>> before;
     for (const GridPose<D>& one : found) {
       const GridPose<D> expected = best_of_all<D>(matcher, points, guess, grid, window, before);
@@ -126,6 +134,8 @@ void search_is_exhaustive(int cases, double reach, double angle) {
   EXPECT_GT(with_points, cases / 2);
   EXPECT_GT(with_others, cases / 4);
   EXPECT_EQ(with_prior, (cases + 1) / 2);
+  EXPECT_GT(with_windows, cases / 5);
+  EXPECT_LT(with_windows, cases - cases / 5);
 }
 
 TEST(Matcher, SearchFindsTheBestOfAllPosesInThePlane) { search_is_exhaustive<2>(1500, 1.2, 0.4); }
@@ -177,6 +187,106 @@ void bounds_are_maxima(int cases) {
 
 TEST(LikelihoodPyramid, LevelsAreMaximaInThePlane) { bounds_are_maxima<2>(200); }
 TEST(LikelihoodPyramid, LevelsAreMaximaInSpace) { bounds_are_maxima<3>(15); }
+
+template <int D>
+void windows_are_maxima(int cases) {
+  using Cell = typename LikelihoodPyramid<D>::Cell;
+  Random random(D == 2 ? 23 : 24);
+  int likely = 0;
+  for (int i = 0; i < cases; ++i) {
+    const double size = random.uniform(0.05, 0.2);
+    const LikelihoodPyramid<D> pyramid(random_points<D>(random, random.integer(1, 8), 0.6), size, size);
+    Cell lower;
+    Cell upper;
+    for (std::size_t a = 0; a < std::size_t{D}; ++a) {
+      lower[a] = random.integer(-10, 10);
+      upper[a] = lower[a] + random.integer(0, 20);
+    }
+    const LikelihoodWindows<D> windows(pyramid, lower, upper, 4);
+    for (int k = 0; k < 20; ++k) {
+      const int level = random.integer(0, 4);
+      Cell first;
+      for (std::size_t a = 0; a < std::size_t{D}; ++a) first[a] = random.integer(lower[a], upper[a]);
+      std::int32_t most = 0;
+      for (int cell = 0; cell < 1 << (level * D); ++cell) {
+        Cell at = first;
+        bool is_inside = true;
+        for (std::size_t a = 0; a < std::size_t{D}; ++a) {
+          at[a] += cell >> (level * static_cast<int>(a)) & ((1 << level) - 1);
+          is_inside = is_inside && at[a] <= upper[a];
+        }
+        if (is_inside) most = std::max(most, pyramid.bound(0, at));
+      }
+      ASSERT_EQ(windows.level(level)[windows.number_of(first)], most) << "case " << i << ", level " << level;
+      likely += most > 0 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(likely, cases);
+}
+
+TEST(LikelihoodWindows, LevelsAreMaximaInThePlane) { windows_are_maxima<2>(200); }
+TEST(LikelihoodWindows, LevelsAreMaximaInSpace) { windows_are_maxima<3>(30); }
+
+/// Bounds of more points than there are lists for: a list has a range of them.
+TEST(BlockQueue, GivesTheLargestFirst) {
+  Random random(25);
+  for (const std::int64_t largest : {std::int64_t{50}, std::int64_t{1} << 30}) {
+    BlockQueue<2> queue(largest);
+    std::multiset<std::int64_t> bounds;
+    for (int i = 0; i < 2000; ++i) {
+      if (i % 3 != 2) {
+        PoseBlock<2> block;
+        block.bound =
+            i % 7 == 0 ? 0 : static_cast<std::int64_t>(random.uniform(0.0, static_cast<double>(largest)));
+        queue.push(block);
+        bounds.insert(block.bound);
+        continue;
+      }
+      const std::int64_t bound = queue.bound();
+      ASSERT_GE(bound, *bounds.rbegin());
+      if (largest == 50) {
+        ASSERT_EQ(bound, *bounds.rbegin());
+      }
+      const PoseBlock<2> popped = queue.pop();
+      ASSERT_LE(popped.bound, bound);
+      ASSERT_GE(popped.bound + largest / 1000, bound);
+      const auto kept = bounds.find(popped.bound);
+      ASSERT_NE(kept, bounds.end());
+      bounds.erase(kept);
+    }
+    while (!bounds.empty()) {
+      ASSERT_GE(queue.bound(), *bounds.rbegin());
+      bounds.erase(bounds.find(queue.pop().bound));
+    }
+    EXPECT_EQ(queue.bound(), -1);
+  }
+}
+
+/// A wall at 45 degrees is one cell in each row along an axis: they err alike, as the cells of a level wall
+/// do.
+TEST(SurfaceElements, CellsOfADiagonalWallAreOnePiece) {
+  MatchOptions options;
+  options.cell_size = 0.05;
+  options.radius = 0.5;
+  for (const double slope : {1.0, -1.0, 0.0}) {
+    SurfacePoints<2> cells{Points<2>(2, 80), Points<2>(2, 80), options.cell_size};
+    for (int i = 0; i < 80; ++i) {
+      const double along = (i % 40 + 0.5) * options.cell_size;
+      const double apart = i < 40 ? 0.0 : 3.0;  // Two walls side by side.
+      cells.points.col(i) << along, slope * along + apart + (slope == 0.0 ? 0.025 : 0.0);
+      cells.sides.col(i) << -slope, 1.0;
+    }
+    const SurfaceElements<2> surface(cells, options);
+    ASSERT_EQ(surface.shapes.size(), 80u);
+    std::set<std::int32_t> pieces;
+    for (const SurfaceShape<2>& shape : surface.shapes) {
+      ASSERT_TRUE(shape.is_flat);
+      EXPECT_EQ(shape.direction >= 2, slope != 0.0);
+      pieces.insert(shape.piece);
+    }
+    EXPECT_EQ(pieces.size(), 2u) << "slope " << slope;
+  }
+}
 
 /// The walls of a room that looks different from everywhere.
 template <int D>

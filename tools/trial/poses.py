@@ -18,7 +18,7 @@ from ndtree.live.localizing import Localizer
 from trial import faults
 from trial.maps import mapped
 from trial.outcome import Case, Outcome, limit
-from trial.robots import Recording, laser, planar, poses_along, record
+from trial.robots import Recording, Sensor, laser, planar, poses_along, record
 from trial.worlds import room
 
 _MATCHES = 10  # In one trial: 30 normalized errors.
@@ -76,37 +76,42 @@ def _in_a_row(values: np.ndarray) -> np.ndarray:
 
 def match_trial(case: Case) -> tuple[Recording, Outcome]:
     """Scans matched with a map of exact poses, from guesses that are off; errors against what is told."""
-    world, fault, rng = case.world, case.fault, case.rng
-    cell = float(rng.choice([0.025, 0.05, 0.1]))
-    sensor = laser(rng)
+    cell, sensor = float(case.rng.choice([0.025, 0.05, 0.1])), laser(case.rng)
+    r, m, off, told = matched(case, sensor, cell)
+    outcome = Outcome()
+    if len(off) < _MATCHES // 2:
+        outcome.refused = "too few scans see anything"
+        return r, outcome
+    outcome.figures["error"] = round(float(np.sqrt(np.mean(np.square(off[:, :2])))), 4)
+    outcome.figures["told"] = round(float(np.sqrt(np.mean(np.square(told[:, :2])))), 4)
+    outcome.expect("normalized error", np.sqrt(np.mean((off / told) ** 2)))
+    outcome.drawn["map"] = m
+    return r, outcome
+
+
+def matched(
+    case: Case, sensor: Sensor, cell: float
+) -> tuple[Recording, ndtree.OccupancyMap, np.ndarray, np.ndarray]:
+    """What a map is of, the map, and of each match (n, 3): errors of x, y, yaw, and the told deviations."""
+    world, rng, half = case.world, case.rng, np.array(_GUESSES[case.fault])
     r = record(world.scene, sensor, poses_along(world, rng, 40, "drives"), rng)
     m = mapped(r, cell, is_fixed=case.is_fixed)
-    matcher, outcome = m.matcher(), Outcome()
-    off, told = [], []
-    which = rng.choice(len(r), _MATCHES, replace=False)
-    for i in which:
+    matcher, off, told = m.matcher(), [], []
+    for i in rng.choice(len(r), _MATCHES, replace=False):
         truth = planar(r.true[i : i + 1])[0]
         fresh = record(world.scene, sensor, r.true[i : i + 1], rng)
-        guess = truth + rng.uniform(-1, 1, 3) * _GUESSES[fault]
+        guess = truth + rng.uniform(-1, 1, 3) * half
         points = fresh.points(0)
         if len(points) < 10:
             continue
         # What is along a smooth wall is odometry's to say.
-        prior = np.diag(1.0 / (np.array(_GUESSES[fault]) / np.sqrt(3)) ** 2)
-        found = matcher.match(points, guess, window=tuple(2 * np.array(_GUESSES[fault])), information=prior)
+        prior = np.diag(1.0 / (half / np.sqrt(3)) ** 2)
+        found = matcher.match(points, guess, window=tuple(2 * half), information=prior)
         error = found.pose[:2, 2] - truth[:2]
         turn = np.angle(np.exp(1j * (np.arctan2(found.pose[1, 0], found.pose[0, 0]) - truth[2])))
         off.append([*error, turn])
         told.append(np.sqrt(np.diag(found.covariance)).clip([_BEST, _BEST, _BEST / 10]))
-    if len(off) < _MATCHES // 2:
-        outcome.refused = "too few scans see anything"
-        return r, outcome
-    ratio = np.array(off) / told
-    outcome.figures["error"] = round(float(np.sqrt(np.mean(np.square(np.array(off)[:, :2])))), 4)
-    outcome.figures["told"] = round(float(np.sqrt(np.mean(np.square(np.array(told)[:, :2])))), 4)
-    outcome.expect("normalized error", np.sqrt(np.mean(ratio**2)))
-    outcome.drawn["map"] = m
-    return r, outcome
+    return r, m, np.array(off).reshape(-1, 3), np.array(told).reshape(-1, 3)
 
 
 #: Half the width of what guesses are off by [m, m, rad].

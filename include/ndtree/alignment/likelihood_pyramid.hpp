@@ -171,6 +171,16 @@ class LikelihoodPyramid {
     for (std::size_t a = 0; a < std::size_t{D}; ++a) at[a] = cell[a] + kPad;
     return nearest_.is_inside(at) ? nearest_.at(at) : kNoPoint;
   }
+  /// Cells on an axis: beyond, nothing is likely.
+  [[nodiscard]] std::int32_t count(std::size_t axis) const { return shape_[axis] - kPad; }
+  /// Calls `visit(cell, likelihood)` for each cell where something is likely.
+  template <class Visit>
+  void for_each_likely(const Visit& visit) const {
+    levels_[0].for_each([&](Cell cell, std::uint8_t likelihood) {
+      for (std::int32_t& at : cell) at -= kPad;
+      visit(cell, likelihood);
+    });
+  }
   /// Makes levels up to one, if they are not there yet. @throws Cancelled.
   void grow_to(int level) {
     while (num_levels() <= level) levels_.push_back(above(levels_.back(), num_levels()));

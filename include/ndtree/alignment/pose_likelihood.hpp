@@ -115,10 +115,10 @@ class PoseLikelihood {
     int inliers = 0;
   };
   [[nodiscard]] Result result() {
-    std::array<Side, std::size_t{2 * D}> sides;
+    std::array<Side, std::size_t{2 * SurfaceElements<D>::kDirections}> sides;
     for (const Piece& piece : pieces_) {
       if (piece.shape->is_flat)
-        add_row(piece, sides[static_cast<std::size_t>(2 * piece.shape->axis) + piece.slot % 2]);
+        add_row(piece, sides[static_cast<std::size_t>(2 * piece.shape->direction) + piece.slot % 2]);
       else
         add_loose(piece);
     }

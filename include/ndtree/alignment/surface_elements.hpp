@@ -35,8 +35,9 @@ struct SurfaceShape {
   Vector<D> normal = Vector<D>::Zero();  ///< Of a flat piece, to the side that it is seen from; else 0.
   double variance = 0.0;                 ///< Of the points around, along the normal [m²].
   double turn = 0.0;                     ///< Variance of the normal's angle [rad²].
-  int axis = 0;                          ///< That the normal is nearest to.
-  std::int32_t piece = 0;                ///< Points of one piece share its error: see SurfaceElements.
+  int axis = 0;                          ///< That the normal is nearest to; of a diagonal, the first.
+  int direction = 0;       ///< Of the lattice, that the normal is nearest to: an axis, or a diagonal of two.
+  std::int32_t piece = 0;  ///< Points of one piece share its error: see SurfaceElements.
   bool is_flat = false;
   bool has_side = false;
 };
@@ -70,6 +71,8 @@ class SurfaceElements {
     shape(kWider * options.radius, least, is_sparse);
     group(all.lattice);
   }
+
+  static constexpr int kDirections = D + D * (D - 1);
 
   Points<D> points;
   Points<D> sides;  ///< Unit vectors, or 0.
@@ -199,12 +202,12 @@ class SurfaceElements {
     num_pieces = 1;
     std::vector<std::pair<std::pair<int, std::int64_t>, std::size_t>> rows;
     for (std::size_t i = 0; i < shapes.size(); ++i) {
-      const SurfaceShape<D>& one = shapes[i];
+      SurfaceShape<D>& one = shapes[i];
       if (!one.is_flat) {
-        shapes[i].piece = num_pieces++;
+        one.piece = num_pieces++;
       } else if (row > 0.0) {
-        const double place = std::floor(points(one.axis, static_cast<Eigen::Index>(i)) / row);
-        rows.push_back({{one.axis, static_cast<std::int64_t>(place)}, i});
+        rows.push_back({{0, row_of(points.col(static_cast<Eigen::Index>(i)), row, one)}, i});
+        rows.back().first.first = one.direction;
       }
     }
     std::sort(rows.begin(), rows.end());
@@ -213,6 +216,25 @@ class SurfaceElements {
       shapes[rows[i].second].piece = num_pieces;
     }
     ++num_pieces;
+  }
+
+  /// The number of a point's row across the direction of the lattice that is nearest to its normal, which is
+  /// set.
+  [[nodiscard]] static std::int64_t row_of(const Vector<D>& point, double row, SurfaceShape<D>& shape) {
+    constexpr double kBetween = 0.41421356;  // Tangent of half the way from an axis to a diagonal.
+    const int first = shape.axis;
+    int second = first == 0 ? 1 : 0;
+    for (int a = 0; a < D; ++a)
+      if (a != first && std::abs(shape.normal[a]) > std::abs(shape.normal[second])) second = a;
+    shape.direction = first;
+    if (std::abs(shape.normal[second]) < kBetween * std::abs(shape.normal[first]))
+      return static_cast<std::int64_t>(std::floor(point[first] / row));
+    const bool is_same = (shape.normal[first] > 0.0) == (shape.normal[second] > 0.0);
+    shape.axis = std::min(first, second);
+    const int last = std::max(first, second);
+    shape.direction = D + 2 * (shape.axis + last - 1) + (is_same ? 1 : 0);
+    const double sum = point[shape.axis] + (is_same ? point[last] : -point[last]);
+    return static_cast<std::int64_t>(std::floor(sum / row + 0.5));
   }
 
   std::vector<int> counts_;  // Points around, by which a shape was told.
