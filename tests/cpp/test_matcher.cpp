@@ -12,6 +12,7 @@
 #include <stdexcept>
 #include <vector>
 
+#include "ndtree/alignment/block_queue.hpp"
 #include "ndtree/alignment/likelihood_pyramid.hpp"
 #include "ndtree/alignment/likelihood_windows.hpp"
 #include "ndtree/alignment/matcher.hpp"
