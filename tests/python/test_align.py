@@ -14,7 +14,7 @@ from calling import cli as run
 import ndtree
 from ndtree.alignment.aligned_log import moved
 from ndtree.alignment.loops import Graph
-from ndtree.alignment.motion import Motion
+from ndtree.alignment.motion import LearnedRate, Motion
 from ndtree.alignment.outline import Outline
 from ndtree.alignment.planar import between, composed, placed, pose_of, seen_from, turned
 from ndtree.alignment.sensor_scans import SensorScan, pose_in_log
@@ -88,7 +88,7 @@ def test_poses_without_odometry_are_found(office):
     assert after.max() < 0.7 and np.median(after) < 0.07
 
 
-def seen_in(walls, poses, reach=8.0, beams=361):
+def seen_in(walls, poses, reach=8.0, beams=361, noise=0.01):
     """Scans of wall segments (n, 2, 2) from poses."""
     bearings = np.linspace(-np.pi, np.pi, beams, endpoint=False)
     rng = np.random.default_rng(0)
@@ -102,7 +102,7 @@ def seen_in(walls, poses, reach=8.0, beams=361):
             along = (away[:, 0] * ahead[..., 1] - away[:, 1] * ahead[..., 0]) / across
         ranges = np.where((ranges > 0) & (along >= 0) & (along <= 1), ranges, np.inf).min(axis=1)
         returned = ranges < reach
-        ranges = np.where(returned, ranges + rng.normal(0, 0.01, beams), reach)
+        ranges = np.where(returned, ranges + rng.normal(0, noise, beams), reach)
         yield ndtree.Scan(
             pose[:2] + ranges[:, None] * ahead[:, 0],
             pose[:2],
@@ -153,6 +153,27 @@ def test_what_only_odometry_tells_is_said():
     end = np.array([[[10.0, -1.0], [10.0, 1.0]], [[4.0, 1.0], [4.0, 0.6]], [[6.0, 1.0], [6.0, 0.6]]])
     found = ndtree.align(Drifting(list(seen_in(np.concatenate((walls, end)), truth)), truth))
     assert found.unfixed.sum() < 1 and not found.doubts, found.doubts
+
+
+def test_odometry_that_a_noisy_corridor_agrees_with_is_doubted():
+    """It counts backwards; single end points far away, which noise lifts off the walls, agree with it."""
+    walls = np.array([[[-90.0, side], [90.0, side]] for side in (-1.0, 1.0)])
+    ahead = np.arange(0, 4, 0.07)
+    turns = np.random.default_rng(1).normal(0, 0.1, len(ahead))
+    truth = np.column_stack((ahead, np.zeros(len(ahead)), turns))
+    scans = list(seen_in(walls, truth, reach=12.0, beams=360, noise=0.03))
+    found = ndtree.align(Drifting(scans, truth * (-1.0, 1.0, 1.0)))
+    assert np.hypot(*(found.poses - truth)[:, :2].T).max() > 5
+    assert found.unfixed.sum() > 1 and any("only odometry says how far" in doubt for doubt in found.doubts)
+
+
+@pytest.mark.parametrize(("scale", "count", "most"), [(1.0, 0, 0.1), (1.0, 99, 0.01), (0.7, 99, 0.3)])
+def test_what_odometry_is_worth_is_learned_where_scans_tell_the_way(scale, count, most):
+    """One motion in ten that odometry has elsewhere, as in a jump, changes nothing."""
+    learned = LearnedRate(0.1)
+    for i in range(count):
+        learned.learn(np.array([0.2, 0.0, 0.0]), np.array([0.2 * (scale if i % 10 else -3.0), 0.0, 0.0]))
+    assert learned.rate == pytest.approx(most, rel=0.05)
 
 
 def test_odometry_that_stalls_and_catches_up_costs_nothing():

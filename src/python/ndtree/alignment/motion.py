@@ -16,7 +16,8 @@ SIGMAS = 3.0  # Of odometry, that the window has to each side.
 LARGEST = np.array([1.0, 1.0, 0.5])  # Window of one step [m, m, rad].
 AS_BEFORE = math.log(0.01)  # How often a sensor moves about as before, against odometry.
 _SOME_TURN = 0.2  # Where a log does not say how far the sensor turned [rad].
-_PIECE = 0.2  # End points on one piece of surface of this size are wrong alike: it counts once [m].
+_OF_MEDIAN = 1.4826  # Standard deviation over the median deviation, of a normal distribution.
+PIECE = 0.2  # End points on one piece of surface of this size are wrong alike: it counts once [m].
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,34 @@ class Motion:
 NO_ODOMETRY = Motion(still=0.08, still_angle=0.05, rate=0.5, turn=0.1)
 
 
+class LearnedRate:
+    """How far odometry is wrong for a way, learned where scans tell the way themselves.
+
+    `rate`: Beforehand; it counts as one scan.
+    """
+
+    def __init__(self, rate: float) -> None:
+        self._before = rate
+        self._ratios: list[float] = []
+
+    def learn(self, told: Floats, moved: Floats) -> None:
+        """Take a motion by odometry and by scans."""
+        square = float(told[:2] @ told[:2])
+        if square > 0.0:
+            self._ratios.append(float(told[:2] @ moved[:2]) / square)
+
+    @property
+    def rate(self) -> float:
+        """A standard deviation: of the median ratio from 1, and of what is not known of it."""
+        count = len(self._ratios)
+        if count == 0:
+            return self._before
+        middle = float(np.median(self._ratios))
+        scatter = _OF_MEDIAN * float(np.median(np.abs(np.array(self._ratios) - middle)))
+        off = abs(middle - 1.0) * count / (1.0 + count)
+        return math.hypot(off, max(scatter, self._before) / math.sqrt(1.0 + count))
+
+
 @dataclass(frozen=True)
 class Hypothesis:
     """How a sensor may have moved, and the pose that fits best then."""
@@ -53,7 +82,7 @@ class Hypothesis:
 
 def pieces_of(scan: SensorScan) -> int:
     """How many pieces of surface a scan sees."""
-    return len(thinned(scan.points, _PIECE))
+    return len(thinned(scan.points, PIECE))
 
 
 def best_near(

@@ -21,13 +21,15 @@ from ndtree.alignment.motion import (
     AS_BEFORE,
     LARGEST,
     NO_ODOMETRY,
+    PIECE,
     SIGMAS,
     Hypothesis,
+    LearnedRate,
     Motion,
     best_near,
     pieces_of,
 )
-from ndtree.alignment.planar import Floats, between, composed, pose_of, turned
+from ndtree.alignment.planar import Floats, between, composed, pose_of, thinned, turned
 from ndtree.alignment.sensor_scans import SensorScan
 from ndtree.alignment.sliding_map import MAP_WAY, SlidingMap
 from ndtree.alignment.stalls import LONGEST, place_again
@@ -44,6 +46,8 @@ _CERTAIN = 7.0  # Log-likelihood by which another pose is less likely: one in a 
 _THROUGH = 3.0  # Log-likelihood that a piece costs that lies where others saw through.
 _LOST = 0.3  # Fewer points on surfaces are no match.
 _MOVES = 0.01  # Shorter steps do not tell odometry's scale [m].
+_ELSEWHERE = 0.5  # Window in which a scan may fit elsewhere [m],
+_ALIKE = 2.0  # and the standard deviation of that in cells, from which on it does.
 _OPEN = 0.5  # Of odometry's variance: what leaves more of it does not tell.
 _REMEMBERED = 30  # Scans whose scores are compared.
 _FEWEST = 10  # Points of a scan that says something.
@@ -81,6 +85,7 @@ class Tracker:
         self._has_odometry = has_odometry
         self._scale = scale
         self._near = SlidingMap(self.track, cell_size)
+        self._learned = LearnedRate(motion.rate)
         self._recent: deque[SensorScan] = deque(maxlen=LONGEST)  # The last scans.
         self._scores: list[float] = []
         self._last: SensorScan | None = None
@@ -111,8 +116,9 @@ class Tracker:
         self.covariance = covariance
         self._step = between(track.poses[-1], pose)
         moved = pose[:2] - track.poses[-1][:2]
-        place = self._motion.sigmas(step, scan.has_heading)[0]
-        track.unfixed.append(_unfixed(moved, covariance[:2, :2], place, self._has_odometry))
+        least = _OPEN * self._motion.sigmas(step, scan.has_heading)[0] ** 2
+        of_place = covariance[:2, :2]
+        track.unfixed.append(_unfixed(moved, of_place, least) if self._has_odometry else _untold(of_place))
         square = float(told[:2] @ told[:2])
         if self._has_odometry and square > _MOVES**2:
             track.ratios.append(float(told[:2] @ self._step[:2]) / square)
@@ -121,6 +127,9 @@ class Tracker:
         relation = between(key, pose)
         way = math.hypot(relation[0], relation[1])
         if way >= self._key_distance or abs(relation[2]) >= self._key_angle:
+            if self._has_odometry and self._is_matched:
+                since = sum(track.unfixed[track.keys[-1] + 1 : -1])
+                track.unfixed[-1] = max(track.unfixed[-1], self._slides(scan, pose, relation) - since)
             self._scores.append(score)
             track.relations.append(relation)
             track.covariances.append(turned(covariance, key[2]))
@@ -156,6 +165,21 @@ class Tracker:
         self._recent.append(scan)
         track.unfixed.append(0.0)
         self._near.keep(scan, scan.pose, way)
+
+    def _slides(self, scan: SensorScan, pose: Floats, relation: Floats) -> float:
+        """How far a scan moved since the last key scan where it fits as well some cells away [m].
+
+        Around where odometry has it, few end points that no others surround have it where odometry was,
+        however wrong: in a window that odometry does not narrow, they fit in many places. What odometry is
+        worth there is learned where scans tell the way; the way is one of an odometry as wrong as `motion`.
+        """
+        few = thinned(scan.points, PIECE)
+        match = self._near.matcher.match(few, pose, window=(_ELSEWHERE, _ELSEWHERE, 0.0), second=False)
+        moved = pose[:2] - self.track.poses[self.track.keys[-1]][:2]
+        way = _unfixed(moved, match.covariance[:2, :2], (_ALIKE * self._cell_size) ** 2)
+        if way == 0.0:
+            self._learned.learn(self._told(self.track.scans[-1], scan), relation)
+        return way * self._learned.rate / self._motion.rate
 
     def _scaled(self, told: Floats) -> Floats:
         """A motion by odometry, as far as scans say that it goes."""
@@ -239,14 +263,16 @@ class Tracker:
         return one, max(rivals) <= _UNIQUE * match.score, rival
 
 
-def _unfixed(moved: Floats, covariance: Floats, sigma: float, has_odometry: bool) -> float:
-    """How far a scan moved in directions in which its place is about as sure as odometry has it [m].
-
-    Without odometry: how far it may have moved more, where it is less sure than by a usual odometry.
-    """
+def _unfixed(moved: Floats, covariance: Floats, least: float) -> float:
+    """How far a scan moved in directions in which its place has more than a variance [m]."""
     variances, axes = np.linalg.eigh(covariance)
-    is_open = variances > _OPEN * (sigma if has_odometry else Motion.still) ** 2
-    return float(np.linalg.norm((moved @ axes)[is_open] if has_odometry else np.sqrt(variances[is_open])))
+    return float(np.linalg.norm((moved @ axes)[variances > least]))
+
+
+def _untold(covariance: Floats) -> float:
+    """How far a scan may have moved more, where it is less sure than by a usual odometry [m]."""
+    variances = np.linalg.eigvalsh(covariance)
+    return math.sqrt(float(variances[variances > _OPEN * Motion.still**2].sum()))
 
 
 def _is_leap(before: Floats, step: Floats, window: Floats) -> bool:
