@@ -9,6 +9,7 @@ import pytest
 from conftest import room_scan
 
 import ndtree
+from ndtree._native import _core
 
 
 def make(kind: str, branching: int, dim: int) -> ndtree.OccupancyMap:
@@ -28,6 +29,25 @@ def filled(request, shape) -> ndtree.OccupancyMap:
         points, origin = room_scan(dim, seed)
         m.insert(points, origin)
     return m
+
+
+def test_counts_of_leaves_are_those_of_the_leaves():
+    kinds = ["evidence", "paper", "fixed"] + ["octomap"] * ndtree.has_octomap
+    for refinement in kinds:
+        kind = {"fixed": ndtree.FixedMap, "octomap": ndtree.OctoMap}.get(refinement, ndtree.AdaptiveMap)
+        m = kind(dim=2, **({"refinement": refinement} if kind is ndtree.AdaptiveMap else {}))
+        assert not _core.leaf_counts(m)
+        for seed in range(20):
+            m.insert(*room_scan(2, seed))
+        leaves = m.leaves()
+        sizes = np.unique(leaves.size[leaves.observed])
+        assert len(sizes) > (kind is ndtree.AdaptiveMap)
+        rows = _core.leaf_counts(m)
+        assert [row[0] for row in rows] == sizes.tolist()
+        for size, *counts in rows:
+            some = leaves[leaves.observed & (leaves.size == size)]
+            states = [np.count_nonzero(some.state == state) for state in (0, 1)]
+            assert counts == [len(some), *states, np.count_nonzero(some.disputed)]
 
 
 def test_insert_reports_each_outcome(shape):

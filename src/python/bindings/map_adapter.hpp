@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <limits>
+#include <map>
 #include <memory>
 #include <optional>
 #include <set>
@@ -144,6 +145,22 @@ class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
     const ThinThings thin(cells());
     for_each_leaf(cells().tree(), [&](const auto& leaf) { add(leaf, thin, arrays); });
     return arrays;
+  }
+  [[nodiscard]] std::map<double, LeafCounts> leaf_counts() const final {
+    std::map<int, LeafCounts> by_level;
+    for_each_leaf(cells().tree(), [&](const auto& leaf) {
+      const auto& cell = leaf.cell();
+      if (!cell.observed()) return;
+      LeafCounts& counts = by_level[leaf.index.level];
+      ++counts.observed;
+      counts.free += cell.state() == CellState::free;
+      counts.occupied += cell.state() == CellState::occupied;
+      counts.disputed += is_disputed(cell);
+    });
+    std::map<double, LeafCounts> by_size;
+    for (const auto& [level, counts] : by_level)
+      by_size.emplace(cells().tree().geometry().cell_size(level), counts);
+    return by_size;
   }
   [[nodiscard]] LeafArrays leaves_in(const double* lower, const double* upper,
                                      const RegionStates& states) const final {

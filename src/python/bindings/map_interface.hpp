@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
 #include <stdexcept>
@@ -37,6 +38,14 @@ struct LeafArrays {
   std::vector<std::uint8_t> observed;
   std::vector<std::uint8_t> disputed;
   std::vector<std::uint8_t> thin;
+};
+
+/// How many leaves of one edge length [m] were observed, and how many of these are what.
+struct LeafCounts {
+  std::size_t observed = 0;
+  std::size_t free = 0;
+  std::size_t occupied = 0;
+  std::size_t disputed = 0;
 };
 
 /// Regions whose state is another one.
@@ -115,6 +124,8 @@ class MapInterface {
   /// @throws std::invalid_argument if the space has not the map's dimension.
   [[nodiscard]] virtual Claims claims(const AnySeenSpace& space) const = 0;
   [[nodiscard]] virtual LeafArrays leaves() const = 0;
+  /// By edge length [m].
+  [[nodiscard]] virtual std::map<double, LeafCounts> leaf_counts() const = 0;
   /// Those of some states that share a point with a closed box. @throws std::invalid_argument for maps that
   /// are not ours.
   [[nodiscard]] virtual LeafArrays leaves_in(const double* /*lower*/, const double* /*upper*/,

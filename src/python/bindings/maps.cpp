@@ -9,6 +9,7 @@
 #include <limits>
 #include <optional>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -600,6 +601,15 @@ void bind_maps(py::module_& module) {
         return dict;
       },
       doc::default_options);
+  module.def(
+      "leaf_counts",
+      [](const PythonMap& map) {
+        std::vector<std::tuple<double, std::size_t, std::size_t, std::size_t, std::size_t>> rows;
+        for (const auto& [size, counts] : map.read([](const MapInterface& m) { return m.leaf_counts(); }))
+          rows.emplace_back(size, counts.observed, counts.free, counts.occupied, counts.disputed);
+        return rows;
+      },
+      "m"_a, doc::leaf_counts);
   module.def("option_table", &option_table, doc::option_table);
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <limits>
+#include <map>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -82,6 +83,18 @@ class OctomapAdapter final : public QueryAdapter<OctomapBaseline, D> {
     arrays.disputed.assign(n, 0);
     arrays.thin.assign(n, 0);
     return arrays;
+  }
+  [[nodiscard]] std::map<double, LeafCounts> leaf_counts() const override {
+    const OctomapLeaves all = map_.leaves();
+    std::map<double, LeafCounts> by_size;
+    for (Eigen::Index i = 0; i < all.size.size(); ++i) {
+      LeafCounts& counts = by_size[all.size(i)];
+      const CellState state = state_of(all.log_odds(i));
+      ++counts.observed;
+      counts.free += state == CellState::free;
+      counts.occupied += state == CellState::occupied;
+    }
+    return by_size;
   }
   [[nodiscard]] std::string to_bytes() const override {
     std::ostringstream out;

@@ -39,6 +39,7 @@ INTERNAL = frozenset(
         "depth_points",
         "is_held_out",
         "judge_no_returns",
+        "leaf_counts",
         "may_be_sampled",
         "moved_points",
         "option_table",

@@ -2768,6 +2768,9 @@ def load(path: str | os.PathLike[str]) -> AdaptiveMap | FixedMap:
         It is no such file, truncated, damaged, or of another version.
     """
 
+def leaf_counts(m: OccupancyMap) -> list[tuple[float, int, int, int, int]]:
+    """How many leaves of each edge length [m] were observed, and are free, occupied and disputed."""
+
 def write_ply(
     path: str | os.PathLike[str],
     points: ArrayLike,

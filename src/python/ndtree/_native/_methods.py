@@ -155,7 +155,11 @@ def _disputed(self: _core.OccupancyMap) -> float:
     that have changed forget what was before: they are not disputed any more. nan where nothing was observed,
     and of maps whose cells count no such scans: fixed ones, OctoMap, and those of the paper's rules.
     """
-    return self.leaves().disputed_fraction if self.refinement == "evidence" else math.nan
+    rows = np.array(_core.leaf_counts(self)) if self.refinement == "evidence" else ()
+    if not len(rows):
+        return math.nan
+    volume = rows[:, 0] ** self.dim
+    return float(rows[:, 4] @ volume) / float(rows[:, 1] @ volume)
 
 
 _adaptive_text = _core.AdaptiveMap.__repr__

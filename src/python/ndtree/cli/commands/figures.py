@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ndtree._native._core import OccupancyMap, default_options
+from ndtree._native._core import OccupancyMap, default_options, leaf_counts
 from ndtree.base.words import number_of
 from ndtree.cells.lattice import observed_bounds
 from ndtree.cli.commands.logs import length_of
@@ -20,18 +20,13 @@ from ndtree.logs import Log
 
 
 def map_figures(m: OccupancyMap) -> dict[str, Any]:
-    stats, leaves = m.stats(), m.leaves()
+    stats, rows = m.stats(), leaf_counts(m)
     counts = ("leaves", "observed_leaves", "nodes", "updates", "splits", "merges", "memory_bytes")
-    seen = leaves.observed
-    states = {
-        state: int(np.count_nonzero(leaves.state[seen] == value))
-        for state, value in (("free", 0), ("occupied", 1))
-    }
+    states = {state: sum(row[at] for row in rows) for state, at in (("free", 2), ("occupied", 3))}
     bounds = None
-    if seen.any():
+    if rows:
         lower, upper = observed_bounds(m)
         bounds = {"lower": lower.tolist(), "upper": upper.tolist()}
-    sizes, count = np.unique(leaves.size[seen], return_counts=True)
     return {
         "dim": m.dim,
         "branching": m.branching,
@@ -39,8 +34,8 @@ def map_figures(m: OccupancyMap) -> dict[str, Any]:
         "options": m.options,
         "stats": {key: int(getattr(stats, key)) for key in counts},
         "cells": states,
-        "disputed": leaves.disputed_fraction if m.refinement == "evidence" and seen.any() else None,
-        "cell_sizes": [{"size": float(s), "observed": int(n)} for s, n in zip(sizes, count)],
+        "disputed": m.disputed if m.refinement == "evidence" and rows else None,
+        "cell_sizes": [{"size": row[0], "observed": row[1]} for row in rows],
         "observed_bounds": bounds,
     }
 
