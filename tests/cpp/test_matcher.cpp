@@ -115,7 +115,7 @@ void search_is_exhaustive(int cases, double reach, double angle) {
       grid.set_prior(root * root.transpose(), 255.0);
       with_prior += grid.prior.isZero() ? 0 : 1;
     }
-    PoseSearch<D> search(matcher.pyramid(), points, guess, grid, window);
+    PoseSearch<D> search(matcher.pyramid(), points, guess, grid, window, i % 3 == 0 ? 0.0 : 1e9);
     with_windows += search.has_windows() ? 1 : 0;
     const std::vector<GridPose<D>> found = search.best(3);
     std::vector<GridPose<D>> before;

@@ -54,9 +54,10 @@ class PoseSearch {
   static constexpr int kTop = 6;  ///< Highest level of the pyramid that is used: blocks of 64 steps.
   static constexpr double kMostSteps = 1e6;
 
-  /// @pre the points are finite.
+  /// @param worth cells of windows that are made for each point of each root block. @pre the points are
+  /// finite.
   PoseSearch(const LikelihoodPyramid<D>& pyramid, const Points<D>& points, const Pose<D>& guess,
-             const PoseGrid<D>& grid, const MatchWindow<D>& window)
+             const PoseGrid<D>& grid, const MatchWindow<D>& window, double worth = kWorth)
       : pyramid_(pyramid), grid_(grid) {
     for (std::size_t a = 0; a < apart_.size(); ++a) {
       const double apart = a < std::size_t{D} ? window.apart : window.apart_angle;
@@ -71,7 +72,7 @@ class PoseSearch {
       rotations_.push_back(rotation);
       cells_.push_back(cells_of(pyramid, points, guess, grid, rotation));
     } while (next(rotation, D, kFreedoms<D>, 1));
-    if (points.cols() > 0) make_windows(static_cast<double>(points.cols()));
+    if (points.cols() > 0) make_windows(worth * static_cast<double>(points.cols()));
   }
 
   /// Whether it looks maxima up in LikelihoodWindows.
@@ -164,7 +165,8 @@ class PoseSearch {
   }
 
   /// Makes windows of all that points may come to, if that is less work than what is looked up anyhow.
-  void make_windows(double points) {
+  /// @param worth cells for each root block.
+  void make_windows(double worth) {
     Cell lower;
     Cell upper;
     double blocks = static_cast<double>(rotations_.size());
@@ -184,7 +186,7 @@ class PoseSearch {
       cells *= static_cast<double>(upper[a]) - lower[a] + 1.0;
       blocks *= std::ceil((2.0 * count + 1.0) / static_cast<double>(std::int32_t{1} << top_));
     }
-    if (cells > std::min(kMostCells, kWorth * blocks * points)) return;
+    if (cells > std::min(kMostCells, worth * blocks)) return;
     windows_.emplace(pyramid_, lower, upper, top_);
     numbers_.resize(cells_.size());
     for (std::size_t i = 0; i < cells_.size(); ++i) {
