@@ -371,6 +371,7 @@ void no_shadow_is_free(double turn) {
       free += i % 20 == 1 && is_free;
       unknown += i % 20 != 1 && !is_free;
     }
+  EXPECT_GT(std::min(hidden, seen), 1000);
   EXPECT_LE(free, hidden / 50) << "in the middle of a shadow";
   EXPECT_LE(unknown, seen / 100) << "what is seen is known";
 }

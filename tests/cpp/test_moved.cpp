@@ -214,6 +214,7 @@ TEST(BeamImage, GapsAroundADirectionAreAlongEachAxis) {
   EXPECT_GT(image.beside(ahead, wide, {0.02F, 0.02F}, 9.5F, 0.001F)[0].nearest, 1.0F) << "none passes";
   const auto near = image.beside({1.0F, 0.0F, 0.0F}, wide, {0.02F, 0.02F}, 8.0F, 0.001F);
   EXPECT_LT(near[0].nearest, 0.001F) << "through the middle";
+  EXPECT_NEAR(near[0].gap, 4.0F * kDegree, 1e-3F) << "to the next one, on the other side";
 }
 
 TEST(BeamImage, BeamsFarApartDoNotTellOfOneSurface) {

@@ -15,6 +15,7 @@ from test_live_decisions import robot
 
 import ndtree
 from ndtree.live.ros.parameters import ROWS, config_of
+from ndtree.logs.core.joined import JoinedLog
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.rules import GIVEN, MEASURED, USUAL
 from ndtree.logs.ros.reading import MessageReader
@@ -220,3 +221,5 @@ def test_noise_is_measured_on_a_log_of_any_kind(tmp_path: Path, sigma: float) ->
 def test_the_noise_that_a_log_tells_is_not_measured() -> None:
     config = inspect(Hall(0.05, tells=True))
     assert "range_sigma" not in config.values and not any("sigma is" in note for note in config.notes)
+    both = inspect(JoinedLog([Hall(0.08), Hall(0.05, tells=True)]))
+    assert both.options["range_sigma"] == pytest.approx(0.08, rel=0.15), "of those that do not tell it"

@@ -156,11 +156,14 @@ HOSTILE = {
     "python": {"image": "!!python/object/apply:os.system ['touch hurt']"},
     "unhashable": {"head": "? [a, b]\n: c"},
     "zero in the name": {"image": '"a\\0b.pgm"'},
+    "not there": {"image": "other.pgm"},
     "a folder": {"image": "."},
+    "itself": {"image": "a.yaml"},
     "huge": {"image": "huge.png"},
     "postscript": {"image": "a.eps"},
     "large file": {"head": "# " + "x" * 70000},
     "infinite": {"origin": "[.inf, 0, 0]"},
+    "tiny": {"resolution": "1e-300"},
     "far": {"origin": "[1e300, 0, 0]"},
 }
 
@@ -215,6 +218,33 @@ def test_a_pixel_costs_a_few_bytes(image: Callable[..., Path], tmp_path: Path) -
     (tmp_path / "large.pgm").write_bytes(b"P5\n4000 4000\n255\n" + bytes([205]) * side**2)
     map_image(str(path))  # Once, for what is imported.
     assert peak_memory(lambda: map_image(str(path))) < 8 * side**2
+
+
+@pytest.mark.parametrize("rule", ["trinary", "scale"])
+def test_colors_and_transparency_say_what_nav2_reads(
+    rule: str, image: Callable[..., Path], tmp_path: Path
+) -> None:
+    """Trinary: alpha is a fourth color of images that have it. Scale: what is not opaque is unknown."""
+    from PIL import Image
+
+    random = np.random.default_rng(1)
+    for mode, bands in (("L", 1), ("LA", 2), ("RGB", 3), ("RGBA", 4), ("P", 1), ("1", 1)):
+        pixels = random.integers(0, 256, (300, 7, bands), dtype=np.uint8)
+        if mode in ("LA", "RGBA"):
+            pixels[..., -1] = random.choice([0, 1, 128, 254, 255], (300, 7))
+        made = Image.fromarray(pixels.squeeze(), mode if mode not in ("P", "1") else "L").convert(mode)
+        made.save(tmp_path / "a.png")
+        colors = np.asarray(made.convert("RGBA"), dtype=np.float64)
+        averaged = 4 if rule == "trinary" and mode in ("LA", "RGBA") else 3
+        share = (255 - colors[..., :averaged].mean(axis=2)) / 255
+        expected = np.where(share >= 0.65, 1, np.where(share <= 0.196, 0, -1))
+        if rule == "scale":
+            expected[colors[..., 3] < 255] = -1
+        assert set(np.unique(expected)) == {-1, 0, 1} or mode == "1"
+        found = open_map(image(image="a.png", mode=rule)).map
+        x, y = np.meshgrid(np.arange(7), np.arange(300), indexing="ij")
+        points = np.stack([x, y], axis=-1).reshape(-1, 2) * 0.05 + 0.025
+        assert np.array_equal(found.state(points), expected[::-1].T.ravel()), mode
 
 
 # --- Bags -----------------------------------------------------------------------------------------

@@ -650,6 +650,46 @@ def test_kitti_poses_are_those_of_the_camera(tmp_path: Path, poses: str) -> None
         assert scan.stamp == pytest.approx(0.1 * i)
 
 
+def street(seed: int, n: int) -> np.ndarray:
+    """Points of a sensor with 16 rings between a floor and two walls, with their intensity, ring and time."""
+    random = np.random.default_rng(seed)
+    azimuth = np.repeat(np.linspace(-np.pi, np.pi, -(-n // 16)), 16)[:n]
+    ring = np.tile(np.arange(16), -(-n // 16))[:n]
+    elevation = np.radians(-15 + 2 * ring)
+    range_ = np.minimum(
+        8 / np.maximum(np.abs(np.sin(azimuth)), 0.2), 1.7 / np.maximum(-np.tan(elevation), 0.02)
+    )
+    xyz = range_[:, None] * np.column_stack([np.cos(azimuth), np.sin(azimuth), np.tan(elevation)])
+    return np.column_stack([xyz, random.integers(0, 256, n), ring, np.arange(n) * 1e-5])
+
+
+@pytest.mark.parametrize("width", [3, 4, 5, 6])
+@pytest.mark.parametrize("n", [48, 1080, 12_000])
+@pytest.mark.parametrize("brightest", [1, 255])
+def test_the_numbers_of_a_point_are_told_from_the_content(
+    width: int, n: int, brightest: int, tmp_path: Path
+) -> None:
+    """The number of bytes fits 3, 4, 5 and 6."""
+    kitti(tmp_path / "00")
+    clouds = [street(i, n) for i in range(3)]
+    for i, points in enumerate(clouds):
+        points[:, 3] *= brightest / 255
+        points[:, :width].astype("<f4").tofile(tmp_path / "00" / "velodyne" / f"{i:06d}.bin")
+    (tmp_path / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * 3)
+    log = read(tmp_path / "00", trajectory=str(tmp_path / "poses.txt"))
+    scans = list(log)
+    assert len(scans) == 3
+    for scan, points in zip(scans, clouds):
+        np.testing.assert_array_equal(scan.endpoints, points[:, :3].astype(np.float32))
+    assert len(log.notes) == (width != 4)
+    file = tmp_path / "00" / "velodyne" / "000001.bin"
+    file.write_bytes(file.read_bytes()[:-2])
+    with pytest.raises(
+        ValueError, match=rf"000001.bin: \d+ bytes, expected a multiple of {4 * width} \(float32"
+    ):
+        list(read(tmp_path / "00", trajectory=str(tmp_path / "poses.txt")))
+
+
 @pytest.mark.parametrize("lines", [kitti_lines(3), tum_lines([0.0, 0.1, 0.2])], ids=["kitti", "tum"])
 def test_kitti_takes_poses_of_the_velodyne(tmp_path: Path, lines: str) -> None:
     kitti(tmp_path / "00", poses=None)
@@ -670,7 +710,6 @@ def surroundings(seed: int, order: str, n: int = 720) -> np.ndarray:
 
 
 MORE = {
-    3: lambda n: [],
     4: lambda n: [np.arange(n) % 7 / 7],
     5: lambda n: [np.arange(n) % 255, np.arange(n) % 4],
     6: lambda n: [np.arange(n) % 7 / 7, np.arange(n) % 4, np.arange(n) / n],
@@ -685,16 +724,14 @@ def test_kitti_points_of_any_length_are_told_from_the_numbers(
     floats: int, order: str, tmp_path: Path
 ) -> None:
     kitti(tmp_path)
-    for i in range(3):  # 720 points of 3 to 8 floats: a multiple of 16 bytes whatever they are.
+    for i in range(3):  # 720 points of 4 to 8 floats: a multiple of 16 bytes whatever they are.
         points = surroundings(i, order)
         np.column_stack([points, *MORE[floats](len(points))]).astype("<f4").tofile(
             tmp_path / "velodyne" / f"{i:06d}.bin"
         )
-    log = read(tmp_path)
-    for i, scan in enumerate(log):
+    for i, scan in enumerate(read(tmp_path)):
         T = np.linalg.inv(TR) @ pose_matrix(i) @ TR
         np.testing.assert_allclose(scan.endpoints, surroundings(i, order) @ T[:3, :3].T + T[:3, 3], atol=1e-4)
-    assert len(log.notes) == (floats != 4)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -72,7 +72,9 @@ class PoseSearch {
       rotations_.push_back(rotation);
       cells_.push_back(cells_of(pyramid, points, guess, grid, rotation));
     } while (next(rotation, D, kFreedoms<D>, 1));
-    if (points.cols() > 0) make_windows(worth * static_cast<double>(points.cols()));
+    constexpr Eigen::Index kMostPoints = 1 << 24;  // Sums of as many bytes fit 32 bits.
+    if (points.cols() > 0 && points.cols() <= kMostPoints)
+      make_windows(worth * static_cast<double>(points.cols()));
   }
 
   /// Whether it looks maxima up in LikelihoodWindows.

@@ -45,8 +45,8 @@ struct SurfaceShape {
 /// End points, averaged in cells, each with the shape of the points around it.
 ///
 /// A piece is what errs alike. In a lattice of cells a surface may be anywhere in its row of cells, so the
-/// flat pieces of a row across the axis nearest to their normal are one piece. What is not flat is a piece by
-/// itself. O(points · points within the radius).
+/// flat pieces of a row, along an axis or a diagonal as their normal says, are one piece. What is not flat is
+/// a piece by itself. O(points · points within the radius).
 template <int D>
 class SurfaceElements {
  public:

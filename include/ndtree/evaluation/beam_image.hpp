@@ -463,7 +463,7 @@ auto BeamImage<D>::beside(const Point& direction, const Offset& size, const Offs
     bool is_complete = true;
     for (std::size_t k = 0; k < kSides; ++k) {
       found[k] = {std::min(nearest[k][0], nearest[k][1]), nearest[k][0] + nearest[k][1]};
-      is_complete = is_complete && (found[k].nearest < radius || found[k].gap < kNoBeam);
+      is_complete = is_complete && found[k].gap < kNoBeam;
     }
     if (is_complete || reach >= largest) return found;
   }

@@ -13,6 +13,7 @@
 
 #include "ndtree/core/beta.hpp"
 #include "ndtree/core/option.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -125,7 +126,7 @@ class MovedPosterior {
   [[nodiscard]] static float odds_of_thin(float nearest, float gap) {
     const bool is_through = nearest < kRod;
     const float chance = std::isfinite(gap) ? std::min(1.0F, 2.0F * kRod / gap) : is_through ? 1.0F : 0.0F;
-    return (is_through ? kLogMistaken : 0.0F) + (1.0F - kMistaken) * chance;
+    return (is_through ? kLogMistaken : 0.0F) + unfused((1.0F - kMistaken) * chance);
   }
   /// Counts a scan that saw through.
   void pass(MovedTally& tally) const {

@@ -218,7 +218,7 @@ class NarrowSpace {
     }
     return room / unit_;
   }
-  /// That a smaller body comes as near as kEnough from somewhere in a smallest cell.
+  /// Obstacles within kEnough of the smaller body at any point of a smallest cell.
   [[nodiscard]] std::vector<Box<D>> obstacles_near(const Vector<D>& lower) const {
     const Box<D> cell{lower * unit_, (lower.array() + 1.0).matrix() * unit_};
     const double reach = kEnough * unit_ + core_reach_;

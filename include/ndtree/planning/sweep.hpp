@@ -284,7 +284,7 @@ template <class Tree>
   return std::min((box.lower - root.lower).minCoeff(), (root.upper - box.upper).minCoeff());
 }
 
-/// The least distance [m] from a sweep to a box and what was nearest before, at most `most`.
+/// The distance [m] from a sweep to a box, at most `most`.
 template <int D>
 [[nodiscard]] double nearer_of(double most, const Sweep<D>& sweep, const Box<D>& box) {
   const double reach = most + sweep.radius;

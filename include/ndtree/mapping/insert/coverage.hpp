@@ -10,6 +10,7 @@
 #include <cstdint>
 
 #include "ndtree/core/lanes.hpp"
+#include "ndtree/core/unfused.hpp"
 #include "ndtree/tree/child_index.hpp"
 
 namespace ndtree {
@@ -202,7 +203,7 @@ struct CoverageVerdict {
 /// of N smallest cells, few beams do not tell the parts apart: if they are so far apart that fewer than two
 /// would pass a smallest cell, a part and covered_share of the volume are enough.
 /// Until then the cell stores which parts were seen. Thresholds for parts, volumes and missing children are
-/// scaled by ScanCoverage::mean_share(); that for a covered cell is not.
+/// scaled by ScanCoverage::mean_share(); those for a covered cell and for a missing child in a plane are not.
 ///
 /// A cell that is not observed, and whose edge is longer than coverage_cells smallest cells, splits where the
 /// unseen part is significant:
@@ -316,7 +317,7 @@ class CoverageModel {
   [[nodiscard]] static double least_of(double n, double mean_share, double fraction) {
     if (D != 2) return mean_share * (1.0 - std::sqrt(2.0 * kRounding / n));
     constexpr double kOfWidths = 0.95;  // Beams are not exactly as far apart as their mean angle.
-    return kOfWidths * (1.0 - kRounding * (0.5 / n + std::sqrt(2.0 * (1.0 - fraction) / n)));
+    return kOfWidths * (1.0 - unfused(kRounding * (0.5 / n + std::sqrt(2.0 * (1.0 - fraction) / n))));
   }
   /// From how many beams on a child can be missing: least_of() is more than 0.
   template <int D>

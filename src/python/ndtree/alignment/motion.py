@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ LARGEST = np.array([1.0, 1.0, 0.5])  # Window of one step [m, m, rad].
 AS_BEFORE = math.log(0.01)  # How often a sensor moves about as before, against odometry.
 _SOME_TURN = 0.2  # Where a log does not say how far the sensor turned [rad].
 _OF_MEDIAN = 1.4826  # Standard deviation over the median deviation, of a normal distribution.
+_LEARNED_FROM = 500  # The last motions that tell how far odometry is wrong.
 PIECE = 0.2  # End points on one piece of surface of this size are wrong alike: it counts once [m].
 
 
@@ -49,7 +51,7 @@ class LearnedRate:
 
     def __init__(self, rate: float) -> None:
         self._before = rate
-        self._ratios: list[float] = []
+        self._ratios: deque[float] = deque(maxlen=_LEARNED_FROM)
 
     def learn(self, told: Floats, moved: Floats) -> None:
         """Take a motion by odometry and by scans."""

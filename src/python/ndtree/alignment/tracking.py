@@ -179,6 +179,7 @@ class Tracker:
         way = _unfixed(moved, match.covariance[:2, :2], (_ALIKE * self._cell_size) ** 2)
         if way == 0.0:
             self._learned.learn(self._told(self.track.scans[-1], scan), relation)
+            return 0.0
         return way * min(1.0, self._learned.rate / self._motion.rate)
 
     def _scaled(self, told: Floats) -> Floats:

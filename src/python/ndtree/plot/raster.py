@@ -70,11 +70,11 @@ def _front(corners: NDArray[np.float32], width: int, height: int, line: float) -
     np.minimum(low, fourth, out=low)
     high = np.maximum(corners.max(axis=1), fourth)
     # Pixels whose middle is in the box around a face: these are tried.
-    first = np.maximum(np.ceil(low - 0.5 - line), 0).astype(np.int32)
-    count = np.minimum(np.floor(high - 0.5 + line).astype(np.int32) + 1, (width, height)) - first
+    first = np.clip(np.ceil(low - 0.5 - line), 0, (width, height)).astype(np.int32)
+    count = np.clip(np.floor(high - 0.5 + line) + 1, 0, (width, height)).astype(np.int32) - first
     there = np.flatnonzero((count > 0).all(axis=1))
     edge = np.ceil(np.log2(count[there])).astype(np.uint16)  # Of the boxes, rounded up: alike ones in one go.
-    kind = 16 * edge[:, 0] + edge[:, 1]
+    kind = 32 * edge[:, 0] + edge[:, 1]
     by_kind = np.argsort(kind, kind="stable")
     for same in np.split(by_kind, np.flatnonzero(np.diff(kind[by_kind])) + 1) if len(there) else ():
         step = max(1, _AT_ONCE >> int(edge[same[0]].sum()))

@@ -162,7 +162,8 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
     sample = [scan for run in runs for scan in run]
     if not sample:
         raise ValueError(f"{log.name}: no scans, expected at least one")
-    noise = range_noise(sample)
+    noise = range_noise(scan for scan in sample if scan.range_sigma is None)
+    told = [scan.range_sigma is not None for scan in sample if len(scan)]
     if noise is not None:
         sigma, quadratic = noise[0].value, noise[1].value
     elif log.is_depth_camera:
@@ -185,7 +186,7 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         range_sigma=sigma,
         range_sigma_quadratic=quadratic,
         is_measured=noise is not None,
-        has_own_noise=any(scan.range_sigma is not None for scan in sample),
+        has_own_noise=bool(told) and all(told),
         no_returns=said,
         max_range=limit,
         seconds=time.perf_counter() - begin,

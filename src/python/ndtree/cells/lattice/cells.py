@@ -87,6 +87,8 @@ class Cells:
         if isinstance(chosen, slice):
             chosen = np.arange(len(self))[chosen]
         elif np.asarray(chosen).dtype == np.bool_:
+            if len(np.asarray(chosen)) != len(self):
+                raise IndexError(f"mask of {len(np.asarray(chosen))}, expected one of {len(self)} cells")
             chosen = np.flatnonzero(chosen)  # Once, not for each array.
         names = [f.name for f in fields(self) if f.name not in SCALARS]
         return replace(self, **{name: getattr(self, name).take(chosen, axis=0) for name in names})
