@@ -210,10 +210,7 @@ class NarrowSpace {
     double room = kEnough * unit_;
     for (const BodyPart<D>& part : core_) {
       const Sweep<D> sweep = sweep_of<D>(part, at, at);
-      if (unknown_ == UnknownSpace::occupied) {
-        const double inside = room_inside(map_.tree(), rounded_box_around(sweep).core);
-        room = std::min(room, std::max(0.0, inside - sweep.radius));
-      }
+      if (unknown_ == UnknownSpace::occupied) room = std::min(room, room_inside(map_.tree(), sweep));
       for (const Box<D>& box : obstacles) room = nearer_of(room, sweep, box);
     }
     return room / unit_;

@@ -219,17 +219,12 @@ class ObstacleWalk {
   void run() {
     const Ref root = tree_.root();
     const Box<D> box = tree_.box(root.index);
-    if (!is_obstacle(*root.node) || !(around_.squared_distance(box) < squared_reach_())) return;
+    if (!may_have_obstacle(*root.node, minds_unknown_) || !(around_.squared_distance(box) < squared_reach_()))
+      return;
     if (enter_(box, root.is_leaf())) below(root);
   }
 
  private:
-  template <class NodeType>
-  [[nodiscard]] bool is_obstacle(const NodeType& node) const {
-    const Summary summary = Summary::of(node);
-    return summary.may_contain(CellState::occupied) ||
-           (minds_unknown_ && summary.may_contain(CellState::unknown));
-  }
   /// @pre `parent` is no leaf.
   void below(const Ref& parent) {
     const auto& geometry = tree_.geometry();
@@ -253,7 +248,7 @@ class ObstacleWalk {
     const int first = child_number<N, D>(nearest);
     for (int i = 0; i < Tree::kNumChildren; ++i) {
       const int j = child_from<N, D>(first, i);
-      if (!is_obstacle(children[j])) continue;
+      if (!may_have_obstacle(children[j], minds_unknown_)) continue;
       const auto offset = child_offset<N, D>(j);
       Box<D> box;
       double sum = 0.0;
@@ -277,11 +272,13 @@ class ObstacleWalk {
   const Enter& enter_;
 };
 
-/// How far the border of a tree lies outside of a box [m]; beyond it, all is unknown.
+/// The distance [m] from a sweep to the border of a tree, beyond which all is unknown; 0 if it reaches there.
 template <class Tree>
-[[nodiscard]] double room_inside(const Tree& tree, const Box<Tree::kDim>& box) {
+[[nodiscard]] double room_inside(const Tree& tree, const Sweep<Tree::kDim>& sweep) {
+  const Box<Tree::kDim> box = rounded_box_around(sweep).core;
   const Box<Tree::kDim> root = tree.box(tree.root().index);
-  return std::min((box.lower - root.lower).minCoeff(), (root.upper - box.upper).minCoeff());
+  const double inside = std::min((box.lower - root.lower).minCoeff(), (root.upper - box.upper).minCoeff());
+  return std::max(0.0, inside - sweep.radius);
 }
 
 /// The distance [m] from a sweep to a box, at most `most`.
@@ -301,7 +298,7 @@ template <class Tree>
                                   double most) {
   constexpr int D = Tree::kDim;
   const Box<D> around = rounded_box_around(sweep).core;
-  if (minds_unknown) most = std::min(most, std::max(0.0, room_inside(tree, around) - sweep.radius));
+  if (minds_unknown) most = std::min(most, room_inside(tree, sweep));
   const auto squared_reach = [&] { return (most + sweep.radius) * (most + sweep.radius); };
   const auto enter = [&](const Box<D>& box, bool is_leaf) {
     const double nearer = nearer_of(most, sweep, box);

@@ -104,6 +104,14 @@ template <int D>
   return {bounds_of<D>(box), 0.0};
 }
 
+/// Whether there may be an obstacle in a node.
+template <class NodeType>
+[[nodiscard]] bool may_have_obstacle(const NodeType& node, bool minds_unknown) {
+  const Summary summary = Summary::of(node);
+  return summary.may_contain(CellState::occupied) ||
+         (minds_unknown && summary.may_contain(CellState::unknown));
+}
+
 /// Whether a shape shares a point with an obstacle of a tree.
 template <class Tree, class Shape>
 class CollisionSearch {
@@ -127,19 +135,14 @@ class CollisionSearch {
 
   [[nodiscard]] bool any() const {
     const Ref root = tree_.root();
-    return root.is_leaf() ? is_obstacle(*root.node) && touch(shape_, tree_.box(root.index)) : any_below(root);
+    return root.is_leaf()
+               ? may_have_obstacle(*root.node, minds_unknown_) && touch(shape_, tree_.box(root.index))
+               : any_below(root);
   }
 
  private:
   // In smallest cells: more than errors of rounding, far from 0, too.
   static constexpr double kRounding = 1e-5;
-
-  template <class NodeType>
-  [[nodiscard]] bool is_obstacle(const NodeType& node) const {
-    const Summary summary = Summary::of(node);
-    return summary.may_contain(CellState::occupied) ||
-           (minds_unknown_ && summary.may_contain(CellState::unknown));
-  }
 
   /// @pre `parent` is no leaf.
   [[nodiscard]] bool any_below(const Ref& parent) const {
@@ -169,7 +172,7 @@ class CollisionSearch {
       const auto offset = child_offset<N, D>(j);
       double sum = 0.0;
       for (std::size_t a = 0; a < D; ++a) sum += squared[a][static_cast<std::size_t>(offset[a])];
-      if (sum > squared_reach_ || !is_obstacle(children[j])) continue;
+      if (sum > squared_reach_ || !may_have_obstacle(children[j], minds_unknown_)) continue;
       const Ref child = tree_.child(parent, j);
       if (collides(child, geometry.cell_size(level))) return true;
     }
