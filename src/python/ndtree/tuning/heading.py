@@ -18,25 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._errors import Text, key
-from ndtree._native._core import Matcher
-from ndtree.alignment.planar import placed, pose_of, wrapped
-from ndtree.alignment.sensor_scans import SensorScan, sensor_scan, spread_evenly
+from ndtree.alignment.planar import pose_of, wrapped
+from ndtree.alignment.sensor_scans import SensorScan, sensor_scan
 from ndtree.base.scan import Scan
-from ndtree.tuning.revisits import is_of_one_place, surface_of
+from ndtree.tuning.revisits import MOST_RANGE, fitted, is_of_one_place
 
 Floats = NDArray[np.float64]
 
-#: Growth that turns a map by this much [rad] on the log's way, of which the first metres count, is a doubt:
-#: a wall 5 m away is a third of a metre off.
+#: Growth is a doubt if it turns a map by this much [rad] on the log's way, or on some metres [m] of a longer
+#: one: a wall 5 m away is then a third of a metre off.
 TURNED, MOST_WAY = math.radians(4.0), 100.0
 _LEAST_PAIRS = 12
 #: Between two scans of a pair, least and most [m]; nearer ones tell no growth, farther ones see others.
 _NEAREST, _FARTHEST, _MOST_TURN = 0.03, 6.0, 1.0
 #: What a radian of turning counts as way [m]: half the distance of usual wheels, times two.
 _OF_TURN = 0.5
-_MOST_RANGE = 15.0
-_POINTS, _FEWEST = 200, 40
-_SCORE = 0.5  # Of matches that count.
 #: Deviations [rad] and growths [rad²/m] that are tried.
 _JITTERS = np.radians(np.geomspace(0.1, 3.0, 40))
 _GROWTHS = np.concatenate([[0.0], np.radians(1.0) ** 2 * np.geomspace(0.01, 100.0, 81)])
@@ -66,7 +62,7 @@ def heading_drift(runs: Sequence[Sequence[Scan]]) -> HeadingDrift | None:
     `runs`: Consecutive scans in each, as from `ndtree.evaluation.sampling.spread`.
     Returns: None where they do not, or too little tells.
     """
-    seen = [[sensor_scan(scan, _MOST_RANGE) for scan in run] for run in runs if run and is_of_one_place(run)]
+    seen = [[sensor_scan(scan, MOST_RANGE) for scan in run] for run in runs if run and is_of_one_place(run)]
     errors = np.array([found for found in _errors_of(seen) if found is not None]).reshape(-1, 2)
     if len(errors) < _LEAST_PAIRS:
         return None
@@ -101,11 +97,9 @@ def _error(
     moved = float(np.hypot(*step[:2])) + _OF_TURN * turn
     if not _NEAREST < moved < _FARTHEST or turn > _MOST_TURN:
         return None
-    points = spread_evenly(scan.points, _POINTS)
-    if min(len(points), sum(len(one.points) for one in seen)) < _FEWEST:
-        return None
-    surfaces = np.concatenate([placed(one.pose, surface_of(one.points)) for one in seen])
-    match = Matcher(surfaces, cell_size=cell).match(points, scan.pose, window=window)
-    if match.score < _SCORE or not match.is_unique:
-        return None
-    return float(wrapped(pose_of(np.asarray(match.pose))[2] - scan.pose[2])), moved
+    found = fitted(seen, scan, window, cell)
+    return (
+        None
+        if found is None
+        else (float(wrapped(pose_of(np.asarray(found[2].pose))[2] - scan.pose[2])), moved)
+    )

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ndtree._errors import Text, key
-from ndtree._native._core import Matcher
+from ndtree._native._core import Match, Matcher
 from ndtree.alignment.planar import Floats, placed, pose_of, wrapped
-from ndtree.alignment.sensor_scans import pose_in_log, sensor_scan, spread_evenly
+from ndtree.alignment.sensor_scans import SensorScan, pose_in_log, sensor_scan, spread_evenly
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
 
@@ -29,7 +29,7 @@ _MOST_PLACES = 40  # That are looked at.
 _NEAR, _WAY, _TIMES = 3.0, 10.0, 4.0
 _TURNED = 1.0  # Visits in other directions show other surfaces [rad].
 #: Farther end points are left out [m].
-_MOST_RANGE = 15.0
+MOST_RANGE = 15.0
 _POINTS, _FEWEST = 200, 40  # Of a scan that is matched.
 _CELL = 0.1  # Of the grid of poses [m].
 _WINDOW = (1.0, 1.0, 0.2)  # [m, m, rad]; farther ones are not found.
@@ -108,23 +108,33 @@ def moved(seen: Sequence[Scan], scan: Scan, window: tuple[float, float, float], 
 
     Where it fits nearly as well as it is, it has not to be moved. None if nothing tells.
     """
-    one = sensor_scan(scan, _MOST_RANGE)
-    points = spread_evenly(one.points, _POINTS)
-    others = [sensor_scan(other, _MOST_RANGE) for other in seen]
-    if min(len(points), sum(len(other.points) for other in others)) < _FEWEST:
+    one, *others = (sensor_scan(each, MOST_RANGE) for each in (scan, *seen))
+    found = fitted(others, one, window, cell)
+    if found is None:
         return None
-    matcher = Matcher(
-        np.concatenate([placed(other.pose, surface_of(other.points)) for other in others]), cell_size=cell
-    )
-    match = matcher.match(points, one.pose, window=window)
-    if match.score < _SCORE or not match.is_unique:
-        return None
+    matcher, points, match = found
     if matcher.score(points, one.pose) >= _AS_WELL * match.score:
         return 0.0
     error = (pose_of(np.asarray(match.pose)) - one.pose)[:2]
     variances, axes = np.linalg.eigh(np.asarray(match.covariance)[:2, :2])
     is_known = variances < _KNOWN**2
     return float(np.linalg.norm((axes.T @ error)[is_known])) if is_known.any() else None
+
+
+def fitted(
+    seen: Sequence[SensorScan], scan: SensorScan, window: tuple[float, float, float], cell: float
+) -> tuple[Matcher, Floats, Match] | None:
+    """How a scan fits what others saw: what it was matched with, its points, and the match.
+
+    None if it does not fit well, or somewhere else as well.
+    """
+    points = spread_evenly(scan.points, _POINTS)
+    if min(len(points), sum(len(one.points) for one in seen)) < _FEWEST:
+        return None
+    surfaces = np.concatenate([placed(one.pose, surface_of(one.points)) for one in seen])
+    matcher = Matcher(surfaces, cell_size=cell)
+    match = matcher.match(points, scan.pose, window=window)
+    return (matcher, points, match) if match.score >= _SCORE and match.is_unique else None
 
 
 def surface_of(points: Floats) -> Floats:

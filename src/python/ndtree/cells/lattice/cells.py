@@ -84,14 +84,13 @@ class Cells:
 
     def where(self, chosen: Booleans | Integers | slice) -> Cells:
         """Some of the cells, by a mask, their numbers or a slice."""
-        if isinstance(chosen, slice):
-            chosen = np.arange(len(self))[chosen]
-        elif np.asarray(chosen).dtype == np.bool_:
-            if len(np.asarray(chosen)) != len(self):
-                raise IndexError(f"mask of {len(np.asarray(chosen))}, expected one of {len(self)} cells")
-            chosen = np.flatnonzero(chosen)  # Once, not for each array.
+        numbers = np.arange(len(self))[chosen] if isinstance(chosen, slice) else np.asarray(chosen)
+        if numbers.dtype == np.bool_:
+            if len(numbers) != len(self):
+                raise IndexError(f"mask of {len(numbers)}, expected one of {len(self)} cells")
+            numbers = np.flatnonzero(numbers)  # Once, not for each array.
         names = [f.name for f in fields(self) if f.name not in SCALARS]
-        return replace(self, **{name: getattr(self, name).take(chosen, axis=0) for name in names})
+        return replace(self, **{name: getattr(self, name).take(numbers, axis=0) for name in names})
 
     def along(self, axes: Sequence[int]) -> Cells:
         """The same cells with some of their axes only."""
