@@ -126,9 +126,9 @@ class BeamImage {
     float nearest;
     float gap;
   };
-  /// Where beams that surely passed farther than `least` went past a direction, axis by axis: of those that
-  /// are at most `core` or `radius` away along the other one. Sought up to the size at most, and no farther
-  /// than up to beams nearer than `radius`.
+  /// Where beams that surely passed farther than `least` went past a direction, axis by axis. Only beams that
+  /// are at most `core` or `radius` away along the other axis count. Sought until there is one on both sides,
+  /// up to the size at most.
   [[nodiscard]] std::array<Beside, kSides> beside(const Point& direction, const Offset& size,
                                                   const Offset& core, float least, float radius) const;
 

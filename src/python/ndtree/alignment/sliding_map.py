@@ -13,7 +13,8 @@ from ndtree.alignment.track import Track
 
 MAP_WAY = 10.0  # How long the way of the key scans is, at most [m],
 _MAP_SCANS = 60  # and how many there are.
-#: Key scans before the last that may be placed again: their outlines, and those of the next, are kept.
+#: The last scans, some of which may be placed again: odometry may stall for two fewer. The outlines of as
+#: many key scans are kept, and of those that they are compared with.
 KEPT = 16
 _COMPARED = 4  # Key scans whose outlines are compared.
 
@@ -24,7 +25,7 @@ class SlidingMap:
     Parameters
     ----------
     track : Track
-        Whose key scans they are; of those that it has already, there is no map.
+        Whose key scans they are; key scans that it has already are not in the map.
     cell_size : float
         Of the map [m].
     """

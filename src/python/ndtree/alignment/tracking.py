@@ -31,8 +31,8 @@ from ndtree.alignment.motion import (
 )
 from ndtree.alignment.planar import Floats, between, composed, pose_of, thinned, turned
 from ndtree.alignment.sensor_scans import SensorScan
-from ndtree.alignment.sliding_map import MAP_WAY, SlidingMap
-from ndtree.alignment.stalls import LONGEST, place_again
+from ndtree.alignment.sliding_map import KEPT, MAP_WAY, SlidingMap
+from ndtree.alignment.stalls import place_again
 from ndtree.alignment.track import Step, Track
 
 _LONGER = 2.0  # Time since the last scan, times that before: it does not go on as before.
@@ -86,7 +86,7 @@ class Tracker:
         self._scale = scale
         self._near = SlidingMap(self.track, cell_size)
         self._learned = LearnedRate(motion.rate)
-        self._recent: deque[SensorScan] = deque(maxlen=LONGEST)  # The last scans.
+        self._recent: deque[SensorScan] = deque(maxlen=KEPT)  # The last scans.
         self._scores: list[float] = []
         self._last: SensorScan | None = None
         self._lasted = 0.0  # Time from the scan before it [s].
