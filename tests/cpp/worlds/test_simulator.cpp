@@ -15,6 +15,8 @@
 namespace ndtree::test::test_simulator {
 namespace {
 
+using ndtree::Random;  // the simulator's, not that of properties
+
 constexpr double kPi = 3.14159265358979324;
 
 SimulationOptions perfect(std::size_t scans) {
