@@ -104,6 +104,22 @@ def test_a_body_that_walks_is_no_surface() -> None:
     assert range_noise([seen(step) for step in range(12)]) is None
 
 
+@pytest.mark.parametrize("walls", [1, 2, 3])
+def test_what_one_or_two_places_show_may_be_no_surface(walls: int) -> None:
+    generator = np.random.default_rng(8)
+
+    def seen(step: int) -> ndtree.Scan:
+        near = [
+            generator.uniform((6.0 * wall + 0.3, 2.0), (6.0 * wall + 1.7, 2.0), (150, 2))
+            for wall in range(walls)
+        ]
+        points = np.concatenate(near) + generator.normal(0.0, 0.02, (150 * walls, 2)) * (0, 1)
+        return ndtree.Scan(points, (9.0 + 0.01 * step, 0.0))
+
+    found = range_noise([seen(step) for step in range(20)])
+    assert (found is not None) == (walls == 3)
+
+
 def test_growth_is_not_told_from_ranges_that_are_alike() -> None:
     random = np.random.default_rng(1)
     angle = np.radians(np.arange(-20, 20, 0.25))
@@ -113,7 +129,8 @@ def test_growth_is_not_told_from_ranges_that_are_alike() -> None:
         """A wall 1 m ahead, whose noise happens to grow fast to one side of the little that is seen."""
         length = 1 / beam[:, 0]
         noise = random.normal(0, 0.005 + 0.1 * (length - 1), len(length))
-        return ndtree.Scan(beam * (length + noise)[:, None], np.zeros(2))
+        origin = np.array([0.0, 6.0 * (step % 3)])
+        return ndtree.Scan(origin + beam * (length + noise)[:, None], origin)
 
     found = range_noise([seen(step) for step in range(40)])
     assert found is not None and found[1].value == 0 and found[0].value < 0.03

@@ -18,10 +18,12 @@ RADII = (0.25, 0.5, 1.0)  # Of a piece of surface [m]; the next one where points
 PIECES = 2400  # Tried.
 CHUNK = 256  # Pieces at once.
 LEAST_PIECES = 8  # Below which there is no estimate, ...
-LEAST_RESIDUALS = 30  # ... and residuals, below which a bin of ranges says nothing.
+LEAST_RESIDUALS = 30  # ... and residuals, below which a bin of ranges, or a place, says nothing.
+PLACE = 2.0  # Edge of a place, in which pieces overlap [m], ...
+LEAST_PLACES = 3  # ... of which noise needs some, and its growth some that are far: few may be no surfaces.
 RANGE_BINS = 12
 STEEPEST = 0.01  # Growth [1/m], of a stereo camera of 4 cm and 600 pixels: beyond it are bodies.
-WIDE = 2.0  # Largest over smallest range with an estimate, below which growth is not asked for.
+WIDE = 2.0  # Far ranges over the smallest with an estimate.
 LARGEST_MISFIT = 2.0  # Ratio of bins and fit, in the median: beyond it, pieces were not of surfaces.
 
 
@@ -65,6 +67,16 @@ def _fitted_noise(residuals: _Residuals, generator: np.random.Generator) -> Nois
     value, length, piece, inner = (
         array[order] for array in (residuals.value, residuals.length, residuals.piece, inner)
     )
+    # Pieces overlap; places do not, and are what the bootstrap draws.
+    place = np.unique(np.floor(residuals.middle / PLACE), axis=0, return_inverse=True)[1].ravel()
+    place_of = place[piece]
+    n = int(place.max()) + 1
+
+    def places_beyond(least: float) -> int:
+        return int(np.count_nonzero(np.bincount(place_of[length >= least]) >= LEAST_RESIDUALS))
+
+    if places_beyond(0.0) < LEAST_PLACES:
+        return None
     parts, spots = [], []
     for i in range(RANGE_BINS):
         part = slice(*np.searchsorted(inner, (i, i + 1)))
@@ -79,17 +91,13 @@ def _fitted_noise(residuals: _Residuals, generator: np.random.Generator) -> Nois
     def sigmas(weight: Floats) -> Floats:
         return np.array([1.4826 * _weighted_median(value[part], weight[part]) for part in parts])
 
-    # Pieces overlap; places do not, and are what the bootstrap draws.
-    place = np.unique(np.floor(residuals.middle / 2.0), axis=0, return_inverse=True)[1].ravel()
-    place_of = place[piece]
-    n = int(place.max()) + 1
     measured = sigmas(np.ones(len(value)))
     drawn = [
         sigmas(generator.multinomial(n, np.full(n, 1 / n))[place_of].astype(float)) for _ in range(RESAMPLES)
     ]
     both = _fitted(where, measured, pieces)
     spread = np.array([_fitted(where, one, pieces) for one in drawn])
-    is_wide = len(parts) >= 3 and where[-1] >= WIDE * where[0]
+    is_wide = len(parts) >= 3 and places_beyond(WIDE * where[0]) >= LEAST_PLACES
     if not is_wide or np.nanquantile(spread[:, 1], (1 - CONFIDENCE) / 2) <= 0:
         # A constant explains the data as well; where all ranges are alike, growth is a guess elsewhere.
         both = (_fitted_constant(measured, pieces), 0.0)
