@@ -23,8 +23,11 @@ import ndtree
 from ndtree.plot import record
 
 
-def recorded(path: Path, dim: int, scans: int, **options: Any) -> record.Recorder:
-    m = ndtree.AdaptiveMap(dim=dim, min_cell_size=0.1, max_cell_size=0.8)
+def recorded(
+    path: Path, dim: int, scans: int, kind: Any = ndtree.AdaptiveMap, **options: Any
+) -> record.Recorder:
+    larger = {"max_cell_size": 0.8} if kind is ndtree.AdaptiveMap else {}
+    m = kind(dim=dim, min_cell_size=0.1, **larger)
     recorder = record.Recorder(path, **options)
     for seed in range(scans):
         points, origin = room_scan(dim, seed)
@@ -49,6 +52,15 @@ def test_a_gif_has_a_picture_every_few_scans_and_the_last(dim: int, tmp_path: Pa
     assert {frame.shape for frame in frames} == {(record.SIZE[1], record.SIZE[0], 3)}
     assert all(frame.std() > 10 for frame in frames)
     assert np.abs(frames[0].astype(int) - frames[2]).mean() > 0.5, "nothing grows"
+
+
+@pytest.mark.parametrize(("kind", "drawn"), [(ndtree.AdaptiveMap, True), (ndtree.FixedMap, False)])
+def test_a_film_of_a_plane_shows_the_borders_of_adaptive_cells(
+    kind: Any, drawn: bool, tmp_path: Path
+) -> None:
+    recorded(tmp_path / "film.gif", 2, 5, kind, every=5).close()
+    red, _, blue = np.moveaxis(gif_frames(tmp_path / "film.gif")[-1].astype(int), -1, 0)
+    assert ((blue - red > 20).sum() > 1000) == drawn
 
 
 def test_a_long_gif_keeps_a_bounded_number_of_pictures(tmp_path: Path, monkeypatch: Any) -> None:

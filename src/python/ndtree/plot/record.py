@@ -121,7 +121,7 @@ class Recorder:
         ax = self._figure.add_axes((0.0, 0.0, 1.0, 0.94))
         track = np.array(self._track)
         if m.dim == 2:
-            plot.occupancy(m, ax, region=self._region.ravel())
+            plot.occupancy(m, ax, region=self._region.ravel(), borders=isinstance(m, _core.AdaptiveMap))
         else:
             corners = plot.projected(np.stack(np.meshgrid(*self._region), axis=-1))
             low, high = corners.min(axis=0), corners.max(axis=0)
