@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A robot finds a short way through an office, on a map that it made, and another one when a door closes."""
+"""A robot finds a short path through an office, on a map that it made, and another one when a door closes."""
 
 import argparse
 

@@ -376,7 +376,7 @@ def test_without_a_terminal_a_line_says_now_and_then_how_far_it_is(monkeypatch, 
         with progress.mapping_progress(log, m) as report:
             report(7, 700)
         said = capsys.readouterr().err
-        assert said.startswith("25%: 7 scans, ") if lines else said == ""
+        assert said.startswith("25 %: 7 scans, ") if lines else said == ""
 
 
 def test_the_process_has_the_exit_status(log: Path, tmp_path: Path) -> None:

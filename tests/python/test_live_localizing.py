@@ -368,3 +368,13 @@ def test_wrong_calls_are_said(world: World, tmp_path: Path) -> None:
     ):
         done = cli("live", "--world", "office", *words)
         assert done.exit_code == 2 and said in done.stderr, done.stderr
+
+
+def test_the_command_writes_nothing_where_it_was_found_nowhere(world: World, tmp_path: Path) -> None:
+    """Three scans from one place are too few to tell where the robot is."""
+    bag = bag_of(tmp_path, world, [0, 0, 0])
+    world.map.save(tmp_path / "office.ndt")
+    poses = tmp_path / "poses.txt"
+    done = cli("live", bag, "--localize", tmp_path / "office.ndt", "--rate", 0, "-o", poses)
+    assert done.exit_code == 1 and "found nowhere in the map" in done.stderr, done.stdout
+    assert not poses.exists()

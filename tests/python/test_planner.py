@@ -326,7 +326,7 @@ def test_the_command_writes_a_path(tmp_path: Path) -> None:
             points = np.array([json.loads(line.strip()[2:]) for line in text.splitlines() if "- [" in line])
         np.testing.assert_allclose(points, expected.points, atol=1e-6)
     for more, status, said in (
-        (["--clearance", "0.4"], 1, "no way found: the goal is in another part of free space"),
+        (["--clearance", "0.4"], 1, "no path found: the goal is in another part of free space"),
         (["--unknown", "0.5"], 2, "--unknown 0.5: expected blocked, free or a cost >= 1"),
         (["-o", str(tmp_path / "way.txt")], 2, "must end in .csv, .yaml, .json"),
     ):

@@ -136,7 +136,7 @@ class Alignment:
             doubts.append("no odometry says that the sensor stood, and it is found to have stood")
         low, high = _SCALES
         if not low < abs(self.odometry_scale) < high:
-            doubts.append(f"scans say {self.odometry_scale:.2f} times the way that odometry says")
+            doubts.append(f"scans say {self.odometry_scale:.2f} times the distance that odometry says")
         broken = np.flatnonzero((self.through > _MOST_THROUGH) & ~is_in_loop[self.key_scans])
         if len(broken):
             doubts.append(

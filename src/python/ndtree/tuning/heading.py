@@ -52,7 +52,7 @@ class HeadingDrift:
         turned = math.degrees(math.sqrt(self.growth * self.way))
         return Text(
             f"from scan to scan, poses turn otherwise than what the laser sees: about {turned:.0f} degrees "
-            f"over the {self.way:.0f} m of the way; use {key('align')} or the poses of a SLAM system"
+            f"over the {self.way:.0f} m of the path; use {key('align')} or the poses of a SLAM system"
         )
 
 

@@ -44,7 +44,7 @@ COMMANDS = {
         "Estimate the options of the sensor from a log: the noise of its ranges, and its error rates.",
     ),
     "view": ("view", "Show a map on a page of this computer until Ctrl-C, or draw it into a file."),
-    "plan": ("plan", "Find a short way for a robot through a map."),
+    "plan": ("plan", "Find a short path for a robot through a map."),
     "explore": ("explore", "Let a simulated robot explore a world by several strategies."),
     "convert": ("convert", "Write a map as a file of another kind."),
     "info": ("info", "Say what is in a map or a log."),

@@ -88,7 +88,7 @@ def fleet(call: _Call, given: Any = None) -> None:
             print(indented(line))
         print(
             f"  {report.tiles} tiles in {number_of(report.blocks, 'block')}; {report.seconds:.3f} s on "
-            f"{report.workers} workers, {report.idle:.0%} of their time idle"
+            f"{report.workers} workers, idle for {100 * report.idle:.0f} % of the time"
         )
         print(f"wrote {call.output}; look at it: ndtree view {call.output} --open")
     write_json(report.figures(), call.json_file)

@@ -80,6 +80,8 @@ def report_places(
     if not found:
         raise ValueError(f"{name}: no scan could be looked for: {figures.summary()}")
     known = [one for one in found if not one.is_lost]
+    if not known:
+        raise ValueError(f"{name}: found nowhere in the map: {figures.summary()}; expected --guess X,Y,YAW")
     if output is not None:
         with replaced(output, is_trajectory) as written, open(written, "w", encoding="ascii") as file:
             for one in known:

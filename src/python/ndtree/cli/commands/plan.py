@@ -35,22 +35,22 @@ class _Call:
         "blocked", "Unknown space: blocked, free, or a cost >= 1, the factor of its length.", "--unknown"
     )
     max_seconds: Optional[float] = flag(None, "That the search may take [s].", min=0.0)
-    output: Optional[Path] = flag(None, f"The way: {', '.join(ENDINGS)}.", "--output", "-o")
-    picture: Optional[Path] = flag(None, "A picture of the map and the way.")
+    output: Optional[Path] = flag(None, f"The path: {', '.join(ENDINGS)}.", "--output", "-o")
+    picture: Optional[Path] = flag(None, "A picture of the map and the path.")
 
 
 @command(
     "plan",
     epilog=examples(
         "ndtree plan office.ndt --from 1,2 --to 8,3 --body 0.3",
-        "ndtree plan office.ndt --from 1,2 --to 8,3 --body 0.3 -o way.csv --picture way.png",
-        "ndtree plan campus.bt --from 0,0,1 --to 40,10,1 --body 0.35 --unknown free -o way.json",
+        "ndtree plan office.ndt --from 1,2 --to 8,3 --body 0.3 -o path.csv --picture path.png",
+        "ndtree plan campus.bt --from 0,0,1 --to 40,10,1 --body 0.35 --unknown free -o path.json",
     ),
 )
 @reports_errors
 @takes(_Call)
 def plan(call: _Call) -> None:
-    """Find a short way for a robot through a map.
+    """Find a short path for a robot through a map.
 
     Straight between its points, free for all of the ball that moves along it, and nearly the shortest. Exit
     status 1 if there is none.
@@ -62,7 +62,7 @@ def plan(call: _Call) -> None:
     m = load_map(call.source)
     if call.picture is not None and m.dim != 2:
         raise WrongCall(
-            f"--picture {call.picture}: of ways in 2-D maps alone, and {call.source} is {m.dim}-D"
+            f"--picture {call.picture}: of paths in 2-D maps alone, and {call.source} is {m.dim}-D"
         )
     way = m.plan(
         _point("--from", call.start_at, m.dim),
@@ -73,7 +73,7 @@ def plan(call: _Call) -> None:
         max_seconds=call.max_seconds,
     )
     if not way:
-        raise ValueError(f"no way found: {way.reason}")
+        raise ValueError(f"no path found: {way.reason}")
     if call.output is not None:
         _write(way, call.output)
     if plot is not None and call.picture is not None:

@@ -85,7 +85,7 @@ def mapping_progress(log: Log | Again, target: OccupancyMap) -> Iterator[Callabl
         lines = _Lines()
 
         def say(scans: int, beams: int) -> None:
-            share = "" if log.share_read is None else f"{log.share_read:.0%}: "
+            share = "" if log.share_read is None else f"{100 * log.share_read:.0f} %: "
             lines.say(lambda: share + mapping_line(scans, beams, time.monotonic() - begin, target))
 
         yield say

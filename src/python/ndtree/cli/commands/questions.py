@@ -149,7 +149,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("start_at", "X,Y[,Z]", "none: must be given", "always"),
         Row("goal", "X,Y[,Z]", "none: must be given", "always"),
         Row("radius", "M", "none: must be given", "always"),
-        Row("clearance", "M", "0.0", "the robot does not follow its way exactly"),
+        Row("clearance", "M", "0.0", "the robot does not follow its path exactly"),
         Row("unknown_space", "blocked|free|COST", "blocked", "the map has holes that the robot may cross"),
         Row("max_seconds", "S", "no limit", "a robot that must go on"),
         Row("strategy", "information|nearest|random", "all three", "one of them alone"),
@@ -182,7 +182,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("guess", "X,Y,YAW", "anywhere", "where the sensor is in that map at first"),
         Row("follow", "TOPIC|tf", "poses stay", "a SLAM that corrects poses: by its Path, or jumps of tf"),
         Row("follow_frame", "FRAME", "the robot's base", "the Path is of another frame"),
-        Row("follow_memory", "MIB", "1024 MiB", "a long way, or less memory: the oldest scans stay then"),
+        Row("follow_memory", "MIB", "1024 MiB", "a long drive, or less memory: the oldest scans stay then"),
     ),
     "On which machines?": (
         Row("engine", "processes|local|ray|dask", "processes", "several machines"),
