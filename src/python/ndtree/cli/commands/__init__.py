@@ -22,17 +22,17 @@ COMMANDS = {
     ),
     "map": (
         "map_log",
-        "Build a map from a log, and write it to a file. Several logs give a map each, or with --merge one.",
+        "Build a map from a log, and write it to a file. Several logs make a map each, or with --merge one.",
     ),
-    "align": ("align", "Find the poses of a log, where its own drift or it has none."),
-    "clean": ("clean", "Write the points of a log without what moved: people, cars, doors."),
+    "align": ("align", "Find the poses of a log whose own drift or are missing."),
+    "clean": ("clean", "Write the points of a log without those that moved: people, cars, doors."),
     "live": (
         "live",
         "Map a recording as a robot would: message by message, at its own pace, and say what was dropped.",
     ),
     "fleet": (
         "fleet",
-        "Map logs of several robots into tiles: by time, then by name, as one machine would, byte for byte.",
+        "Map logs of several robots into tiles, byte for byte as one machine would: by time, then by name.",
     ),
     "compare": (
         "compare",
@@ -43,7 +43,7 @@ COMMANDS = {
         "calibrate",
         "Estimate the options of the sensor from a log: the noise of its ranges, and its error rates.",
     ),
-    "view": ("view", "Show a map on a page of this computer until Ctrl-C, or draw it into a file."),
+    "view": ("view", "Show a map in the browser until Ctrl-C, or draw it into a file."),
     "plan": ("plan", "Find a short path for a robot through a map."),
     "explore": ("explore", "Let a simulated robot explore a world by several strategies."),
     "convert": ("convert", "Write a map as a file of another kind."),

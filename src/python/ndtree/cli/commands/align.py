@@ -59,10 +59,10 @@ class _Call:
 @reading_options
 @takes(_Call)
 def align_(call: _Call, given: Any = None) -> None:
-    """Find the poses of a log, where its own drift or it has none.
+    """Find the poses of a log whose own drift or are missing.
 
     Each scan is matched with those before it. Places seen before are found, and all poses made to fit.
-    Of a 3-D lidar as with --odometry kiss-icp, by libraries of an extra.
+    Libraries of the extra kiss-icp do this for 3-D lidars.
     """
     if call.max_range is not None and not call.max_range > 0:
         raise WrongCall(f"--max-range {call.max_range:g}: must be > 0 m")

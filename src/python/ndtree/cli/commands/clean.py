@@ -52,9 +52,9 @@ def clean(
     json_file: Json = None,
     given: Any = None,
 ) -> None:
-    """Write the points of a log without what moved: people, cars, doors.
+    """Write the points of a log without those that moved: people, cars, doors.
 
-    Each scan is asked whether it saw the places of all others' points empty.
+    A point moved if other scans surely saw its place empty, before or after.
     """
     begin = time.perf_counter()
     source = opened(given, log)

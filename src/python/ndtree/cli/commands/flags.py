@@ -146,7 +146,7 @@ _CONFIG = _flag("config", Path, "A file of TOML that says how LOG is read and ma
 #: What is read of a log, and of its format.
 _READING = (
     _flag("format", str, f"Of {', '.join(FORMATS)}; else recognised from the content.", _OF_LOGS),
-    _flag("keep_going", bool, "Pass over what is damaged, and say how often.", _OF_LOGS, "--keep-going"),
+    _flag("keep_going", bool, "Skip damaged parts, and count them.", _OF_LOGS, "--keep-going"),
     _flag("strict", bool, "Refuse logs with scans whose pose is not known.", _OF_LOGS, "--strict"),
     _flag("every", int, "Use each n-th scan.", _OF_LOGS),
     _flag("start", float, "From this time since the first scan on [s].", _OF_LOGS, "--from"),

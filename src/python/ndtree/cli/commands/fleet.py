@@ -54,9 +54,9 @@ class _Call:
 @fleet_options
 @takes(_Call)
 def fleet(call: _Call, given: Any = None) -> None:
-    """Map logs of several robots into tiles: by time, then by name, as one machine would, byte for byte.
+    """Map logs of several robots into tiles, byte for byte as one machine would: by time, then by name.
 
-    Options that are not given are chosen by the first log. A run that was killed goes on where it was.
+    The first log chooses options that are not given. After a kill, the same call goes on.
     """
     given = given.overridden(Config.of(fixed=call.fixed or None).values)
     sources = named([str(log) for log in call.logs])

@@ -48,7 +48,7 @@ def info(
 ) -> None:
     """Say what is in a map or a log.
 
-    At once: of a bag by its index and first messages, of other logs by their first million beams.
+    It answers at once: from a bag's index and first messages, from other logs' first million beams.
     """
     if is_map(path):
         require_none(given, "a map")

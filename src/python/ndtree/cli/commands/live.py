@@ -118,9 +118,9 @@ class _Call:
 def live(call: _Call, given: Any = None) -> None:
     """Map a recording as a robot would: message by message, at its own pace, and say what was dropped.
 
-    If none was, the map is that of "ndtree map" with the same options: byte for byte of up to a minute, and
-    of more if what is chosen by the first minute is what all of it says. For a robot that runs ROS 2 there
-    is the node ndtree_map.
+    If nothing was dropped, the map is that of "ndtree map" with the same options, byte for byte: of
+    recordings up to a minute, and of longer ones if the first minute leads to the choices of the whole. For a
+    robot that runs ROS 2 there is the node ndtree_map.
     """
     _refuse_mixtures(call, given)
     run = _Run(call, given)

@@ -78,9 +78,9 @@ class _Call:
 @map_options
 @takes(_Call)
 def map_(call: _Call, given: Any = None) -> None:
-    """Build a map from a log, and write it to a file. Several logs give a map each, or with --merge one.
+    """Build a map from a log, and write it to a file. Several logs make a map each, or with --merge one.
 
-    A map in tiles may be larger than memory, and one that was killed goes on where it was.
+    A map in tiles may be larger than memory; after a kill, the same call goes on.
     """
     output = call.output
     given = given.overridden(Config.of(fixed=call.fixed or None).values)

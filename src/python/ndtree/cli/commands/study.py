@@ -33,7 +33,7 @@ def study(
 ) -> None:
     """Map several logs with several sets of options, and write tables and a picture.
 
-    Finished jobs are kept: the same call once more goes on where the last one ended, and maps nothing twice.
+    Finished jobs are kept: the same call goes on where the last one ended, and maps nothing twice.
     """
     planned = load(config)
     if output is not None:

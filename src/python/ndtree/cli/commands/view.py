@@ -53,7 +53,7 @@ class _Call:
 @reading_options
 @takes(_Call)
 def view(call: _Call, given: Any = None) -> None:
-    """Show a map on a page of this computer until Ctrl-C, or draw it into a file.
+    """Show a map in the browser until Ctrl-C, or draw it into a file.
 
     Rooms are cut below their ceiling, unless --slice says where; the page's switch "Slice" brings it back.
     """
