@@ -42,8 +42,8 @@ class _Call:
 @command(
     "plan",
     epilog=examples(
-        "ndtree plan office.ndt --from 1,2 --to 8,3 --body 0.3",
-        "ndtree plan office.ndt --from 1,2 --to 8,3 --body 0.3 -o path.csv --picture path.png",
+        "ndtree plan office.ndt --from 2,4 --to 22,17 --body 0.3",
+        "ndtree plan office.ndt --from 2,4 --to 22,17 --body 0.3 -o path.csv --picture path.png",
         "ndtree plan campus.bt --from 0,0,1 --to 40,10,1 --body 0.35 --unknown free -o path.json",
     ),
 )
