@@ -9,7 +9,7 @@ namespace {
 
 void print(const ndtree::Path<2>& path) {
   if (path.status != ndtree::PathStatus::found) {
-    std::cout << "no way\n";
+    std::cout << "no path\n";
     return;
   }
   std::cout << path.length << " m, " << path.clearance << " m from obstacles:";

@@ -286,7 +286,7 @@ def explore(
         goal = STRATEGIES[strategy](robot, robot.places())
         seconds.append(time.perf_counter() - begin)
         if progress is not None:
-            progress("looks", looks + 1, max_looks)
+            progress("scans taken", looks + 1, max_looks)
         if goal is None:
             break
         robot.drive(goal)

@@ -118,7 +118,7 @@ def _figures(done: dict[str, Exploration]) -> dict[str, dict[str, Any]]:
 def _print(world: str, figures: dict[str, dict[str, Any]]) -> None:
     unit = "m2" if world == "office" else "m3"
     print(
-        f"{'strategy':<12} {'path to 95 %':>12} {'whole path':>10} {'looks':>6} {'seen':>10} {'computed':>9}"
+        f"{'strategy':<12} {'path to 95 %':>12} {'whole path':>10} {'scans':>6} {'seen':>10} {'computed':>9}"
     )
     for name, row in figures.items():
         way = "never" if row["way_to_95_percent"] is None else f"{row['way_to_95_percent']:.1f} m"
