@@ -146,7 +146,7 @@ class Reliability:
     def __iadd__(self, other: Reliability) -> Self: ...
 
 class MovedEvidence:
-    """Which points of a log returned from what moved.
+    """Finds the points of a log that returned from moving things.
 
     All scans are given twice: to add(), which collects where beams ended, and then to look(), which asks each scan
     whether it saw these places empty: whether the beams around a place pass it by a cell and by the noise of both
@@ -1191,7 +1191,7 @@ class OccupancyMap:
         at: Literal["surface", "cell"] = "surface",
         details: Literal[False] = False,
     ) -> NDArray[np.float64]:
-        """Distance along rays to the first occupied leaf (Sec. II-D of the paper).
+        """Distance along rays: to the likely surface in the first occupied leaf, or to that leaf (Sec. II-D).
 
         Parameters
         ----------
@@ -1233,7 +1233,7 @@ class OccupancyMap:
         at: Literal["surface", "cell"] = "surface",
         details: Literal[True],
     ) -> RayEnds:
-        """Distance along rays to the first occupied leaf (Sec. II-D of the paper).
+        """Distance along rays: to the likely surface in the first occupied leaf, or to that leaf (Sec. II-D).
 
         Parameters
         ----------
@@ -1287,7 +1287,7 @@ class OccupancyMap:
         HeldOutTruth
         """
     def moved(self, points: ArrayLike) -> NDArray[np.float32]:
-        """Probability that what returned at points is not part of what stands, by the map's evidence.
+        """Probability that points returned from things that do not stand there for good, by the map's evidence.
 
         A point in free space moved, or came there by an error, unless an occupied cell is as near as half a smallest
         cell and three standard deviations of a range. While the cell of an adaptive map remembers that a beam ended in
@@ -1329,7 +1329,7 @@ class OccupancyMap:
     def certify(
         self, scans: Iterable[Scan], *, confidence: float = 0.95, max_range: float = ...
     ) -> Certificate:
-        """Bound the share of what a map calls free that is occupied, by scans that it was not made of.
+        """Bound the fraction of free space that is in truth occupied, by scans that the map was not made of.
 
         Of the points along a scan's beams, every 0.1 m and at their ends, the map calls some free; the scan's
         share is that of end points among these. Of n scans and one more, in an order that says nothing, the last
@@ -1858,7 +1858,7 @@ class OccupancyMap:
         *,
         beams: int = 16,
     ) -> None:
-        """Say that space is free, or occupied, because somebody knows better.
+        """Mark space as free or occupied by hand.
 
         The cells are the same that `clear` forgets with the same arguments; what was known of them is replaced. Each
         smallest cell gets the evidence of ``beams`` beams that ended in it, or passed it, and larger cells what their
@@ -1913,11 +1913,11 @@ class OccupancyMap:
         """
     @property
     def revision(self) -> Self:
-        """What the map is now, to be asked for `changes(since=...)` later: a snapshot()."""
+        """A snapshot of the map as it is now, for `changes(since=...)` later."""
     def changes(
         self, *, since: OccupancyMap, of: ChangeOf = "states", box: ArrayLike | None = None
     ) -> Changes:
-        """What is different from what the map, or another one of the same cells, was.
+        """Regions that differ from an earlier state of the map, or from another map of the same cells.
 
         Takes time in proportion to what was written since the snapshot was made, whatever the size of the map. Any number
         of listeners may each keep a snapshot of their own; one holds at most the memory that the map held then.

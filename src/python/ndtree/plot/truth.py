@@ -51,7 +51,7 @@ def truth_by_cell_size(comparison: Mapping[str, Any], ax: Axes | None = None, *,
     count = np.array([row[total] for row in rows], dtype=np.float64)
     ax = axes_or_new(ax)
     ax.set_xscale("log")
-    ax.bar(size, count / count.sum(), 0.3 * size, color="0.85", zorder=0, label="share of all")
+    ax.bar(size, count / count.sum(), 0.3 * size, color="0.85", zorder=0, label="fraction of all")
     for name in rows[0][right]:
         share = np.array([row[right][name] for row in rows]) / count
         ax.plot(size, share, marker="o", markersize=4, label=name)

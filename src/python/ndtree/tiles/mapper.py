@@ -47,12 +47,12 @@ _COUNTS = ("beams", "returned", "not_returned", "beyond_max_range", "invalid")
 
 @checked
 class TileMapper:
-    """Takes scans in, one after the other, and keeps no more than so much of the map in memory.
+    """Inserts scans one by one, and keeps a bounded part of the map in memory.
 
     All scans go into one map, so that each costs what it does without tiles; before that, the tiles that it
     crosses are read, and those that rest are written and forgotten. From time to time the whole state is
     written. A mapper that is made anew at the same place begins there: give it all scans again, from the
-    first on, and it looks at those that it knows, and goes on behind them.
+    first on, and it skips those that it has.
 
     Parameters
     ----------

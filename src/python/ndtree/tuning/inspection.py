@@ -33,7 +33,7 @@ def inspect(
     progress: Progress | None = None,
     **more: Any,
 ) -> Config:
-    """Decide how a log is read and mapped, where that was not given. It is looked at once.
+    """Decide how a log is read and mapped, where that was not given; it is read once.
 
     Parameters
     ----------

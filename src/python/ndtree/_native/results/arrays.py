@@ -197,7 +197,7 @@ class InformationGain(Answers):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Changes(Answers):
-    """Regions whose state, or cell, is another one, one entry each; indexed as `Leaves`.
+    """Regions whose state or cell has changed, one entry each; indexed as `Leaves`.
 
     Attributes
     ----------

@@ -137,7 +137,7 @@ class HistoryReport:
 
 @dataclass(frozen=True)
 class Claims:
-    """What a map says about space of which is known whether somebody saw it.
+    """How much of the space that scans saw, or did not see, a map calls free, occupied or unknown.
 
     Counts of points that were drawn uniformly, so that shares of them are shares of volume.
 
@@ -235,7 +235,7 @@ class Match:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Path:
-    """A way from a start to a goal; true if one was found.
+    """A path from a start to a goal; true if one was found.
 
     Attributes
     ----------
