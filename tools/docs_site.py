@@ -288,13 +288,33 @@ def _plain(text: str | None) -> str:
 # --- Trials -----------------------------------------------------------------------------------------
 
 
+#: What each capability of tools/trials answers.
+_ANSWERS = {
+    "map": "where space is free, occupied, unknown; poses are exact",
+    "no_return": "whether beams without return are free",
+    "noise": "the noise of ranges",
+    "align": "the poses of a drive",
+    "slam": "the poses of a drive, scan by scan",
+    "match": "one scan's pose in a map, and its covariance",
+    "localize": "the robot in a saved map",
+    "moved": "`m.moved`: which of a map's points moved",
+    "clean": "the points that `ndtree clean` leaves out",
+    "static": "the map of `--static`",
+    "live": "the map of `ndtree live`, of bags with faults",
+    "grid": "the grid for nav2",
+}
+
+
 def _trials_table() -> str:
     """How the last committed trials in random worlds ended, the most often wrong without a word first."""
     counted = json.loads((ROOT / "tools" / "trials_table.json").read_text())
     rows = []
     for name, found in sorted(counted.items(), key=lambda item: -item[1]["counts"][3] / item[1]["trials"]):
-        rows.append((f"`{name}`", str(found["trials"]), *map(str, found["counts"])))
-    return _table(("answer", "trials", "right", "doubted", "refused", "wrong without saying so"), rows)
+        right, doubted, refused, wrong = map(str, found["counts"])
+        doubts = f"{doubted} ({found['needless']})" if found["counts"][1] else doubted
+        rows.append((f"`{name}`", _ANSWERS[name], str(found["trials"]), right, doubts, refused, wrong))
+    head = ("", "answer", "trials", "right", "doubted (though right)", "refused", "wrong without saying so")
+    return _table(head, rows)
 
 
 TABLES: dict[str, Callable[[], str]] = {
