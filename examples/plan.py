@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A robot finds a short path through an office, on a map that it made, and another one when something stands in it."""
+"""A robot finds a short path through an office that it mapped, and another when something stands in it."""
 
 import argparse
 

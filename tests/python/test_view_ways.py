@@ -42,7 +42,7 @@ def test_every_second_click_ends_a_way() -> None:
     assert "goal = (0.1, 0.0)" in said and len(points) == 0
     ways.clicked(m, np.array([-1.0, 0.0, 0.0]), 0.6)
     said, points = ways.clicked(m, np.array([1.0, 0.0, 0.0]), 0.6)
-    assert "no way: the goal is in another part" in said and len(points) == 0
+    assert "no path: the goal is in another part" in said and len(points) == 0
     assert "OctoMap" in ways.clicked(None, np.zeros(3), 0.2)[0]
 
 

@@ -28,7 +28,7 @@ class Ways:
     def clicked(self, m: OccupancyMap | None, place: Floats, radius: float) -> tuple[str, Floats]:
         """What is said about it, and the way's points (n, dim), or the place alone."""
         if m is None:
-            return "no ways through maps of OctoMap's own", np.zeros((0, 3))
+            return "no paths through maps of OctoMap's own", np.zeros((0, 3))
         place = place[: m.dim]
         if self._start is None:
             self._start = place
@@ -39,7 +39,7 @@ class Ways:
         except ValueError as error:
             return str(error), np.zeros((0, m.dim))
         if not way:
-            return f"no way: {way.reason}", np.zeros((0, m.dim))
+            return f"no path: {way.reason}", np.zeros((0, m.dim))
         return f"{way.length:.2f} m, {way.clearance:.2f} m from obstacles", way.points
 
 
