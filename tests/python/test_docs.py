@@ -148,6 +148,22 @@ def test_scripts_that_pages_name_exist() -> None:
         assert os.access(ROOT / name, os.X_OK), name
 
 
+def test_flags_that_pages_name_are_in_the_help() -> None:
+    """Those of other programs aside."""
+    helps = "".join(path.read_text() for path in (ROOT / "src/python/ndtree/cli/pages").glob("*-all.txt"))
+    others = {"help", "help-all", "install-completion", "ros-args", "system-site-packages", "tolerances"}
+    pages = [page for page in PAGES if page not in ("install.md", "benchmarks.md", "peers.md")]
+    named = {
+        (page, name)
+        for page in pages
+        for name in re.findall(r"(?<![\w-])--([a-z][a-z-]+)", (DOCS / page).read_text())
+        if name not in others
+    }
+    assert len(named) > 100
+    missing = [one for one in sorted(named) if not re.search(rf"--{one[1]}(?![\w-])", helps)]
+    assert not missing
+
+
 def test_calls_that_pages_name_exist() -> None:
     prose = "\n".join((DOCS / page).read_text() for page in PAGES)
     headers = "\n".join(path.read_text() for path in (ROOT / "include").rglob("*.hpp"))

@@ -27,8 +27,8 @@ def pages() -> dict[tuple[str, bool], str]:
 
 
 def flags_of(parameter: Any) -> str:
-    """A parameter's flags, the shortest first; of a switch that is on, also what turns it off."""
-    off = parameter.secondary_opts if parameter.name == "deskew" else []
+    """A parameter's flags, the shortest first; of a switch that is on by default, also what turns it off."""
+    off = parameter.secondary_opts if parameter.name in ("deskew", "loops", "free") else []
     return ", ".join([*sorted(parameter.opts, key=len), *off])
 
 
