@@ -83,8 +83,13 @@ void expect_changes(const Map& before, const Map& after, ChangeOf what) {
   const auto is_blank = [&](const Cell& cell) {
     return what != ChangeOf::cells ? state_of(cell) == CellState::unknown : cell == Cell{};
   };
+  const auto is_large = [&](const Place& place) {
+    return what == ChangeOf::columns && state_of(place.cell) == CellState::occupied &&
+           place.level > geometry.finest_level();
+  };
   const auto differ = [&](const Place& one, const Place& other) {
-    if (what != ChangeOf::cells) return state_of(one.cell) != state_of(other.cell);
+    if (what != ChangeOf::cells)
+      return state_of(one.cell) != state_of(other.cell) || is_large(one) != is_large(other);
     return !(one.cell == other.cell) || (one.cell.observed() && one.level != other.level);
   };
   std::size_t cells = 0;
@@ -95,6 +100,8 @@ void expect_changes(const Map& before, const Map& after, ChangeOf what) {
       for (std::int64_t& coordinate : corner) coordinate += at;
       ASSERT_EQ(state_of(place_in(before, corner).cell), change.before);
       ASSERT_EQ(state_of(place_in(after, corner).cell), change.after);
+      ASSERT_EQ(is_large(place_in(before, corner)), change.was_large);
+      ASSERT_EQ(is_large(place_in(after, corner)), change.is_large);
       ASSERT_TRUE(differ(place_in(before, corner), place_in(after, corner)));
     }
     cells += static_cast<std::size_t>(integer_power(edge, D));

@@ -11,15 +11,15 @@ import pytest
 
 import ndtree
 from ndtree.live import GridFollower
+from ndtree.live.grid import GroundFollower
 from ndtree.live.outputs import Frontiers, by_size, cell_points, changed_points
 from ndtree.maps.writers.map_server import noise_depth
 
 
 def image_of(m: Any, grid: GridFollower, **options: Any) -> np.ndarray:
-    """The image of a map, in the place of a grid; in the plane its walls are as thick as their noise."""
+    """The image of a map, in the place of a grid; its walls are as thick as their noise."""
     assert grid.values is not None
-    if m.dim == 2:
-        options.setdefault("wall_depth", noise_depth(m))
+    options.setdefault("wall_depth", noise_depth(m))
     expected = np.full_like(grid.values, -1)
     try:
         pixels, (x, y), cell_size = m.map_server_image(**options)
@@ -29,6 +29,15 @@ def image_of(m: Any, grid: GridFollower, **options: Any) -> np.ndarray:
     column, row = round((x - grid.origin[0]) / cell_size), round((y - grid.origin[1]) / cell_size)
     expected[row : row + image.shape[0], column : column + image.shape[1]] = image
     return expected
+
+
+def array_of(m: Any, grid: GridFollower, wall_depth: float | None) -> np.ndarray:
+    """The map's dense array in the place of a grid in the plane."""
+    assert grid.values is not None
+    size = np.array(grid.values.shape[::-1])
+    box = np.array([grid.origin, grid.origin + size * grid.cell_size])
+    states = m.to_grid(box, grid.cell_size, wall_depth=wall_depth)
+    return np.where(states == 1, 100, states).T
 
 
 class Listener:
@@ -94,11 +103,41 @@ def test_far_walls_are_as_thick_as_their_noise(options: Any) -> None:
         listener.take(grid.follow(m.snapshot()))
         assert np.array_equal(listener.values, grid.values)
         assert np.array_equal(grid.values, image_of(m, grid, **options))
+        assert np.array_equal(grid.values, array_of(m, grid, options.get("wall_depth", noise_depth(m))))
     assert grid.values is not None and listener.parts >= 15
     whole = GridFollower(options.get("cell_size"), wall_depth=math.inf)
     whole.follow(m.snapshot())
     thickness, slab = (np.mean(one.values[one.values.any(axis=1)] == 100) for one in (grid, whole))
     assert thickness == slab if options.get("wall_depth") == math.inf else thickness < 0.8 * slab
+    assert grid.follow(m.snapshot()) is None
+
+
+@pytest.mark.parametrize("follower", [GridFollower, GroundFollower])
+def test_in_space_far_walls_are_as_thick_as_their_noise(follower: Any) -> None:
+    generator = np.random.default_rng(2)
+    m = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1, range_sigma=0.02, range_sigma_quadratic=0.004)
+    grid, listener = follower(None, (0.2, 1.5)), Listener()
+    whole = follower(None, (0.2, 1.5), wall_depth=math.inf)
+    across, up = np.meshgrid(np.linspace(-0.5, 0.5, 90), np.linspace(-0.12, 0.12, 25))
+    ways = np.stack([np.ones_like(up), across, up], axis=-1).reshape(-1, 3)
+    for i in range(12):
+        origin = np.array([0.013, 0.1 * i - 0.6, 1.02])
+        noise = generator.normal(0, 1, (len(ways), 1)) * 0.03 * np.linalg.norm(ways, axis=1, keepdims=True)
+        m.insert(origin + ways * (9.0 + 9.0 * noise), origin)
+        listener.take(grid.follow(m.snapshot()))
+        whole.follow(m.snapshot())
+        assert np.array_equal(listener.values, grid.values)
+        if follower is GridFollower:
+            assert np.array_equal(grid.values, image_of(m, grid, height=(0.2, 1.5)))
+            assert np.array_equal(whole.values, image_of(m, whole, height=(0.2, 1.5), wall_depth=math.inf))
+        anew = follower(None, (0.2, 1.5))
+        anew.follow(m.snapshot())
+        assert np.array_equal(*(one.values[one.values != -1] for one in (anew, grid)))
+    assert grid.values is not None and whole.values is not None and listener.parts >= 5
+    assert np.array_equal(grid.values == 0, whole.values == 0)
+    assert (whole.values[grid.values == 100] == 100).all()
+    thickness, slab = (np.count_nonzero(one.values == 100) for one in (grid, whole))
+    assert 50 < thickness < 0.7 * slab
     assert grid.follow(m.snapshot()) is None
 
 

@@ -34,8 +34,8 @@ def scans(world: str, n: int) -> list[ndtree.Scan]:
 
 
 def drawn(m: Any, **height: Any) -> Any:
-    """As live grids are: walls of a map in the plane as thick as their noise."""
-    return m.map_server_image(wall_depth=noise_depth(m) if m.dim == 2 else None, **height)
+    """As live grids are: walls as thick as their noise."""
+    return m.map_server_image(wall_depth=noise_depth(m), **height)
 
 
 def image_of(m: Any, shape: tuple[int, int], origin: tuple[float, float], **height: Any) -> np.ndarray:

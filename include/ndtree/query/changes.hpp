@@ -20,7 +20,8 @@
 namespace ndtree {
 
 /// What counts as a change: another state, or that as part of a column of cells, see
-/// ThinThings::state_in_column(), or anything that a cell holds, its size too.
+/// ThinThings::state_in_column(), or whether it is occupied and larger than the smallest, or anything that a
+/// cell holds, its size too.
 enum class ChangeOf { states, columns, cells };
 
 /// A region whose state, or cell, is another one.
@@ -29,6 +30,8 @@ struct Change {
   CellIndex<D> index;  ///< Of the smaller of the two leaves that it lay in, and lies in.
   CellState before = CellState::unknown;
   CellState after = CellState::unknown;
+  bool was_large = false;  ///< Of columns: occupied, as a part of a cell larger than the smallest.
+  bool is_large = false;
 };
 
 namespace detail {
@@ -58,6 +61,9 @@ class TreeRegion {
   [[nodiscard]] bool is_leaf() const { return node_ != nullptr ? node_->is_leaf() : !is_around_root_; }
   /// Whether the tree has this very node, not just a larger leaf there.
   [[nodiscard]] bool is_node_of_its_own() const { return is_own_; }
+  [[nodiscard]] bool is_smallest() const {
+    return is_own_ && index_.level == tree_->geometry().finest_level();
+  }
   /// @pre is_leaf(). @param thin what counts as occupied although it is free.
   [[nodiscard]] CellState state(const ThinThings& thin = {}) const {
     return node_ != nullptr ? thin.state_in_column(node_->cell()) : CellState::unknown;
@@ -232,22 +238,24 @@ void for_each_change(const Map& before, const Map& after, const Visit& visit,
   if (box) cells = geometry.cells_in(*box, geometry.finest_level());
   Pace pace;
   const bool is_cells = what == ChangeOf::cells;
-  const ThinThings in_old = what == ChangeOf::columns ? ThinThings(before) : ThinThings();
-  const ThinThings in_new = what == ChangeOf::columns ? ThinThings(after) : ThinThings();
+  const bool is_columns = what == ChangeOf::columns;
+  const ThinThings in_old = is_columns ? ThinThings(before) : ThinThings();
+  const ThinThings in_new = is_columns ? ThinThings(after) : ThinThings();
   const auto is_same = [&](const auto& old, const auto& now) {
     return is_cells ? old == now : in_old.state_in_column(old) == in_new.state_in_column(now);
   };
   detail::for_each_pair(before.tree(), after.tree(), [&](const Region& a, const Region& b) {
-    detail::descend_pair(a, b, cells ? &*cells : nullptr, pace, is_same,
-                         [&](const Region& old, const Region& now) {
-                           if (!old.is_leaf() || !now.is_leaf()) return true;
-                           const CellState was = old.state(in_old);
-                           const CellState is = now.state(in_new);
-                           if (is_cells ? !old.is_same_cell(now) : was != is) {
-                             visit(Change<Map::kDim>{now.index(), was, is});
-                           }
-                           return false;
-                         });
+    detail::descend_pair(
+        a, b, cells ? &*cells : nullptr, pace, is_same, [&](const Region& old, const Region& now) {
+          if (!old.is_leaf() || !now.is_leaf()) return true;
+          const CellState was = old.state(in_old);
+          const CellState is = now.state(in_new);
+          const bool was_large = is_columns && was == CellState::occupied && !old.is_smallest();
+          const bool is_large = is_columns && is == CellState::occupied && !now.is_smallest();
+          if (is_cells ? !old.is_same_cell(now) : was != is || was_large != is_large)
+            visit(Change<Map::kDim>{now.index(), was, is, was_large, is_large});
+          return false;
+        });
   });
 }
 

@@ -70,7 +70,9 @@ void bind_changes(py::module_& module) {
   py::class_<Changes>(module, "Changes", "Regions whose state, or cell, is another one, one entry each.")
       .def_readonly("lower", &Changes::lower, "(n, dim) float64: lower corners [m].")
       .def_readonly("size", &Changes::size, "(n,) float64: edge lengths [m].")
-      .def_readonly("before", &Changes::before, "(n,) int8: -1 unknown, 0 free, 1 occupied.")
+      .def_readonly("before", &Changes::before,
+                    "(n,) int8: -1 unknown, 0 free, 1 occupied; of columns, 2 if that and larger "
+                    "than the smallest cells.")
       .def_readonly("after", &Changes::after, "(n,) int8: the same, now.")
       .def("__len__", [](const Changes& all) { return all.size.size(); })
       .def("__repr__",

@@ -70,8 +70,8 @@ class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
       for (const std::int64_t coordinate : change.index.lower)
         arrays.lower.push_back(geometry.border(coordinate));
       arrays.size.push_back(geometry.cell_size(change.index.level));
-      arrays.before.push_back(static_cast<std::int8_t>(change.before));
-      arrays.after.push_back(static_cast<std::int8_t>(change.after));
+      arrays.before.push_back(static_cast<std::int8_t>(static_cast<int>(change.before) + change.was_large));
+      arrays.after.push_back(static_cast<std::int8_t>(static_cast<int>(change.after) + change.is_large));
     };
     const CellsAdapter& old = same_kind(before);
     for_each_change(old.cells(), map, add, what, region);

@@ -1928,7 +1928,7 @@ class OccupancyMap:
             An earlier snapshot() or `revision` of this map, or any map of the same kind with cells of the same sizes.
         of : {"states", "columns", "cells"}
             What has to be different: the state; the state as part of a column, where free cells that are `Leaves.thin` count
-            as occupied; or anything that a cell holds, as its probability, hits and misses, size, or values of its layers
+            as occupied, and occupied ones larger than the smallest are 2; or anything that a cell holds, as its probability, hits and misses, size, or values of its layers
             (which takes time in proportion to those of layers that changed).
         box : array_like, (2, dim), optional
             Only regions that share a volume with it; corners [m].

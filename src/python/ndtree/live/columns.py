@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Columns of a 3-D map above the pixels of a plane: what is free and occupied in them."""
+"""Columns of a 3-D map above the pixels of a plane: what is free and occupied in them.
+
+Occupied cells larger than the smallest, over which a far wall scatters, are drawn near free pixels alone, as
+`OccupancyMap.map_server_image` draws them.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,7 @@ from ndtree._native._core import OccupancyMap
 from ndtree._native.results import Leaves
 from ndtree.cells.raster import pixels_in
 from ndtree.live.canvas import Ints, Pixels
-from ndtree.maps.ground import FREE, OCCUPIED, REACH, UNKNOWN, seen_above_ground
+from ndtree.maps.ground import FREE, LARGE, OCCUPIED, REACH, UNKNOWN, seen_above_ground
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +34,7 @@ class Boxes(NamedTuple):
     """Boxes of pixels with cells above them.
 
     `first`, `last` (n, 2): First pixel of each, and those behind the last.
-    `before`, `after` (n,) int8: State of its cells: -1 unknown, 0 free, 1 occupied.
+    `before`, `after` (n,) int8: State of its cells: -1 unknown, 0 free, 1 occupied, 2 in a large cell.
     `cells` (n,): Smallest cells above a pixel, between the heights that count.
     """
 
@@ -71,35 +75,67 @@ class Boxes(NamedTuple):
     def known(m: OccupancyMap, pixel: float, height: tuple[float, float] | None) -> Boxes:
         """Of what is known in a map, where nothing was before."""
         leaves = m.leaves(states=["free", "occupied"])
-        after = state_in_column(leaves)
+        unit = m.options["min_cell_size"]
+        after = state_in_column(leaves, unit)
         states = np.full_like(after, -1), after
-        return Boxes.of((leaves.lower, leaves.size), states, pixel, m.options["min_cell_size"], height)
+        return Boxes.of((leaves.lower, leaves.size), states, pixel, unit, height)
 
     def __bool__(self) -> bool:
         return len(self.cells) > 0
 
 
-def state_in_column(leaves: Leaves) -> Pixels:
-    """(n,) the state of leaves of a 3-D map as parts of a column."""
-    return np.where(leaves.thin, 1, leaves.state).astype(np.int8)
+def state_in_column(leaves: Leaves, unit: float) -> Pixels:
+    """(n,) the state of leaves of a 3-D map as parts of a column, 2 if occupied and larger than a unit."""
+    state = np.where(leaves.thin, 1, leaves.state)
+    return (state + ((state == 1) & (leaves.size > 1.5 * unit))).astype(np.int8)
+
+
+class WallFronts:
+    """How far behind free pixels large occupied cells are drawn; beyond they are unknown.
+
+    `depth`: [m]; None or infinite: all of each.
+    """
+
+    def __init__(self, depth: float | None = None) -> None:
+        self.depth = depth
+
+    def reach(self, pixel: float) -> int:
+        """How far a free pixel shows others [pixels]."""
+        if self.depth is None or math.isinf(self.depth):
+            return 0
+        return max(1, math.floor(self.depth / pixel * (1 + 1e-9)))
+
+    def drawn(self, values: Pixels, pixel: float) -> Pixels:
+        """Values without any that is `LARGE`; within reach of the border, what lies beyond is missing."""
+        large, reach = values == LARGE, self.reach(pixel)
+        near = values == FREE if reach else large
+        for axis, size in enumerate(values.shape):
+            if reach and size:
+                before = np.insert(near.cumsum(axis), 0, 0, axis)  # How many are free before each.
+                at = np.arange(size)
+                last, first = np.minimum(at + reach + 1, size), np.maximum(at - reach, 0)
+                near = before.take(last, axis) > before.take(first, axis)
+        return np.where(large, np.where(near, OCCUPIED, UNKNOWN), values).astype(np.int8)
 
 
 class Counts:
     """A pixel is occupied where some cell above is, else free where one is.
 
-    Free and occupied cells above each pixel are counted: what changes moves from one count to the other.
+    Free, occupied and large occupied cells above each pixel are counted: what changes moves from one count to
+    another.
     """
 
     def __init__(self) -> None:
-        self._counts = np.zeros((2, 0, 0), dtype=np.int32)
+        self.fronts = WallFronts()
+        self._counts = np.zeros((3, 0, 0), dtype=np.int32)
 
     def reach(self, pixel: float) -> int:
         """How far what has changed may change others [pixels]."""
-        return 0
+        return self.fronts.reach(pixel)
 
     def begin(self, rows: int, columns: int) -> None:
         """Begin with a grid that is all unknown."""
-        self._counts = np.zeros((2, rows, columns), dtype=np.int32)
+        self._counts = np.zeros((3, rows, columns), dtype=np.int32)
 
     def grow(self, around: tuple[tuple[int, int], tuple[int, int]]) -> None:
         """Get rows and columns around."""
@@ -117,16 +153,18 @@ class Counts:
         """
         counts = self._counts[:, at[0], at[1]]
         size = counts.shape[1:]
-        for state in (0, 1):
+        for state in (0, 1, 2):
             change = ((boxes.after == state).astype(np.int64) - (boxes.before == state)) * boxes.cells
             use = change != 0
             where, which = pixels_in(boxes.first[use] - first, boxes.last[use] - first, size[1])
             sums = np.bincount(where, weights=change[use][which], minlength=size[0] * size[1])
             counts[state] += sums.reshape(size).astype(np.int32)
-        values = np.full(size, UNKNOWN, dtype=np.int8)
-        values[counts[0] > 0] = FREE
-        values[counts[1] > 0] = OCCUPIED
-        return values
+        reach = self.fronts.reach(pixel)
+        low, left = (max(one.start - reach, 0) for one in at)
+        free, occupied, large = self._counts[:, low : at[0].stop + reach, left : at[1].stop + reach] > 0
+        values = np.select([occupied, large, free], [OCCUPIED, LARGE, FREE], UNKNOWN).astype(np.int8)
+        row, column = at[0].start - low, at[1].start - left
+        return self.fronts.drawn(values, pixel)[row : row + size[0], column : column + size[1]]
 
 
 class AboveGround:
@@ -137,11 +175,12 @@ class AboveGround:
     """
 
     def __init__(self, height: tuple[float, float], slope: float) -> None:
+        self.fronts = WallFronts()
         self._height, self._slope = height, slope
 
     def reach(self, pixel: float) -> int:
         """As of `Counts`."""
-        return math.ceil(REACH / pixel)
+        return math.ceil(REACH / pixel) + self.fronts.reach(pixel)
 
     def begin(self, rows: int, columns: int) -> None:
         """Nothing is kept."""
@@ -160,8 +199,9 @@ class AboveGround:
         lower = first - reach
         box = np.column_stack([np.stack([lower, lower + size]) * pixel, [bounds[0][2], bounds[1][2]]])
         leaves = m.leaves(box, states=["free", "occupied"])
-        state = state_in_column(leaves)
-        known = Boxes.of((leaves.lower, leaves.size), (state, state), pixel, m.options["min_cell_size"], None)
+        unit = m.options["min_cell_size"]
+        state = state_in_column(leaves, unit)
+        known = Boxes.of((leaves.lower, leaves.size), (state, state), pixel, unit, None)
         values = seen_above_ground(
             (np.clip(known.first - lower, 0, size), np.clip(known.last - lower, 0, size)),
             (leaves.lower[:, 2], leaves.lower[:, 2] + leaves.size),
@@ -170,4 +210,5 @@ class AboveGround:
             pixel,
             (*self._height, self._slope),
         )
+        values = self.fronts.drawn(values, pixel)
         return values[reach : len(values) - reach, reach : values.shape[1] - reach]

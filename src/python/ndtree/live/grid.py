@@ -17,7 +17,7 @@ from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
 from ndtree._native.results import Changes
 from ndtree.live.canvas import Canvas, GridPart, Ints, Pixels, difference
-from ndtree.live.columns import AboveGround, Boxes, Counts
+from ndtree.live.columns import AboveGround, Boxes, Counts, WallFronts
 from ndtree.maps.ground import FREE, OCCUPIED, SLOPE, UNKNOWN
 from ndtree.maps.writers.map_server import noise_depth
 
@@ -41,7 +41,7 @@ class GridFollower:
     height : (low, high), optional
         Of a 3-D map: only cells that overlap low <= z < high [m]; left out, all.
     wall_depth : float, optional
-        As of `OccupancyMap.save_map_server`, of a 2-D map [m]; left out, `noise_depth`.
+        As of `OccupancyMap.save_map_server` [m]; left out, `noise_depth`.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class GridFollower:
         self._wanted, self._height, self._wall_depth = cell_size, height, wall_depth
         self._canvas: Canvas | None = None
         self._columns: Counts | AboveGround = Counts()
-        self._draws_images = True
+        self._draws_images, self._is_measured = True, False
         self._seen: OccupancyMap | None = None
         self.cell_size = cell_size or 0.0
 
@@ -94,7 +94,11 @@ class GridFollower:
             self._seen = None
             return self._become(*self._image(m), is_same)
         changes, self._seen = self._changes(m), m
-        if changes is None or self._canvas is None:
+        if changes is None or not self._is_measured:
+            self._is_measured = bool((m.leaves(states=["occupied"]).hits > 0).any())
+        depth = self._depth(m) if self._is_measured else None
+        if changes is None or self._canvas is None or depth != self._columns.fronts.depth:
+            self._columns.fronts = WallFronts(depth)
             return self._anew(m)
         corners, states = (changes.lower, changes.size), (changes.before, changes.after)
         boxes = Boxes.of(corners, states, self.cell_size, unit, self._height)
@@ -106,6 +110,10 @@ class GridFollower:
         if around is not None:
             self._columns.grow(around)
         return self._painted(m, boxes, is_whole=around is not None)
+
+    def _depth(self, m: OccupancyMap) -> float | None:
+        """How far behind free pixels large occupied cells are drawn [m]."""
+        return noise_depth(m) if self._wall_depth is None else self._wall_depth
 
     def _anew(self, m: OccupancyMap) -> GridPart | None:
         """Forget the grid, and paint all that is known."""
@@ -133,8 +141,7 @@ class GridFollower:
 
     def _image(self, m: OccupancyMap) -> tuple[Pixels, Ints]:
         """The smallest grid of all that is known, and its first pixel."""
-        depth = (noise_depth(m) if self._wall_depth is None else self._wall_depth) if m.dim == 2 else None
-        height = None if m.dim == 2 else self._height
+        height, depth = None if m.dim == 2 else self._height, self._depth(m)
         try:
             image, corner, _ = m.map_server_image(cell_size=self._wanted, height=height, wall_depth=depth)
         except ValueError:
@@ -186,11 +193,18 @@ class GroundFollower(GridFollower):
     `cell_size`: As for `GridFollower`.
     `height` (low, high): Above the ground [m].
     `slope`: The steepest ground [m/m].
+    `wall_depth`: As for `GridFollower`.
     Raises ValueError if a number is out of its limits.
     """
 
-    def __init__(self, cell_size: float | None, height: tuple[float, float], slope: float = SLOPE) -> None:
-        super().__init__(cell_size, height)
+    def __init__(
+        self,
+        cell_size: float | None,
+        height: tuple[float, float],
+        slope: float = SLOPE,
+        wall_depth: float | None = None,
+    ) -> None:
+        super().__init__(cell_size, height, wall_depth)
         if not 0 <= slope < math.inf:
             raise WrongValue.of("slope", f"{slope:g}", ">= 0 and finite")
         self._columns, self._draws_images = AboveGround(height, slope), False

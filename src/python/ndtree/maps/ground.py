@@ -22,6 +22,8 @@ Ints = NDArray[np.int64]
 
 #: Values as nav_msgs/OccupancyGrid has them.
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
+#: Occupied cells larger than the smallest alone, until it is known which are drawn.
+LARGE = 99
 #: The steepest ground [m/m]: 17 degrees, more than robots on wheels drive.
 SLOPE = 0.3
 #: How far a column may be from ground that is seen [m]: tables and cars are twice as wide, at most, or their
@@ -63,22 +65,22 @@ def seen_above_ground(
 
     `pixels` (first, last): First pixel (x, y) of each known cell, and those behind the last; inside the grid.
     `bounds` (bottom, top): Of each cell, (n,) each [m].
-    `state` (n,): 0 free, 1 occupied.
+    `state` (n,): 0 free, 1 occupied, 2 in a large cell.
     `shape`: (rows, columns).
     `pixel`: Edge of a pixel [m].
     `band` (low, high, slope): Heights above the ground [m], and how steep that is, as for `ground_below`.
-    Returns (rows, columns) int8: 100 where some occupied cell overlaps low <= height < high, else 0 where a
-    free one does, else -1.
+    Returns (rows, columns) int8: 100 where some occupied cell overlaps low <= height < high, else `LARGE`
+    where a large one does, else 0 where a free one does, else -1.
     """
     bottom, top = bounds
     low, high, slope = band
     at, which = pixels_in(*pixels, shape[1])
     levels = np.full(shape[0] * shape[1], np.inf)
-    np.minimum.at(levels, at, np.where(state == 1, top, bottom)[which])
+    np.minimum.at(levels, at, np.where(state > 0, top, bottom)[which])
     ground = ground_below(levels.reshape(shape), pixel, slope).ravel()[at]
     within = 1e-6 * pixel
     inside = (top[which] > ground + low + within) & (bottom[which] < ground + high - within)
     values = np.full(shape[0] * shape[1], UNKNOWN, dtype=np.int8)
-    for one, value in ((0, FREE), (1, OCCUPIED)):
+    for one, value in ((0, FREE), (2, LARGE), (1, OCCUPIED)):
         values[at[inside & (state[which] == one)]] = value
     return values.reshape(shape)

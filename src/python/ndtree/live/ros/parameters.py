@@ -95,7 +95,7 @@ ROWS = (
     Row("grid_above", "map", "What these count from: map, its z = 0; robot, its base; or ground, below each.",
         changes=True, words=("map", "robot", "ground")),
     Row("ground_slope", SLOPE, "The steepest ground [m/m].", (0.0, 1e3), True),
-    Row("grid_wall_depth", 0.0, "Depth of the larger occupied cells of a 2-D map [m]; 0: 2 sigma and a cell.",
+    Row("grid_wall_depth", 0.0, "Depth of the larger occupied cells [m]; 0: 2 sigma and a cell.",
         (0.0, 1e6), True),
     Row("grid_layers", [""], "More grids of other heights, each NAME:LOW,HIGH, on map_NAME."),
     Row("grid_clear", 0.0, "The grid is free within this of the robot's base [m].", (0.0, 1e3), True),

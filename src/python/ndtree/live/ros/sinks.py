@@ -127,7 +127,7 @@ class GridSink(NodeSink):
             height = (float(low), float(high)) if m.dim == 3 else None
             self._made_of, self._z = made_of, 0.0
             if height is not None and above == "ground":
-                self._grid = GroundFollower(cell_size, height, slope)
+                self._grid = GroundFollower(cell_size, height, slope, depth)
             else:
                 self._grid, self._z = GridFollower(cell_size, height, depth), height[0] if height else 0.0
         assert self._grid is not None
