@@ -49,6 +49,9 @@ struct ListInCell {
                              : CellCrossings<N, D>(geometry, walk.beams_, cell.index);
   }
   [[nodiscard]] bool all_pass() const { return walk.evidence_.all_pass(crossings(), list); }
+  [[nodiscard]] bool is_one() const { return list.size == 1; }
+  /// Where the one beam crosses the cell.
+  [[nodiscard]] Crossing crossing_of_one() const { return crossings().of(list.first_beam()); }
   [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence evidence(const EvidenceCell& leaf, int level,
                                                            std::uint32_t beams_end) const {
     ScanEvidence scan;
@@ -122,17 +125,21 @@ struct PacketInCell {
   [[nodiscard]] std::uint32_t first_beam() const { return rays().first_of(set()); }
   [[nodiscard]] std::uint32_t last_beam() const { return rays().last_of(set()); }
   [[nodiscard]] bool all_pass() const { return rays().passing[number()] == set(); }
+  [[nodiscard]] bool is_one() const { return (set() & (set() - 1)) == 0; }
+  [[nodiscard]] Crossing crossing_of_one() const {
+    const auto lane = static_cast<std::size_t>(__builtin_ctz(set()));
+    return {rays().enter[number()][lane], rays().exit[number()][lane]};
+  }
   /// @pre all_pass().
   [[nodiscard]] PassedEvidence passed() const {
     return source.walk.evidence_.passed(source.children.level(), rays(), number());
   }
   [[nodiscard]] ScanEvidence evidence(const EvidenceCell&, int level, std::uint32_t beams_end) const {
     ScanEvidence scan;
-    if ((set() & (set() - 1)) == 0) {  // One ray.
-      const auto lane = static_cast<std::size_t>(__builtin_ctz(set()));
-      if (rays().beams.number[lane] < beams_end)
-        typename Walk::OfBeam(source.walk.evidence_, level, rays().beams.number[lane])
-            .add(ref().index, {rays().enter[number()][lane], rays().exit[number()][lane]}, scan);
+    if (is_one()) {
+      if (first_beam() < beams_end)
+        typename Walk::OfBeam(source.walk.evidence_, level, first_beam())
+            .add(ref().index, crossing_of_one(), scan);
     } else {
       scan = source.walk.evidence_.of(source.children.parent().index, rays(), number(), beams_end);
     }

@@ -33,12 +33,12 @@ class ChildrenInitialiser {
                       const ScanBeams<D>& beams)
       : geometry_(geometry), model_(model), beams_(beams), width_(beams.width()) {}
 
-  /// @param leaf its evidence before the split. @param sample the beams of its list that it sampled.
+  /// @param leaf before the split. @pre EvidenceModel::has_evidence_for_children().
+  /// @param sample the beams of its list that it sampled.
   /// @param lists of its children. @param planes of the leaf, if all beams have one origin.
   void initialise(const EvidenceCell& leaf, const CellIndex<D>& index, const LeafSample<D>& sample,
                   const BeamList& list, const SiblingLists<kNumChildren>& lists, const Planes& planes,
                   NodeType* children) const {
-    if (!EvidenceModel::has_evidence_for_children(leaf)) return;
     const bool is_finest = index.level - 1 == geometry_.finest_level();
     std::size_t beams = 0;
     sample.for_each_part(beams_, list, [&](const BeamList& part) { beams += part.size; });
@@ -52,13 +52,12 @@ class ChildrenInitialiser {
   }
 
 #ifdef NDTREE_HAS_EIGHTS
-  /// Initialises the children of a leaf that a ray packet crosses. @param sample set of the rays that it
-  /// sampled.
+  /// Initialises the children of a leaf that a ray packet crosses. @pre as above.
+  /// @param sample set of the rays that it sampled.
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void initialise(const EvidenceCell& leaf, int level,
                                                        std::uint32_t sample,
                                                        RayPacket<D, kNumChildren>& packet,
                                                        NodeType* children) const {
-    if (!EvidenceModel::has_evidence_for_children(leaf)) return;
     const bool are_finest = level - 1 == geometry_.finest_level();
     const EightEnds<D>& ends = beams_.ends_of(packet.beams);
     for (std::size_t j = 0; j < kNumChildren; ++j) {

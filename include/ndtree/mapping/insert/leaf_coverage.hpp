@@ -63,13 +63,29 @@ class LeafCoverage {
     return 2 * passed.free + passed.misses >= of(level).covering_evidence;  // Ways are rounded.
   }
 
+  /// Whether a leaf of which nothing was seen splits for one beam that passes it, of all: the beam leaves out
+  /// a child that two such beams would pass. Then judge() says so, too, and no evidence is needed.
+  [[nodiscard]] NDTREE_ALWAYS_INLINE bool splits_for_one(int level, std::uint32_t beam,
+                                                         const Crossing& crossing) const {
+    const OfLevel& at = of(level);
+    const CubeFace<D>& face = beams_.face_of(beam);
+    const float per_depth = std::max(face.width_of_beam(), width_per_range_) * at.per_child;
+    if (kMostCrossed >= kNumChildren || !CellParts<N, D>::kAreChildren || !model_.may_split(at.limits) ||
+        !model_.is_on() || !(per_depth > 0.0f))
+      return false;
+    const float slant = beams_.end(beam).slant;
+    Sum sum;
+    sum.add(Sum::passed((crossing.exit - crossing.enter) * (slant * (at.per_child * Sum::kUnitsOfOne)),
+                        0.5f * (crossing.enter + crossing.exit) * per_metre(slant, per_depth)));
+    return CoverageModel::may_miss(sum);
+  }
+
   /// Adds what beams of one face see of a leaf's children, up to their end points, until the leaf is certain
   /// to be covered.
-  /// @param per_child 1 / edge of a child [1/m]. @param may_stop what a first beam sees of children does not
-  /// matter if CoverageModel::may_miss().
+  /// @param per_child 1 / edge of a child [1/m].
   NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& leaf, const CubeFace<D>& face,
                                        const BeamList& list, float per_child, const BeamWidths& widths,
-                                       const CoverageLimits& limits, bool may_stop, Sum& sum) const {
+                                       const CoverageLimits& limits, Sum& sum) const {
     const bool by_eights = partition_.goes_by_eights() && !face.is_single();
     const auto main = static_cast<std::size_t>(face.axis);
     for (std::size_t first = 0; first < list.size; first += kChunk) {
@@ -82,7 +98,7 @@ class LeafCoverage {
           if (at_once > 0) add_by_eights(leaf, main, part.part(0, at_once), per_child, widths, sum);
           if constexpr (kAllInLanes)
             if (at_once < part.size)
-              add_to_eight(leaf, main, part.part(at_once, part.size), per_child, widths, may_stop, sum);
+              add_to_eight(leaf, main, part.part(at_once, part.size), per_child, widths, sum);
           continue;
         }
       }
@@ -97,13 +113,9 @@ class LeafCoverage {
   [[nodiscard]] NDTREE_NEVER_INLINE CoverageVerdict judge(const CellIndex<D>& leaf, const EvidenceCell& cell,
                                                           const BeamList& list, const LeafSample<D>& sample,
                                                           double beams, bool adds_nothing) const {
-    constexpr std::size_t kMostCrossed = D * (N - 1) + 1;  // Children, by one beam.
     if (cell.observed() && kMostCrossed * list.size < kNumChildren) return {};
     const OfLevel& level = of(leaf.level);
     const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
-    // One beam leaves out a child. If that is missing, no more is asked.
-    bool splits_if_missing = list.size == 1 && seen_before == 0 && kMostCrossed < kNumChildren &&
-                             CellParts<N, D>::kAreChildren && model_.may_split(level.limits);
     Sum sum;
     bool are_single = true;
     float sampled = 1.0f;
@@ -113,17 +125,12 @@ class LeafCoverage {
           const float width = face.width_of_beam() * BeamSampling<N, D>::widening(fraction);
           const BeamWidths widths{std::max(width, width_per_range_) * level.per_child, level.smallest};
           const std::int64_t before = sum.way();
-          splits_if_missing &= D != 2 || fraction >= 1.0f;  // A sample may leave it out.
-          (*this)(leaf, face, part, level.per_child, widths, level.limits, splits_if_missing, sum);
+          (*this)(leaf, face, part, level.per_child, widths, level.limits, sum);
           if (sum.way() == before) return;
           are_single &= widths.per_depth == 0.0f;
           sampled = std::min(sampled, fraction);
         });
     CoverageVerdict verdict;
-    if (splits_if_missing && CoverageModel::may_miss(sum)) {
-      verdict.shows_more = true;
-      return verdict;
-    }
     if (!cell.observed())  // What lies beside a beam without neighbours, no such beam shows.
       verdict = model_.judge(sum, seen_before, level.limits, beams, adds_nothing || are_single,
                              static_cast<double>(sampled));
@@ -141,6 +148,7 @@ class LeafCoverage {
   [[nodiscard]] const OfLevel& of(int level) const {
     return levels_[static_cast<std::size_t>(level - partition_.geometry().finest_level() - 1)];
   }
+  static constexpr std::size_t kMostCrossed = D * (N - 1) + 1;  // Children, by one beam.
   static constexpr double kBelowRounding = 1.0 - 1e-3;
   static constexpr std::size_t kChunk = 32;  // Beams between two tests; sums of up to 64 fit 32 bits.
 
@@ -296,8 +304,7 @@ class LeafCoverage {
   /// add() of few beams of one face, one after the other: lanes are children.
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void add_to_eight(const CellIndex<D>& leaf, std::size_t main,
                                                          const BeamList& list, float per_child,
-                                                         const BeamWidths& widths, bool may_stop,
-                                                         Sum& sum) const {
+                                                         const BeamWidths& widths, Sum& sum) const {
     const Planes planes = partition_.planes_by_fours(leaf);
     EightFloats lower[std::size_t{D}];
     EightFloats upper[std::size_t{D}];
@@ -321,7 +328,6 @@ class LeafCoverage {
       const float width_per_metre = per_metre(end.slant, widths.per_depth);
       sum.add(Sum::passed((exit_leaf - enter_leaf) * units_per_metre,
                           unfused(0.5f * (enter_leaf + exit_leaf) * width_per_metre) + fixed));
-      if (may_stop && CoverageModel::may_miss(sum)) return;
       EightFloats enter = 0.0f;
       EightFloats exit = seen;
 #pragma GCC unroll 4

@@ -120,6 +120,12 @@ class LeafEvidence {
                                                      const BeamList& list,
                                                      std::uint32_t beams_end = BeamList::kAll,
                                                      bool resolves = true) const {
+    if (list.size == 1) {
+      ScanEvidence sum;
+      const std::uint32_t beam = list.first_beam();
+      if (beam < beams_end) OfBeam(*this, leaf.level, beam).add(leaf, crossings.of(beam), sum);
+      return sum;
+    }
 #ifdef NDTREE_HAS_EIGHTS
     const Size& size = size_of(leaf.level);
     // An empty list's size minus 1 is the largest number.

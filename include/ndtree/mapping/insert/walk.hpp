@@ -323,6 +323,7 @@ class alignas(kCacheLines) ScanWalk {
   ///    than the sensor's errors explain, it samples as many beams as a leaf that is not well observed.
   ///    (`uses_small_sample` is false then.)
   /// 2. Sample all beams, or a fraction of them: those below a bucket of each cube-map face.
+  ///    A leaf never observed that one beam passes may split at once, see splits_for_one().
   /// 3. Add up the evidence of the sampled beams, see LeafEvidence, and limit it, see EvidenceModel::limit():
   ///    evidence() of the source.
   /// 4. Split? EvidenceRefinement::action() decides whether the leaf is updated or splits.
@@ -346,6 +347,8 @@ class alignas(kCacheLines) ScanWalk {
       if (face == nullptr) return update_by_faces(beams, uses_small_sample);
       sample = sampling_.sample_of(*face, sampling_.of(beams.ref().index, *face, uses_small_sample));
     }
+    if (!cell.observed() && beams.is_one() && sample.fraction >= 1.0f && splits_for_one(beams, cell, level))
+      return split_or_judge(beams, sample, {}, LeafAction::split, sampling);
     const auto otherwise = [&](const ScanEvidence& scan, LeafAction action) {
       return split_or_judge(beams, sample, scan, action, sampling);
     };
@@ -376,6 +379,14 @@ class alignas(kCacheLines) ScanWalk {
   }
 
   // Rare steps. They take copies, so that update_leaf() keeps its values in registers.
+
+  /// Whether judge_coverage() splits a leaf that was never observed for the one beam that passes it.
+  template <class Beams>
+  [[nodiscard]] NDTREE_NEVER_INLINE bool splits_for_one(const Beams beams, const EvidenceCell cell,
+                                                        int level) const {
+    return level != finest_level_ && !cell.is_partly_seen() && !packet_may_exceed_limit_ &&
+           beams.all_pass() && coverage_.splits_for_one(level, beams.first_beam(), beams.crossing_of_one());
+  }
 
   /// update_leaf() for beams that come through several cube-map faces.
   template <class Beams>
@@ -534,8 +545,9 @@ class alignas(kCacheLines) ScanWalk {
       tree_.split_node(*leaf.node, {}, arena_);
       const PacketSource packet(*this, leaf, beams);
       partition_(leaf.index, list, packet.rays);
-      initialiser_.initialise(parent, leaf.index.level, initialiser_.set_of(sample, list), packet.rays,
-                              tree_.children(*leaf.node));
+      if (EvidenceModel::has_evidence_for_children(parent))
+        initialiser_.initialise(parent, leaf.index.level, initialiser_.set_of(sample, list), packet.rays,
+                                tree_.children(*leaf.node));
       return update_children(leaf, packet, sampling, true);
     }
 #endif
@@ -543,7 +555,8 @@ class alignas(kCacheLines) ScanWalk {
     const Planes planes = partition_.planes_of(leaf.index);
     const Lists lists = partition(leaf.index, planes, list, sampling, false);
     tree_.split_node(*leaf.node, {}, arena_);
-    initialiser_.initialise(parent, leaf.index, sample, list, lists, planes, tree_.children(*leaf.node));
+    if (EvidenceModel::has_evidence_for_children(parent))
+      initialiser_.initialise(parent, leaf.index, sample, list, lists, planes, tree_.children(*leaf.node));
     return update_children(leaf, ListSource{*this, {tree_, leaf}, planes, lists}, sampling, true);
   }
 
