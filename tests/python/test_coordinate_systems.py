@@ -51,7 +51,17 @@ KEYS = {
     "survey feet": ({1024: 1, 3072: 2263, 3076: 9003, 4099: 9003}, Units(SURVEY, SURVEY)),
     "heights alone": ({1024: 1, 3072: 26915, 4099: 9002}, Units(1.0, FOOT)),
     "of its own": ({1024: 1, 3072: 32767, 3076: 32767, 3077: 0.3048}, Units(FOOT, FOOT)),
+    "heights in feet by their system": ({1024: 1, 3072: 26918, 4096: 6360}, Units(1.0, SURVEY)),
+    "heights in metres by theirs": ({1024: 1, 3076: 9003, 4096: 5703}, Units(SURVEY, 1.0)),
+    "heights by their unit": ({1024: 1, 3072: 26918, 4096: 6360, 4099: 9002}, Units(1.0, FOOT)),
+    "heights by a datum": ({1024: 1, 3076: 9003, 4096: 5103}, Units(SURVEY, SURVEY)),
+    "heights of no known system": (
+        {1024: 1, 3072: 26918, 4096: 9999},
+        Units(unknown="system of heights EPSG:9999"),
+    ),
     "degrees": ({1024: 2, 2048: 4326}, Units(are_degrees=True)),
+    "degrees without a kind": ({2048: 4326}, Units(are_degrees=True)),
+    "in the plane without a kind": ({2048: 4269, 3072: 26918}, Units()),
     "nothing": ({}, Units()),
 }
 

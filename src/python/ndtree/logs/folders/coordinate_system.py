@@ -12,9 +12,16 @@ _LENGTHS = {9001: 1.0, 9002: 0.3048, 9003: 1200 / 3937, 9005: 0.3047972654, 9036
 _NAMES = ((0.3048, "feet"), (1200 / 3937, "US survey feet"), (1000.0, "kilometres"))
 #: Relative difference of factors that are written with few digits: that of the two feet is 2e-6.
 _ROUNDED = 4e-7
-#: Keys of GeoTIFF: kind of system, its code, its unit and that of heights.
-_MODEL, _PROJECTED, _LENGTH, _LENGTH_SIZE, _HEIGHT = 1024, 3072, 3076, 3077, 4099
+#: Keys of GeoTIFF: kind of system, its code as one of degrees and as one in the plane, its unit; of heights.
+_MODEL, _DEGREES, _PROJECTED, _LENGTH, _LENGTH_SIZE = 1024, 2048, 3072, 3076, 3077
+_UPRIGHT, _HEIGHT = 4096, 4099
 _GEOGRAPHIC = 2
+#: Systems of heights by their codes in EPSG's register, in the one foot, the other, and metres.
+_HEIGHTS = {
+    **dict.fromkeys((8228, 8050), 0.3048),
+    **dict.fromkeys((6360, 5702, 8052), 1200 / 3937),
+    **dict.fromkeys((5703, 5701, 5709, 5711, 5773, 5798, 3855, 5783, 7837, 5705, 5714, 6695), 1.0),
+}
 _OTHERS = 32767  # What has no code.
 _TOKEN = re.compile(r'\s*(?:"((?:[^"]|"")*)"|([A-Za-z_][A-Za-z0-9_]*)|([-+.\dEe]+)|([\[\](),]))')
 _MOST_NESTED = 40
@@ -36,7 +43,8 @@ class Units:
     def note(self) -> str:
         """What a user should know, in one line; empty where all are metres."""
         if self.unknown:
-            return f"{self.unknown} does not say the unit of its coordinates: they are taken for metres"
+            taken = _name(self.across)
+            return f"{self.unknown} does not say the unit of its coordinates: they are taken for {taken}"
         names = [_name(self.across), _name(self.height)]
         if names == ["metres", "metres"]:
             return ""
@@ -137,19 +145,20 @@ def _parsed(text: str) -> _Node:
 
 def units_of_keys(keys: Mapping[int, float]) -> Units:
     """By keys of GeoTIFF and their values."""
-    if keys.get(_MODEL) == _GEOGRAPHIC:
+    if keys.get(_MODEL) == _GEOGRAPHIC or (_DEGREES in keys and not {_MODEL, _PROJECTED} & keys.keys()):
         return Units(are_degrees=True)
     code, size = keys.get(_LENGTH), keys.get(_LENGTH_SIZE)
     if code is not None and code != _OTHERS:
         size = _LENGTHS.get(int(code))
     across = 1.0 if size is None else size
-    height = _LENGTHS.get(int(keys.get(_HEIGHT, 0)), across)
-    if size is not None:
-        return Units(across, height)
+    upright = int(keys.get(_UPRIGHT, 0))
+    height = _LENGTHS.get(int(keys.get(_HEIGHT, 0)), _HEIGHTS.get(upright))
     system = int(keys.get(_PROJECTED, 0))
-    if system in (0, _OTHERS) or _is_metric(system):
-        return Units(1.0, height)
-    return Units(1.0, height, unknown=f"coordinate system EPSG:{system}")
+    if size is None and system not in (0, _OTHERS) and not _is_metric(system):
+        return Units(1.0, 1.0 if height is None else height, unknown=f"coordinate system EPSG:{system}")
+    if height is None and upright not in (0, _OTHERS) and upright not in _OLD_HEIGHTS:
+        return Units(across, across, unknown=f"system of heights EPSG:{upright}")
+    return Units(across, across if height is None else height)
 
 
 def _is_metric(code: int) -> bool:
@@ -157,4 +166,6 @@ def _is_metric(code: int) -> bool:
     return any(first <= code <= last for first, last in _UTM)
 
 
+#: Codes of before EPSG's, which name datums: the unit is that of the other coordinates.
+_OLD_HEIGHTS = range(5000, 5300)
 _UTM = ((25828, 25838), (26901, 26923), (32201, 32260), (32301, 32360), (32401, 32760), (6328, 6348))
