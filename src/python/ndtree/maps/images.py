@@ -105,10 +105,14 @@ def map_image(name: str) -> MapImage:
             f"{number_of(doubtful, 'pixel')} of grey {_UNKNOWN}, ROS 1's unknown: free by "
             f"free_thresh = {free:g}: {_UNKNOWN_ABOVE} would make it unknown"
         )
-    if mode == "scale" and (between := int(counts[state(np.arange(len(counts)) / channels) == -1].sum())):
+    greys = np.arange(len(counts)) / channels
+    costs = (state(greys) == -1) & (greys <= (100 if mode == "raw" else 255))
+    if mode != "trinary" and (between := int(counts[costs].sum())):
         notes.append(
             f"{number_of(between, 'pixel')} between free_thresh and occupied_thresh: unknown, in nav2 a cost"
         )
+    if (states == -1).all():
+        notes.append("no pixel is free or occupied: the map is empty")
     return MapImage(states[::-1].T, np.array([x, y]), size, tuple(notes))
 
 
