@@ -118,6 +118,22 @@ def test_poses_above_that_need_not_be_of_the_scans_are_only_named(tmp_path: Path
         read(tmp_path / "clouds")
 
 
+def test_as_many_poses_above_as_clouds_whose_names_say_nothing_are_only_named(tmp_path: Path) -> None:
+    (tmp_path / "clouds").mkdir()
+    for name in ("corners", "surfaces"):
+        rooms.as_text(tmp_path / "clouds" / f"{name}.xyz", SCANS[0].points)
+    rooms.kitti(tmp_path / "poses.txt", SCANS[:2])
+    with pytest.raises(NotALog, match=r"2 .* without poses(.|\n)*--trajectory .*poses\.txt \(has 2 poses\)"):
+        read(tmp_path / "clouds")
+
+
+def test_points_of_the_same_name_are_no_pose(tmp_path: Path) -> None:
+    for ending in ("pts", "txt"):
+        rooms.as_text(tmp_path / f"hall.{ending}", SCANS[0].points)
+    with pytest.raises(NotALog, match=r"hall\.pts: points in text without a pose"):
+        read(tmp_path / "hall.pts")
+
+
 def test_the_map_beside_a_graph_is_no_scan_of_it(tmp_path: Path) -> None:
     rooms.as_text(tmp_path / "map.xyz", SCANS[0].points)
     (tmp_path / "pose_graph.g2o").write_text("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\n")

@@ -24,6 +24,7 @@ import rooms
 
 from ndtree._lazy import install_of
 from ndtree.logs import NotALog, read
+from ndtree.maps.conversion import convert
 
 
 def tar(path: Path) -> None:
@@ -145,6 +146,13 @@ def test_folders_are_named_by_what_is_in_them(tmp_path: Path) -> None:
     (tmp_path / "maps" / "hall.bt").write_bytes(b"# Octomap OcTree binary file\n")
     with pytest.raises(NotALog, match=r"a folder with maps; try\n  ndtree info .*/maps/hall\.bt$"):
         read(tmp_path / "maps")
+    (tmp_path / "karto").mkdir()
+    for name in ("hall.data", "hall.posegraph", "notes.txt"):
+        (tmp_path / "karto" / name).write_bytes(struct.pack("<Q", 22) + b"serialization::archive")
+    with pytest.raises(NotALog, match=r"a folder with a pose graph of slam_toolbox; try\n  its map as"):
+        read(tmp_path / "karto")
+    with pytest.raises(ValueError, match=r"karto: a folder with a pose graph .* expected a map of ndtree's"):
+        convert(tmp_path / "karto", tmp_path / "a.ndt")
 
 
 def ndtree(*arguments: str | Path) -> tuple[int, list[str], list[str]]:

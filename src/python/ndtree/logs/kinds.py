@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from ndtree.base.words import number_of
 from ndtree.logs.core.failures import NotALog, shown
 from ndtree.logs.core.plain_file import wrongly_written
-from ndtree.logs.core.source import Source
+from ndtree.logs.core.source import Source, source_of
 from ndtree.logs.folders.text_clouds import ECHOED, is_of_degrees
 from ndtree.logs.formats.npz import ZIP_MAGIC
 from ndtree.logs.poses.trajectory_files import read_trajectory, trajectory_kind
@@ -30,7 +30,10 @@ _OF_KARTO = (
 )
 #: Of programs that make models of photographs: a file of theirs, words in it, what it is, and what helps.
 _MODELS = (
-    ("transforms.json", '"transform_matrix"', "cameras of Nerfstudio or instant-ngp", _FRAMES),
+    *(
+        (name, '"transform_matrix"', "cameras of Nerfstudio or instant-ngp", _FRAMES)
+        for name in ("transforms.json", "transforms_train.json")
+    ),
     (
         "reconstruction.json",
         '"shots"',
@@ -145,6 +148,8 @@ _KINDS = (
 _LOGS = (".bag", ".mcap", ".db3", ".e57", ".ptx", ".pcap", ".pcapng", ".npz", ".graph", ".log", ".clf")
 _MAPS = (".ndt", ".bt", ".ot")
 _SHOWN = 60
+#: Files of a folder of no known kind that are looked into.
+_LOOKED_INTO = 20
 #: Endings of text that is written by people, or configures programs.
 _TEXTS = (
     ".yaml", ".yml", ".md", ".rst", ".py", ".cpp", ".hpp", ".h", ".m", ".sh", ".launch", ".toml", ".ini",
@@ -227,6 +232,20 @@ def _of_folder(source: Source, path: str) -> NotALog | None:
     images = sum(endings[ending] for ending in (".png", ".jpg", ".jpeg", ".tif", ".tiff"))
     if images and images >= len(source.names) / 2:
         return NotALog(source.path, f"a folder with {images} images, without poses", [_DEPTH])
+    return _by_a_file_in_it(source)
+
+
+def _by_a_file_in_it(source: Source) -> NotALog | None:
+    """What the first of a folder's files is that the table knows and has help for."""
+    for name in source.names[:_LOOKED_INTO]:
+        path = os.path.join(source.path, name)
+        try:
+            inside = None if os.path.isdir(path) else source_of(path, "a log")
+        except (OSError, ValueError):
+            continue
+        found = None if inside is None else _of_table(inside, shlex.quote(path), _KINDS)
+        if found is not None and found.help:
+            return NotALog(source.path, f"a folder with {found.kind}", found.help)
     return None
 
 

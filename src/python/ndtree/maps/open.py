@@ -157,6 +157,8 @@ def open_map(path: str | os.PathLike[str]) -> PlacedMap:
         if url is not None:
             whole = open_tiles(url).to_map()
             return PlacedMap(whole, np.zeros(whole.dim), name)
+        if os.path.isdir(name):
+            raise no_map(name, _KNOWN)
         with open_regular(name) as file:
             head = file.read(len(OCTOMAP_MAGIC))
         if Path(name).suffix.lower() in YAML_SUFFIXES:

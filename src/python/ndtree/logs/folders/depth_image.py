@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -146,7 +147,10 @@ def load_png(path: str) -> NDArray[np.unsignedinteger[Any]]:
     expected = "expected a PNG of one channel of 16 bits"
     with open_regular(path) as file:
         try:
-            with Image.open(file, formats=["PNG"]) as image:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+                opened = Image.open(file, formats=["PNG"])
+            with opened as image:
                 _check_size(path, *image.size)
                 # Pillow names 16 bits "I;16", and before version 10.3 widened them to "I".
                 if image.mode not in ("I;16", "I;16B", "I"):

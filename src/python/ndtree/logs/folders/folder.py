@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.base.scan import Scan
+from ndtree.base.words import number_of
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.silence import CutOff, CutOffSearch
@@ -166,11 +167,14 @@ class PosesOfFiles:
         """Of all poses of the trajectory."""
         return len(self._trajectory.stamps)
 
-    def fit(self) -> bool:
-        """Whether they are surely of these files: one for each, or at all their times."""
+    def fit(self, by_name: bool = False) -> bool:
+        """Whether they are surely of these files: one for each, or at all their times.
+
+        `by_name`: The files' names have numbers or times, too; as many poses as files can be chance.
+        """
         trajectory = self._trajectory
         if trajectory.is_numbered:
-            return self.count == len(self._files)
+            return self.count == len(self._files) and (self._numbered or not by_name)
         if not self._named_by_stamps and self._times is None:
             return False
         times = [self.stamp(i) + self._time_offset for i in range(len(self._files))]
@@ -193,7 +197,8 @@ class PosesOfFiles:
             return float(trajectory.stamps[i])
         if not self._numbered:
             raise ValueError(
-                f"{self._path}: {len(known)} poses for {len(self._files)} files whose names are not numbers, "
+                f"{self._path}: {number_of(len(known), 'pose')} for {number_of(len(self._files), 'file')} "
+                "without a number at the end of the name, "
                 "expected as many"
             )
         first, last = int(min(known)), int(max(known))
@@ -204,7 +209,8 @@ class PosesOfFiles:
     def _line(self, i: int, lines: int, path: str | None, what: str) -> int:
         if not self._numbered and lines != len(self._files):
             raise ValueError(
-                f"{path}: {lines} {what} for {len(self._files)} files whose names are not numbers, "
+                f"{path}: {lines} {what} for {number_of(len(self._files), 'file')} "
+                "without a number at the end of the name, "
                 "expected as many"
             )
         line = self._lines[i]

@@ -45,6 +45,7 @@ from ndtree.logs.folders.scan_folder import (
     POSE_ENDINGS,
     FoundPoses,
     Scans,
+    may_be_pose,
     poses_above,
     poses_of,
     scans_in,
@@ -129,12 +130,13 @@ class PointCloudLog(FolderLog):
         found = poses_of(source.path, scans) if source.is_folder else _beside_file(scans)
         # Those above may be of other scans, and those beside one map of the scans that it was made of.
         must_fit = len(self) == 1 and number_in(stem_of(self._files[0])) is None
-        if not found and not self._have_viewpoints() and source.is_folder:
+        is_above = not found and not self._have_viewpoints() and source.is_folder
+        if is_above:
             found, must_fit = poses_above(scans), True
         others = ""
         if found.trajectory is not None:
             poses = self._poses_in(found.trajectory, scans, time_offset)
-            others = _misfit(poses, found.trajectory) if must_fit else ""
+            others = _misfit(poses, found.trajectory, is_above) if must_fit else ""
             self._trajectory, found = (None, FoundPoses()) if others else (poses, found)
         if not found and not self._have_viewpoints():
             raise without_sensor(source.path, self._said(), more=self._more(others))
@@ -228,10 +230,10 @@ class PointCloudLog(FolderLog):
         return T_map_sensor.apply(points) if self._points_in == "sensor" else without_zeros(points)
 
 
-def _misfit(poses: PosesOfFiles, path: str) -> str:
+def _misfit(poses: PosesOfFiles, path: str, by_name: bool) -> str:
     """A file of poses and why they need not be of these scans; empty where they fit."""
     try:
-        return "" if poses.fit() else f"{shlex.quote(path)} (has {number_of(poses.count, 'pose')})"
+        return "" if poses.fit(by_name) else f"{shlex.quote(path)} (has {number_of(poses.count, 'pose')})"
     except ValueError:
         return f"{shlex.quote(path)} (cannot be read)"
 
@@ -289,7 +291,7 @@ def _beside_file(scans: Scans) -> FoundPoses:
     name = scans.names[0]
     for ending in POSE_ENDINGS:
         beside = os.path.join(scans.folder, os.path.splitext(name)[0] + ending)
-        if os.path.basename(beside) != name and os.path.isfile(beside):
+        if os.path.basename(beside) != name and may_be_pose(beside):
             return FoundPoses((beside,))
     return FoundPoses()
 

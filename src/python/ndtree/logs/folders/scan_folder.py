@@ -26,6 +26,8 @@ TIMES = ("times.txt", "timestamps.txt")
 _DEPTH, _MOST_FOLDERS = 2, 100
 #: Files that a message names.
 _SHOWN = 6
+#: More bytes than 16 numbers have, however they are written.
+_LARGEST_POSE = 2000
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ def poses_above(scans: Scans) -> FoundPoses:
 
 def _poses_in(folder: str, scans: Scans) -> FoundPoses:
     names = [name for name in _entries(folder) if folder != scans.folder or name not in scans.names]
-    beside = _beside(scans.names, names)
+    beside = _beside(scans.names, [name for name in names if may_be_pose(os.path.join(folder, name))])
     if any(beside):
         return FoundPoses(tuple(name and os.path.join(folder, name) for name in beside))
     return FoundPoses(trajectory=_trajectory(folder, names))
@@ -252,6 +254,11 @@ def several_trajectories(folder: str, names: Sequence[str]) -> ValueError:
     paths = [shlex.quote(os.path.join(folder, name)) for name in names[:_SHOWN]]
     ways = "".join(f"\n  {key('trajectory')} {path}" for path in paths)
     return WrongValue(f"{folder}: {len(names)} trajectories, expected one of them:{ways}")
+
+
+def may_be_pose(path: str) -> bool:
+    """Whether a file is small enough to hold one pose and nothing else."""
+    return os.path.isfile(path) and os.path.getsize(path) <= _LARGEST_POSE
 
 
 def _is_trajectory(path: str) -> bool:
