@@ -194,6 +194,17 @@ def test_an_image_of_unknown_pixels_is_an_empty_map(tmp_path: Path) -> None:
     grey = np.full((3, 3), 205, dtype=np.uint8)
     ndtree.convert(write_image(tmp_path, grey, origin="[0.013, 0, 0]"), tmp_path / "map.ndt")
     assert ndtree.load(tmp_path / "map.ndt").stats().observed_leaves == 0
+    assert open_map(tmp_path / "map.yaml").notes == ("no pixel is free or occupied: the map is empty",)
+
+
+@pytest.mark.parametrize("mode, count", [("trinary", 0), ("scale", 3), ("raw", 2)])
+def test_costs_between_the_thresholds_are_counted(mode: str, count: int, tmp_path: Path) -> None:
+    """Of raw pixels those above 100 are unknown to nav2, too."""
+    pytest.importorskip("yaml")
+    pixels = np.array([[0, 30, 50, 100, 101, 200, 254, 255]], dtype=np.uint8)
+    path = write_image(tmp_path, pixels, mode=mode, occupied_thresh=0.65, free_thresh=0.1)
+    notes = [note for note in open_map(path).notes if "in nav2 a cost" in note]
+    assert [int(note.split()[0]) for note in notes] == [count] * bool(count)
 
 
 def test_origins_between_pixels_are_kept_until_they_are_sampled(tmp_path: Path) -> None:
@@ -496,10 +507,18 @@ def far_away() -> ndtree.FixedMap:
         ("a", {}, "no format has this ending"),
         ("a.ply", {"format": "obj"}, "format = 'obj': must be one of ndtree"),
         ("a.ply", {"format": "pcd"}, "a.ply: format pcd writes .pcd"),
-        ("a.ndt", {"cell_size": 0.2}, r"cell_size: format ndtree \(.ndt\) does not read it"),
-        ("a.ply", {"height": (0, 1)}, r"height: format ply \(.ply\) does not read it, but cell_size, states"),
+        (
+            "a.ndt",
+            {"cell_size": 0.2},
+            r"cell_size: format ndtree \(.ndt\) takes no such option, it takes none",
+        ),
+        (
+            "a.ply",
+            {"height": (0, 1)},
+            r"height: format ply \(.ply\) takes no such option, it takes cell_size, states",
+        ),
         ("a.ply", {"cell_size": -1}, "cell_size = -1"),
-        ("a.ndt", {"height": (0, 1)}, r"height: format ndtree \(.ndt\) does not read it, but no options"),
+        ("a.ndt", {"height": (0, 1)}, r"height: format ndtree \(.ndt\) takes no such option, it takes none"),
         ("a.pcd", {"faces": True}, "faces: format pcd"),
         ("a.ply", {"states": ["unknown"]}, r"states = \['unknown'\]: must be some of occupied"),
         ("a.ply", {"states": "occupied"}, "states = 'occupied': must be some of"),

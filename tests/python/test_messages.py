@@ -124,7 +124,7 @@ CALLS: tuple[tuple[str, int, str], ...] = (
         "--box from [1.0, 1.0] to [0.0, 0.0]: must be lower < upper",
     ),
     ("map office.npz -o o.bt", 1, "a 2-D map: OctoMap has three dimensions"),
-    ("convert office.ndt a.pgm --states free", 2, "does not read it, but --cell-size, --height"),
+    ("convert office.ndt a.pgm --states free", 2, "takes no such option, it takes --cell-size, --height"),
     ("map a.txt", 1, "which kinds there are: ndtree map --help"),
     ("view office.ndt --slice q=1", 2, "--slice q=1: expected an axis and a position in metres, as in z=1.2"),
     ("view office.ndt --slice z=1 --png a.png", 2, "--slice: the map is 2-D"),

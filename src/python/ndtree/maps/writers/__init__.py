@@ -86,9 +86,9 @@ def format_of(path: Path, format: str | None, options: dict[str, Any]) -> MapFor
         chosen = by_suffix[0]
     for option in options:
         if option not in chosen.options:
-            what = ", ".join(map(key, chosen.options)) or "no options"
+            taken = ", ".join(map(key, chosen.options)) or "none"
             raise WrongValue(
-                f"{key(option)}: format {chosen.name} ({path.suffix}) does not read it, but {what}"
+                f"{key(option)}: format {chosen.name} ({path.suffix}) takes no such option, it takes {taken}"
             )
     return chosen
 
