@@ -149,6 +149,15 @@ def test_octomap_itself_is_compared() -> None:
         ndtree.compare_maps(ndtree.OctoMap(min_cell_size=0.1, dim=2), m)
 
 
+def test_cells_much_smaller_than_those_of_the_maps_are_refused() -> None:
+    """They say nothing more, and the call would never end."""
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.64)
+    m.insert(*room_scan(2, 0))
+    assert ndtree.compare_maps(m, m, cell_size=0.01)["agreement"] == 1.0
+    with pytest.raises(ValueError, match=r"cell_size = 1e-09 m: must be >= 0\.01 m, a 64th of the finer"):
+        ndtree.compare_maps(m, m, cell_size=1e-9)
+
+
 def test_empty_maps_have_nothing_to_compare(tmp_path: Path) -> None:
     empty = ndtree.AdaptiveMap(dim=2)
     result = ndtree.compare_maps(empty, empty)

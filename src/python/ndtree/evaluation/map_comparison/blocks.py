@@ -15,12 +15,18 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 STATES = ("unknown", "free", "occupied")
 _BLOCKS_AT_ONCE = 1 << 15
+#: Parts of the finer map's cells along an axis: smaller ones say nothing more, and take for ever.
+_FINEST = 64
 _TOO_LARGE = 1 << 40  # Cells along an axis: more have no exact numbers.
 
 
 def common_grid(a: PlacedMap, b: PlacedMap, cell_size: float | None) -> _Grid:
     """Cells that begin where those of the finer map do."""
     finer = a if a.cell_size <= b.cell_size else b
+    least = finer.cell_size / _FINEST
+    if cell_size is not None and not cell_size >= least:
+        expected = f">= {least:.3g} m, a {_FINEST}th of the finer map's cells"
+        raise WrongValue.of("cell_size", f"{cell_size:g} m", expected)
     return _Grid(finer.offset, finer.cell_size if cell_size is None else cell_size)
 
 

@@ -36,9 +36,9 @@ def table_of(result: Mapping[str, Any]) -> str:
     lines += aligned(rows)
     lines.append("")
     for key, text in (
-        ("agreement", "of the cells that both know, their states agree on"),
-        ("known_in_both", "of the cells that one knows, both know"),
-        ("occupied_overlap", "of the cells that are occupied in one, both have occupied"),
+        ("agreement", "cells that agree, of those that both observed"),
+        ("known_in_both", "cells that both observed, of those that one did"),
+        ("occupied_overlap", "cells occupied in both, of those occupied in one"),
     ):
         share = result[key]
         lines.append(f"{text}: " + (f"{100 * share:.2f} %" if share is not None else "there are none"))
@@ -161,7 +161,7 @@ def compare_maps(
     a, b : map, PlacedMap, str or path
         Maps, or files of ours, OctoMap's (.bt, .ot) or map_server's (.yaml).
     cell_size : float, optional
-        Of the cells that are compared [m].
+        Of the cells that are compared [m]: at least a 64th of those of the finer map.
     max_points : int
         Distances are measured from at most this many cells of each map, drawn at random (always the same).
 
