@@ -29,7 +29,19 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "fixed, not by name": (
         lambda: ndtree.FixedMap(0.1, 2),
-        "FixedMap(): 2 arguments without names, expected none: did you mean min_cell_size = 0.1?",
+        "FixedMap(): 2 arguments without names, expected none; the others by name: min_cell_size, dim, ",
+    ),
+    "what goes by name": (
+        lambda: ndtree.MovedEvidence(2, 0.1),
+        "MovedEvidence(): 2 arguments without names, expected none; the others by name: dim, cell_size, ",
+    ),
+    "some by name": (
+        lambda: M.insert(POINTS, ORIGIN, None),
+        "insert(): 3 arguments without names, expected at most 2 (points, origin); the others by name: ret",
+    ),
+    "no scans": (
+        lambda: ndtree.SeenSpace(POINTS),
+        "SeenSpace(): scans = array of shape (3, 2) and dtype float64: must be several, each an ndtree.Scan",
     ),
     "no number": (
         lambda: M.insert(POINTS, ORIGIN, max_range="x"),

@@ -22,6 +22,7 @@ SCAN.insert_into(MAP)
 PLANNER = ndtree.Planner(MAP, ndtree.Sphere(0.1), unknown="free")
 WRONG: tuple[Any, ...] = (
     None, "x", b"x", math.nan, math.inf, -1, 1e300, 1e-300, 2**80, [], [[]], {"a": 1}, print, 1 + 2j,
+    np.timedelta64(1),
     np.zeros(0), np.zeros((2, 5)), np.array(["a"]), np.array([None, 1]), np.full((2, 2), np.nan),
     [[1, 2], [3]], ("a", 1), SCAN, ndtree.Sphere(1.0),
 )  # fmt: skip
@@ -95,11 +96,13 @@ def test_the_values_of_calls_that_take_long_are_named_as_well() -> None:
         (ndtree.align, "log", 3, "an ndtree.Log"),
         (ndtree.align, "max_range", "far", "a number"),
         (ndtree.calibrate, "limit", "few", "an integer or None"),
+        (ndtree.compare, "maps", 3, "different names of maps or None"),
+        (ndtree.compare, "maps", [None], "different names of maps or None"),
         (ndtree.inspect, "source", 3, "an ndtree.Log or a path"),
     ):
         needed = {"source": LOG} if call is ndtree.inspect else {"log": LOG}
         with pytest.raises(
-            TypeError, match=rf"^{call.__name__}\(\): {argument} = {value!r}: must be {expected}$"
+            TypeError, match=re.escape(f"{call.__name__}(): {argument} = {value!r}: must be {expected}") + "$"
         ):
             call(**{**needed, argument: value})
 

@@ -118,7 +118,7 @@ ELSEWHERE = (
     ("dimension", "dim"),
 )
 #: Of arguments whose type the compiled functions leave open.
-_OF_OBJECTS = {"max_seconds": "float | None"}
+_OF_OBJECTS = {"max_seconds": "float | None", "scans": "Iterable[Scan]"}
 #: Of integers: what the compiled functions' types hold.
 _OF_INT = (-(2**31), 2**31 - 1)
 _BOUNDS = {
@@ -130,6 +130,8 @@ _BOUNDS = {
 }
 
 
+#: Arguments that go by name, of which at most this many are listed.
+_MOST_NAMED = 4
 #: What the one argument of OctoMap's constructor is called here.
 _FIRST = {"AdaptiveMap": "min_cell_size", "FixedMap": "min_cell_size", "OctoMap": "min_cell_size"}
 
@@ -182,7 +184,7 @@ class Call:
 
     def __init__(self, name: str, line: str, *, is_method: bool) -> None:
         short = name.rpartition(".")[2]
-        self._name = name.partition(".")[0] if short == "__init__" else short
+        self.name = name.partition(".")[0] if short == "__init__" else short
         self._skipped = int(is_method)
         known = [
             (one, wanted, default is not None) for one, wanted, default in parameters_of(line) if one != "/"
@@ -192,10 +194,16 @@ class Call:
     def error_of(self, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> Exception:
         """What is wrong with a call: ValueError for an integer out of bounds, else TypeError."""
         try:
-            return TypeError(f"{self._name}(): {self._said(arguments[self._skipped :], keywords)}")
+            return TypeError(f"{self.name}(): {self._said(arguments[self._skipped :], keywords)}")
         except ValueError as error:
             error.__context__ = None  # That of pybind11, in several lines.
             return error.with_traceback(None)
+
+    def refused(self, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> str:
+        """What the first argument of a wrong kind must be; empty where all suit."""
+        given = {**dict(zip((one for one, *_ in self._known), arguments[self._skipped :])), **keywords}
+        wrong = (self._refused(one, given[one], wanted) for one, wanted, _ in self._known if one in given)
+        return next(filter(None, wrong), "")
 
     def _said(self, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> str:
         names = [one for one, _, _ in self._known if not one.startswith("*")]
@@ -221,8 +229,13 @@ class Call:
 
     def _too_many(self, arguments: tuple[Any, ...], positional: list[str]) -> str:
         most = f"at most {len(positional)} ({', '.join(positional)})" if positional else "none"
-        own = _FIRST.get(self._name)
-        meant = f": did you mean {own} = {shown(arguments[0])}?" if own and not positional else ""
+        own = _FIRST.get(self.name)
+        if own and len(arguments) == 1:
+            meant = f": did you mean {own} = {shown(arguments[0])}?"
+        else:
+            named = [one for one, *_ in self._known if not one.startswith("*") and one not in positional]
+            named = [*([own] if own else []), *named]
+            meant = f"; the others by name: {', '.join(named[:_MOST_NAMED])}" if named else ""
         count = (
             "1 argument without a name"
             if len(arguments) == 1
@@ -232,7 +245,8 @@ class Call:
 
     def _refused(self, name: str, value: Any, wanted: str) -> str:
         """What a value must be; empty if it suits."""
-        wanted = _OF_OBJECTS.get(name, wanted) if wanted == "object" else wanted
+        if wanted == "object" or wanted.endswith("Iterable"):
+            wanted = _OF_OBJECTS.get(name, wanted)
         plain = "" if wanted == "object" else str(_annotation(wanted))
         words = words_for(value, plain)
         if plain == "bool" and not isinstance(value, bool):  # An integer, which pybind11 takes for none.
@@ -240,7 +254,7 @@ class Call:
         if words:
             return f"{name} = {shown(value)}: must be {words}"
         if value is not None and plain.startswith("int"):
-            _check_bounds(f"{self._name}(): {name}", value, _BOUNDS.get(name, _OF_INT))
+            _check_bounds(f"{self.name}(): {name}", value, _BOUNDS.get(name, _OF_INT))
         return ""
 
 

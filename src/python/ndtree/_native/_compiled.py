@@ -144,6 +144,12 @@ def _wrapped(
                 raise TypeError(" ".join(said.split())) from error.__cause__
             takes = Call(name, function.__doc__.partition("\n")[0], is_method=is_method)
             refused = takes.error_of(arguments, keywords)
+        except AttributeError:  # Of what is in an argument, which Python's own code in the module asks.
+            takes = Call(name, function.__doc__.partition("\n")[0], is_method=is_method)
+            found = takes.refused(arguments, keywords)
+            if not found:
+                raise
+            refused = TypeError(f"{takes.name}(): {found}")
         raise refused
 
     call.__qualname__ = name  # pybind11's own is that of a class of its.

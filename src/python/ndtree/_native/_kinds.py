@@ -21,8 +21,14 @@ def _are_texts(value: Any) -> bool:
     return isinstance(value, (list, tuple)) and all(isinstance(one, str) for one in value)
 
 
+def _are_makers(value: Any) -> bool:
+    return hasattr(value, "items") and all(callable(one) for one in value.values())
+
+
 def is_number(value: Any) -> bool:
-    """Whether it is one, of Python or NumPy; arrays of one value are none."""
+    """Whether it is one, of Python or NumPy; arrays of one value are none, nor are times."""
+    if isinstance(value, (np.datetime64, np.timedelta64)):
+        return False
     return not getattr(value, "ndim", 0) and (hasattr(value, "__float__") or hasattr(value, "__index__"))
 
 
@@ -71,6 +77,7 @@ KINDS: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
     ("bool", lambda value: isinstance(value, (bool, np.bool_)) or is_integer(value), "True or False"),
     *((kind, is_path, "a path") for kind in ("str | os.PathLike", "os.PathLike")),
     *((kind, lambda value: isinstance(value, str), "a text") for kind in ("str", "Literal", "World")),
+    ("Maps", lambda value: _are_texts(value) or _are_makers(value), "different names of maps"),
     ("Sequence[str]", _are_texts, "several texts, as ['...', '...']"),
     ("bytes", lambda value: isinstance(value, bytes), "bytes"),
     *((kind, lambda value: hasattr(value, "items"), "a dict") for kind in ("Mapping", "dict")),
@@ -80,6 +87,7 @@ KINDS: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
         for kind in ("Iterable", "Sequence", "list")
         for name in ("Scan", "Frontier", "Log")
     ),
+    ("OccupancyMap | PlacedMap", lambda value: hasattr(value, "state"), "a map"),
     *((name, lambda value, name=name: _is_a(value, name), f"an ndtree.{name}") for name in _CLASSES),
     ("Shape", lambda value: _is_a(value, "Shape"), _OF_SHAPES),
     ("Storage", lambda value: hasattr(value, "place"), "a Storage"),
