@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from pathlib import Path
 from typing import Any
@@ -269,6 +270,38 @@ def test_noise_around_range_max_is_no_surface(above: str, ros2: Messages, tmp_pa
         assert np.count_nonzero(scan.returned) == 600 and lengths[scan.returned].max() < 3.1
         np.testing.assert_allclose(lengths[~scan.returned], 5.0)
     assert any("within 0.04" in note and "of range_max mean that nothing" in note for note in log.notes)
+
+
+@pytest.mark.parametrize(
+    "count, angles, is_said",
+    [
+        (180, (-math.pi, math.pi, math.pi / 180), True),  # Ranges were filtered, the header was not.
+        (360, (-math.pi, math.pi, -math.pi / 180), True),  # Turning the other way.
+        (360, (-math.pi, math.pi, math.pi / 180), False),  # One less than both ends have.
+        (361, (-math.pi, math.pi, math.pi / 180), False),
+        (360, (math.pi, -math.pi, -math.pi / 180), False),
+        (897, (0.0, 2 * math.pi, 2 * math.pi / 897.6), False),
+    ],
+)
+def test_angles_of_another_number_of_ranges_are_said(
+    count: int, angles: tuple[float, float, float], is_said: bool, ros2: Messages, tmp_path: Path
+) -> None:
+    begin, end, turn = angles
+    given = {"angle_min": begin, "angle_max": end, "angle_increment": turn}
+    message = ros2.laser(START, "a", np.full(count, 3.0), **given)
+    log = read(write_bag(tmp_path / "bag", ros2, [("/scan", START, message)]), still=True)
+    (scan,) = log
+    at = begin + turn * np.arange(count)
+    np.testing.assert_allclose(scan.endpoints, 3 * np.stack([np.cos(at), np.sin(at)], axis=1), atol=1e-3)
+    assert any("in 1 of 1 messages angles are for another number" in note for note in log.notes) == is_said
+
+
+def test_angles_in_degrees_are_refused(ros2: Messages, tmp_path: Path) -> None:
+    given = {"angle_min": -180.0, "angle_max": 179.0, "angle_increment": 1.0}
+    message = ros2.laser(START, "a", np.full(360, 3.0), **given)
+    log = read(write_bag(tmp_path / "bag", ros2, [("/scan", START, message)]), still=True)
+    with pytest.raises(ValueError, match=r"1 rad of 360 ranges: 57\.3 turns, expected radians"):
+        list(log)
 
 
 def test_an_infinite_range_max_needs_a_limit(ros2: Messages, tmp_path: Path) -> None:

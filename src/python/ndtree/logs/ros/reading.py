@@ -29,6 +29,7 @@ _SENSELESS = "the times of beams make no sense, and all beams count as measured 
 _LEAST_WAY = 0.1  # Of beams that tell how a sensor is turned [m].
 _TURNED_ALIKE = 0.3  # Beams of one message, at most apart [rad].
 _UNLIMITED = "the largest range makes no sense, and counts as not given"
+_OTHER_NUMBER = "angles are for another number of ranges: angle_max does not count"
 
 
 class OtherFrame(ValueError):
@@ -135,6 +136,8 @@ class MessageReader:
             self._tell(one, _SENSELESS, beams.senseless)
         if beams.unlimited:
             self._tell(one, _UNLIMITED, beams.unlimited)
+        if beams.other_number:
+            self._tell(one, _OTHER_NUMBER, beams.other_number)
         if beams.swapped:
             self._tell(one, SWAPPED, f"{len(beams.points)} points")
         self.zeros += beams.zeros

@@ -56,6 +56,8 @@ class Beams:
     `senseless`: What is wrong with the message's times of its beams, where they can be none: `times` is None
         then.
     `unlimited`: What is wrong with the message's largest range, where it can be none: it counts as not given.
+    `other_number`: The angles of a message that are for another number of ranges than it has: angle_max does
+        not count then.
     `endless`: Beams that met nothing, but of which the message does not say up to where: they are invalid.
     """
 
@@ -66,6 +68,7 @@ class Beams:
     is_guess: bool = False
     senseless: str = ""
     unlimited: str = ""
+    other_number: str = ""
     zeros: int = 0  # Beams with a range of 0.
     swapped: bool = False  # The message's bytes are in the other order than it says.
     colors: NDArray[np.uint8] | None = None  # (n, 3), red, green and blue.

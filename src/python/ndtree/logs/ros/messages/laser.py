@@ -24,6 +24,10 @@ from ndtree.logs.ros.messages.beams import LONGEST_SWEEP, Beams, Floats
 
 #: A laser that turns this far [rad] looks all around.
 FULL_TURN = math.radians(350)
+#: More turns in one message are angles in degrees.
+_MOST_TURNS = 4
+#: Ranges by which drivers miscount their own, and the share of them that does not matter.
+_MISCOUNTED, _OTHER_SHARE = 2, 0.01
 
 
 class NoiseAtLimit:
@@ -137,13 +141,28 @@ def _planar_beams(message: Any, ranges: NDArray[np.floating[Any]], no_return_ran
     turn = float(message.angle_increment)
     if n > 1 and not (math.isfinite(turn) and turn != 0):
         raise ValueError(f"angle_increment = {turn:g} rad of {n} ranges: must be finite and not 0")
+    if abs(turn) * n > _MOST_TURNS * math.tau:
+        turns = abs(turn) * n / math.tau
+        raise ValueError(f"angle_increment = {turn:g} rad of {n} ranges: {turns:.3g} turns, expected radians")
     ways = _directions(float(message.angle_min), turn, n)
     limits, said = _limits(message.range_min, message.range_max, "range_max")
     beams = _measured(ranges, limits, ways, _times(message, n), no_return_range)
     step = float(message.time_increment)
     senseless = f"time_increment = {step:g} s of {n} beams" if beams.times is None and step and n > 1 else ""
     is_guess = beams.times is not None and step == 0
-    return replace(beams, is_guess=is_guess, senseless=senseless, unlimited=said)
+    other = _another_number(message, n)
+    return replace(beams, is_guess=is_guess, senseless=senseless, unlimited=said, other_number=other)
+
+
+def _another_number(message: Any, n: int) -> str:
+    """What the message's angles are, if not for as many ranges as it has; drivers count one more or less."""
+    turn, span = float(message.angle_increment), float(message.angle_max) - float(message.angle_min)
+    if n < 2 or not math.isfinite(span) or span == 0:
+        return ""
+    expected = round(span / turn) + 1
+    if abs(expected - n) <= max(_MISCOUNTED, _OTHER_SHARE * n):
+        return ""
+    return f"{n} ranges, {message.angle_min:.4g} to {message.angle_max:.4g} rad by {turn:.4g} rad"
 
 
 def _limits(nearest: float, farthest: float, name: str) -> tuple[tuple[float, float], str]:

@@ -96,7 +96,7 @@ def unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: 
         begin = f"{path}: {what}: there is no /tf"
         if not say:
             return f"{begin}, nor any other poses, expected one of:" + typed(_TRAJECTORY, _STILL)
-        sources = [f"{one}, and {MOUNT} where the sensor is not in their place" for one in say]
+        sources = [f"{one}, and {MOUNT} unless the poses are those of the sensor" for one in say]
         return f"{begin}, expected one of:" + typed(*sources, _TRAJECTORY, _STILL)
     base = next(bases_in(frames), "FRAME")
     frames_are = f"the frames of /tf are {listed(frames)}"
