@@ -140,7 +140,8 @@ def test_an_option_that_is_no_number_is_named(option: str):
 
 def test_a_far_point_is_named_and_not_the_window():
     points = np.concatenate([room(0.5), [[3e7, 0]]])
-    for match in (room_map().match, ndtree.Matcher(room(0.5)).match):
+    matcher = ndtree.Matcher(room(0.5))
+    for match in (room_map().match, matcher.match, matcher.modes):
         with pytest.raises(ValueError, match=r"points: the farthest is 30000000(\.0)? m away"):
             match(points, (0, 0, 0), window=(1, 1, 1))
 

@@ -112,15 +112,11 @@ double number_or(const py::object& object, const char* name, double otherwise) {
   return number;
 }
 
-/// Matches as the library does; without points the pose is the guess, and a far point is named where it makes
-/// more rotations of a window than there may be.
-template <int D>
-Match<D> matched(const Matcher<D>& matcher, const Points<D>& points, const Pose<D>& from,
-                 const MatchWindow<D>& window, const MotionMatrix<D>& information, bool second) {
+/// What a search returns; a far point is named where it makes more rotations of a window than there may be.
+template <int D, class Search>
+auto naming_far_points(const Points<D>& points, const MatchWindow<D>& window, const Search& search) {
   try {
-    Match<D> found = match(matcher, points, from, window, information, second);
-    if (points.cols() == 0) found.pose = from;
-    return found;
+    return search();
   } catch (const std::invalid_argument&) {
     constexpr double kMostMetres = 1e3;
     const double farthest = points.cols() > 0 ? points.colwise().norm().maxCoeff() : 0.0;
@@ -129,6 +125,16 @@ Match<D> matched(const Matcher<D>& matcher, const Points<D>& points, const Pose<
                                 " m away, where a window has too many rotations: leave it out, or give "
                                 "larger cells");
   }
+}
+
+/// Matches as the library does; without points the pose is the guess.
+template <int D>
+Match<D> matched(const Matcher<D>& matcher, const Points<D>& points, const Pose<D>& from,
+                 const MatchWindow<D>& window, const MotionMatrix<D>& information, bool second) {
+  Match<D> found = naming_far_points<D>(
+      points, window, [&] { return match(matcher, points, from, window, information, second); });
+  if (points.cols() == 0) found.pose = from;
+  return found;
 }
 
 /// @param cells that the default radius is long.
@@ -183,9 +189,10 @@ std::vector<PythonMatch> modes_of(const Matcher<D>& matcher, const py::object& p
   const MotionMatrix<D> known = information_of<D>(information);
   const Released released;
   std::vector<PythonMatch> results;
-  for (const Match<D>& one :
-       modes(matcher, points_of<D>(array), from, in, static_cast<std::size_t>(most), known))
-    results.push_back(to_python(one));
+  const Points<D> scan = points_of<D>(array);
+  const auto found = naming_far_points<D>(
+      scan, in, [&] { return modes(matcher, scan, from, in, static_cast<std::size_t>(most), known); });
+  for (const Match<D>& one : found) results.push_back(to_python(one));
   return results;
 }
 
