@@ -12,7 +12,7 @@ import pytest
 import ndtree
 from ndtree.base.scan import Scan
 from ndtree.evaluation.sampling import spread
-from ndtree.tuning.agreement import disagreement
+from ndtree.tuning.agreement import WORSE_RUNS, _worse_from, disagreement
 from ndtree.tuning.revisits import surface_of
 
 SCANS, BEGIN = 480, 200
@@ -58,6 +58,13 @@ def test_a_robot_that_is_stuck_is_told_of(office: list[Scan]) -> None:
     found = disagreement(spread(standing(office, 0.02))[0])
     assert found is not None and abs(found.since - 0.2 * BEGIN) < 6.0
     assert found.error == pytest.approx(found.moved, rel=0.3)
+
+
+def test_errors_that_are_large_in_the_last_runs_alone_are_worse_from_there_on() -> None:
+    good, bad = np.full(20, 0.01), np.full(WORSE_RUNS, 5.0)
+    assert _worse_from(np.concatenate([good, bad])) == 20
+    assert _worse_from(np.concatenate([good, bad[1:]])) is None, "too few"
+    assert _worse_from(np.concatenate([good, bad, good])) is None, "not up to the end"
 
 
 def corridor(step: float, angles: np.ndarray) -> list[Scan]:

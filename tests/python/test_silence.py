@@ -210,6 +210,25 @@ def test_points_of_a_bag_at_the_largest_range_are_no_surface(both: bool, tmp_pat
     assert look.cut_off == pytest.approx(20, abs=0.1) and look.no_returns.beams > 0
 
 
+@pytest.mark.parametrize("count, is_limit", [(5, False), (15, True)])
+def test_few_points_of_a_bag_that_are_as_far_away_are_a_surface(
+    count: int, is_limit: bool, tmp_path: Path
+) -> None:
+    """Of six messages: 30 or 90 of their points, and 64 are the least that tell."""
+    bags = pytest.importorskip("bags")
+    make, generator, content = bags.Messages("mcap"), np.random.default_rng(4), []
+    for i in range(6):
+        ranges = np.append(generator.uniform(2, 15, 100), np.full(count, 20.0))
+        ways = generator.normal(size=(len(ranges), 3))
+        ways *= (ranges / np.linalg.norm(ways, axis=1))[:, None]
+        stamp = bags.START + 0.1 * i
+        transform = make.transform(stamp, "map", "lidar", [0.3 * i, 0, 0], bags.LEVEL)
+        cloud = make.cloud(stamp, "lidar", ways)
+        content += [("/tf", stamp, make.tf(transform)), ("/points", stamp, cloud)]
+    log = ndtree.read(bags.write_bag(tmp_path / "a", make, content))
+    assert np.count_nonzero(np.concatenate(silent(log))) == 6 * count * is_limit
+
+
 def wall_below(depth: float, count: int, generator: np.random.Generator) -> np.ndarray:
     """How far below the limit a wall is read that is so far below it at right angles [m]."""
     turned = np.tan(generator.uniform(0, math.acos((LIMIT - depth) / LIMIT), count))

@@ -44,7 +44,7 @@ def noise_below(below: NDArray[np.floating[Any]], there: int) -> float:
     `there`: Readings at the limit, and above.
     """
     half = (there + 1) // 2
-    if len(below) < max(half, LEAST_NOISY) or there < LEAST_NOISY // 2:
+    if len(below) < max(half, LEAST_NOISY):
         return 0.0
     below = np.sort(below.astype(np.float64))
     noisy = below[below <= _ALL * float(below[half - 1]) / _HALF]
