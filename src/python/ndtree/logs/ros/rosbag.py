@@ -70,7 +70,8 @@ class RosbagLog(SizedLog):
         )
         self.rules = Rules(zero_is=options.zero_is)
         self.may_be_zero = self.marks_no_returns = any(sensor.is_planar for sensor in self.sensors)
-        self.may_be_cut_off = len(self.sensors) == 1 and self.sensors[0].topic.type not in (*IMAGES, RANGE)
+        measures = {sensor.topic.type for sensor in self.sensors}
+        self.may_be_cut_off = bag is None and len(self.sensors) == 1 and not measures & {*IMAGES, RANGE}
         self.is_depth_camera = all(sensor.topic.type in IMAGES for sensor in self.sensors)
         self.hint, self._decided = plan.hint, list(plan.notes)
 
