@@ -40,6 +40,14 @@ class ChangeDetection {
   [[nodiscard]] NDTREE_ALWAYS_INLINE static bool is_doubted(const EvidenceCell& cell) {
     return cell.streak() > 0 && !cell.streak_is_of_hits() && cell.state() == CellState::occupied;
   }
+  /// Scans in a row that passed an occupied cell. Its children go on with them, and siblings that merge have
+  /// the least of theirs.
+  [[nodiscard]] static std::uint32_t doubting_scans(const EvidenceCell& cell) {
+    return is_doubted(cell) ? cell.streak() : 0;
+  }
+  [[nodiscard]] static bool may_have_changed(const EvidenceCell& cell) {
+    return doubting_scans(cell) >= kLeastPasses;
+  }
   /// Misses of a scan that an updated cell counts: one if the scan goes on with a streak of passes through an
   /// occupied cell, so that the counts tell what was before.
   /// @param cell its streak is that with the scan, its state that without it.

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "ndtree/cell/change_detection.hpp"
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_memory.hpp"
 #include "ndtree/cell/evidence_options.hpp"
@@ -70,6 +71,7 @@ class ChildInitialisation {
     if (!all_seen && passed == 0 && child.state() == CellState::free) return EvidenceCell();
     child.set_covered(is_covered || is_finest);
     if (was_known) child.set_known_levels(parent.known_levels() - 1);
+    child.set_streak_of_passes(ChangeDetection::doubting_scans(parent));
     return child;
   }
 

@@ -121,6 +121,11 @@ class EvidenceCell {
     const std::uint32_t length = std::min(before + kOneScan, kLongestStreak);
     counts_ = (counts_ & ~kStreakBits) | kind | (length & (0u - std::uint32_t{any_hits != any_misses}));
   }
+  /// Goes on with another cell's streak of scans that passed it.
+  /// @pre observed(), not blank.
+  void set_streak_of_passes(std::uint32_t scans) {
+    counts_ = (counts_ & ~kStreakBits) | std::min(scans, kMaxStreak) * kOneScan;
+  }
   /// Whether beams have passed parts of the cell, but not enough of it: it is not observed yet, and only
   /// keeps which parts were seen, and the evidence for free space in them.
   [[nodiscard]] bool is_partly_seen() const { return (counts_ & kPartlySeen) != 0; }

@@ -12,6 +12,7 @@
 #include <optional>
 #include <type_traits>
 
+#include "ndtree/cell/change_detection.hpp"
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/core/beta.hpp"
@@ -90,6 +91,7 @@ class EvidenceMergeRule {
     std::int64_t misses = 0;
     bool are_covered = true;
     std::uint32_t known_levels = EvidenceCell::kMaxKnownLevels;
+    std::uint32_t streak = EvidenceCell::kMaxStreak;  // Of scans that passed each of them.
     for (int j = 0; j < count; ++j) {
       const EvidenceCell& cell = siblings[j].cell();
       joined.observed += cell.observed();
@@ -100,6 +102,7 @@ class EvidenceMergeRule {
       misses += cell.misses();
       are_covered = are_covered && cell.is_covered();
       known_levels = std::min(known_levels, cell.known_levels());
+      streak = std::min(streak, ChangeDetection::doubting_scans(cell));
     }
     if (joined.observed == 0) return joined;
     joined.mixes_unknown = joined.observed < count;
@@ -112,6 +115,7 @@ class EvidenceMergeRule {
                            static_cast<std::uint32_t>(scaled(misses, children_across, count)));
     joined.cell.set_covered(are_covered && !joined.mixes_unknown);
     if (!joined.mixes_unknown) joined.cell.set_known_levels(known_levels + 1);
+    joined.cell.set_streak_of_passes(streak);
     joined.loss += std::max(0.0, divergence(siblings, count, joined.cell) / detail::kLog2);
     return joined;
   }

@@ -57,10 +57,11 @@ class EvidenceModel {
     return update_any(cell, scan, clearly);
   }
   /// update() of a cell that was to split but is predicted to re-merge, see RemergePrediction, or did
-  /// re-merge.
+  /// re-merge. @param streak of scans that passed each part of it, this one with them.
   /// @returns true if the cell changed.
-  bool update_without_split(EvidenceCell& cell, const ScanEvidence& scan) const {
-    return replace(cell, RemergePrediction::updated_without_split(cell, scan, children_, memory_, kept_));
+  bool update_without_split(EvidenceCell& cell, const ScanEvidence& scan, std::uint32_t streak = 0) const {
+    return replace(cell,
+                   RemergePrediction::updated_without_split(cell, scan, children_, memory_, kept_, streak));
   }
   /// update() of a cell that is only partly seen: keeps the seen parts and the evidence for free space in
   /// them. @returns true if the cell changed.

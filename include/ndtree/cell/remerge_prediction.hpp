@@ -18,8 +18,9 @@ namespace ndtree {
 /// scan's beams passed, and the scan's evidence O for occupied space, a split is predicted to re-merge
 /// - in free space, if the child that all hits are in would still be free:
 ///     s E+ + O + a <= 3/4 (s E- + a),  a being the prior, and s^2 for s with two or more levels below;
-/// - in an occupied cell, if E- is worth at most twelve beams, and the mean fraction of E+ is more than three
-///   times what a child may have of E- and of the scan's passes.
+/// - in an occupied cell that no streak of scans says to have changed, if E- is worth at most twelve beams,
+///   and the mean fraction of E+ is more than three times what a child may have of E- and of the scan's
+///   passes.
 /// In free space, more beams of any kind never turn the answer from no to yes.
 struct RemergePrediction {
   /// @pre a split is asked for. @param children_across see kChildrenAcross. @param levels below the cell.
@@ -47,19 +48,22 @@ struct RemergePrediction {
     }
     const double passes =
         unfused(children.path_fraction(mean, scan.misses, scan.beams) * free) + unfused(miss * scan.misses);
+    if (ChangeDetection::may_have_changed(cell)) return false;
     return free <= kFewMisses * miss && mean * occupied > kManyTimes * passes;
   }
 
   /// What the cell would be, nearly, after splitting, updating the children and merging them again; but it
   /// keeps all evidence of passes alone (see ScanWalk::split()). The evidence of ways that the scan's beams
   /// did not reach fades as in the children: E-, and in free space E+, keep the path fraction
-  /// with the mean 1, a beam that ends in the cell reaching a quarter of it. The streak ends. Without this,
+  /// with the mean 1, a beam that ends in the cell reaching a quarter of it. Without this,
   /// hits in free space outweigh passes of long ago too slowly, and an occupied cell that is mostly passed on
   /// one side is taken for one that has changed.
-  /// @param kept fraction of evidence that any cell keeps from one scan to the next.
+  /// @param kept fraction of evidence that any cell keeps from one scan to the next. @param streak of scans
+  /// that passed all of the cell, this one with them.
   [[nodiscard]] static EvidenceCell updated_without_split(const EvidenceCell& cell, const ScanEvidence& scan,
                                                           const ChildInitialisation& children,
-                                                          const EvidenceMemory& memory, double kept) {
+                                                          const EvidenceMemory& memory, double kept,
+                                                          std::uint32_t streak) {
     constexpr double kNotReached = 0.75;  // Of a cell, by a beam that ends in it.
     const double reached = scan.beams - unfused(kNotReached * scan.hits);
     const double kept_free = kept * children.path_fraction(1.0, reached, scan.beams);
@@ -70,12 +74,12 @@ struct RemergePrediction {
     memory.assign(now,
                   EvidenceMemory::fraction_of_rounded_up(cell.occupied_evidence(), kept_hits) + scan.occupied,
                   EvidenceMemory::fraction_of_rounded_up(cell.free_evidence(), kept_free) + scan.free);
-    memory.set_counts(
-        now,
-        static_cast<std::uint32_t>(EvidenceMemory::fraction_of_rounded_up(cell.hits(), kept_hits)) +
-            scan.hits,
-        static_cast<std::uint32_t>(EvidenceMemory::fraction_of_rounded_up(cell.misses(), kept_free)) +
-            scan.misses);
+    const auto hits =
+        static_cast<std::uint32_t>(EvidenceMemory::fraction_of_rounded_up(cell.hits(), kept_hits));
+    const auto misses =
+        static_cast<std::uint32_t>(EvidenceMemory::fraction_of_rounded_up(cell.misses(), kept_free));
+    memory.set_counts(now, hits + scan.hits, misses + (streak > 1 ? 1 : scan.misses));
+    now.set_streak_of_passes(streak);
     return now;
   }
 };

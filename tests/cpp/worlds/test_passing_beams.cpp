@@ -361,5 +361,40 @@ TEST(PassingBeams, ANoiseFreeWallOnOrNearABorderStopsRays) {
   EXPECT_EQ(cases, 10);
 }
 
+TEST(PassingBeams, WhatStoodIsClearedByADozenScansInCellsThatSplitAndMergeAgain) {
+  constexpr int kWorlds = 300;
+  constexpr double kFrom = 2.8;  // A square of 2 x 2 smallest cells stands here, and at y = 0.4.
+  Random random(5);
+  SCOPED_TRACE(random.trace());
+  int longest = 0;
+  for (int world = 0; world < kWorlds; ++world) {
+    AdaptiveMap<2, 2> map(options_of(0.1, 1.6));
+    Scan<2> scan;
+    scan.origins = Vector<2>(0.0, 0.04);
+    scan.endpoints.resize(2, random.integer(4, 23));
+    const int stays = random.integer(10, 29);
+    for (int i = 0; i < stays; ++i, scan.origins(0, 0) += 0.05) {
+      for (Eigen::Index k = 0; k < scan.size(); ++k)
+        scan.endpoints.col(k) << random.uniform(kFrom, kFrom + 0.2), random.uniform(0.4, 0.6);
+      map.insert(scan);
+    }
+    const Eigen::Index beams = random.integer(4, 15);
+    scan.endpoints.resize(2, beams);
+    const std::vector<Vector<2>> centres{{2.85, 0.45}, {2.95, 0.45}, {2.85, 0.55}, {2.95, 0.55}};
+    ASSERT_GT(occupied_of(map, centres), 0);
+    int passed = 0;
+    for (; passed < 40 && occupied_of(map, centres) > 0; ++passed, scan.origins(0, 0) += 0.03) {
+      const Vector<2> origin = scan.origins.col(0);
+      for (Eigen::Index k = 0; k < beams; ++k) {
+        const double x = kFrom + 0.2 * (static_cast<double>(k) + 0.5) / static_cast<double>(beams);
+        scan.endpoints.col(k) = origin + 2.0 * (Vector<2>(x, random.uniform(0.4, 0.6)) - origin);
+      }
+      map.insert(scan);
+    }
+    longest = std::max(longest, passed);
+  }
+  EXPECT_LE(longest, 12);
+}
+
 }  // namespace
 }  // namespace ndtree::test::test_passing_beams

@@ -522,16 +522,17 @@ class alignas(kCacheLines) ScanWalk {
   }
   /// Splits a leaf and integrates its beams into the children. If these re-merge, the leaf was observed, and
   /// all evidence is for free space, the merged cell is replaced: the leaf as it was, with
-  /// update_without_split(), which of passes alone keeps all evidence and ends the streak. So evidence of
-  /// passes adds up, scan by scan.
+  /// update_without_split(), which of passes alone keeps all evidence, and the streak that all parts have. So
+  /// evidence of passes adds up, scan by scan. But where the parts of an occupied leaf have changed, it has.
   bool split(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample, const ScanEvidence& scan,
              const Sampling& sampling) {
     const EvidenceCell parent = leaf.cell();
     const bool changed = split_and_descend(leaf, parent, list, sample, sampling);
-    if (leaf.is_leaf() && parent.observed() && scan.is_free_alone()) {
-      leaf.cell() = parent;
-      (void)refinement_.model.update_without_split(leaf.cell(), scan);
-    }
+    if (!leaf.is_leaf() || !parent.observed() || !scan.is_free_alone()) return changed;
+    const EvidenceCell merged = leaf.cell();
+    if (parent.state() == CellState::occupied && merged.state() == CellState::free) return changed;
+    leaf.cell() = parent;
+    (void)refinement_.model.update_without_split(leaf.cell(), scan, ChangeDetection::doubting_scans(merged));
     return changed;
   }
   /// Makes a leaf an inner node, initialises its children and integrates its beams into them.
