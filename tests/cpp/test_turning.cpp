@@ -97,6 +97,17 @@ TEST(Turning, TurnsWhereItOnlyFitsLengthwise) {
   const Path<3> again = plan_turning(map, start, goal, body);
   EXPECT_EQ(path.points, again.points);
   EXPECT_EQ(path.expanded, again.expanded);
+  Planner<Map> planner(map, body);
+  EXPECT_FALSE(first_blocked_turning(planner, path.points).has_value());
+  const Vector<2> first_turn = [&] {
+    for (std::size_t i = 0;; ++i)
+      if (path.points[i][2] != path.points[i + 1][2]) return Vector<2>(path.points[i].head<2>());
+  }();
+  Map other = map;  // A post where it turned, that its ways pass by.
+  other.mark(Box<2>{first_turn + Vector<2>(-0.3, 0.25), first_turn + Vector<2>(-0.2, 0.3)},
+             CellState::occupied);
+  planner.update(other);
+  EXPECT_TRUE(first_blocked_turning(planner, path.points).has_value());
 
   map.mark(Box<2>{{-0.5, 0.1}, {0.5, 4.0}}, CellState::occupied);  // 0.4 m are left, of 0.3 m that it needs.
   PlannerOptions options;
@@ -138,6 +149,46 @@ TEST(Turning, RandomWorldsAreCrossedFree) {
   EXPECT_GT(found, 10);
 }
 
+/// Beside the door that only a turned plank fits through, a window that was not seen.
+TEST(Turning, UnknownSpaceCosts) {
+  Map map = free_square(4.0);
+  map.mark(Box<2>{{-0.5, -4.0}, {0.5, -0.3}}, CellState::occupied);
+  map.mark(Box<2>{{-0.5, 0.3}, {0.5, 4.0}}, CellState::occupied);
+  map.clear(Box<2>{{-0.5, 1.0}, {0.5, 3.0}});
+  const Body<2> body = plank(0.5, 0.15);
+  const Vector<3> start(-2.0, 2.0, 0.5 * kPi);
+  const Vector<3> goal(2.0, 2.0, 0.5 * kPi);
+  const auto planned = [&](double cost) {
+    PlannerOptions options;
+    options.unknown_cost = cost;
+    return plan_turning(map, start, goal, body, options);
+  };
+  EXPECT_NEAR(planned(1.0).length, 4.0, 1e-6);
+  EXPECT_NEAR(planned(1.2).length, 4.0, 0.05);
+  const Path<3> around = planned(5.0);
+  ASSERT_EQ(around.status, PathStatus::found);
+  EXPECT_GT(around.length, 5.0);
+  expect_free(map, body, around);
+  EXPECT_LT(around.length, 1.06 * planned(std::numeric_limits<double>::infinity()).length);
+}
+
+/// Ends may lie far from all that was seen, where unknown space is free.
+TEST(Turning, EndsMayBeOutsideTheMap) {
+  Map map = free_square(2.0);
+  map.mark(Box<2>{{-0.1, -2.0}, {0.1, 1.0}}, CellState::occupied);
+  PlannerOptions options;
+  options.unknown_cost = 1.0;
+  const Body<2> body = plank(0.3, 0.1);
+  for (const auto& [from, to] : {std::pair(-60.0, 60.0), std::pair(-1.0, 40.0), std::pair(-40.0, 1.0)}) {
+    const Path<3> path = plan_turning(map, Vector<3>(from, 0.0, 0.0), Vector<3>(to, 0.0, 1.0), body, options);
+    ASSERT_EQ(path.status, PathStatus::found) << from << ' ' << to << ' ' << path.reason;
+    EXPECT_LT(path.length, to - from + 1.5);
+    for (std::size_t i = 0; i + 1 < path.points.size(); ++i)
+      EXPECT_FALSE(sweep_collides(map, turned(body, path.points[i][2]), Vector<2>(path.points[i].head<2>()),
+                                  Vector<2>(path.points[i + 1].head<2>()), UnknownSpace::free));
+  }
+}
+
 TEST(Turning, SaysWhatIsWrong) {
   const Map map = free_square(2.0);
   const Body<2> body = plank(0.3, 0.1);
@@ -145,15 +196,17 @@ TEST(Turning, SaysWhatIsWrong) {
     return refusal_by(
         [&] { (void)plan_turning(map, start, Vector<3>(1.0, 1.0, 0.0), body, options, 10.0, headings); });
   };
-  PlannerOptions costly;
-  costly.unknown_cost = 2.0;
-  EXPECT_EQ(message({0.0, 0.0, 0.0}, costly, 16),
-            "unknown = 2.0: with headings, it must be 'blocked' or 'free'");
   EXPECT_EQ(message({0.0, 0.0, 0.0}, {}, 2), "headings = 2: must be 4 to 256");
-  EXPECT_EQ(message({0.0, 0.0, std::nan("")}, {}, 16), "yaw: must be finite");
+  EXPECT_EQ(message({0.0, 0.0, std::nan("")}, {}, 16), "start = (0.0, 0.0, nan): yaw must be finite");
   EXPECT_NE(message({1.9, 0.0, 0.0}, {}, 16).find("start = (1.9, 0.0): there the body meets"),
             std::string::npos);
   EXPECT_EQ(message({1.7, 1.7, kPi}, {}, 16).find("start"), 0u);
+  const Planner<Map> planner(map, body);
+  const auto refusal = [&](const Vector<3>& pose) {
+    return refusal_by([&] { (void)first_blocked_turning(planner, {Vector<3>(0.0, 0.0, 0.0), pose}); });
+  };
+  EXPECT_EQ(refusal({1.0, 0.0, 1.0}), "points[1]: moves and turns at once, expected one of both");
+  EXPECT_EQ(refusal({0.0, 0.0, std::nan("")}), "points[1]: yaw must be finite");
 }
 
 }  // namespace

@@ -11,7 +11,10 @@ import pytest
 
 pytest.importorskip("viser", reason="viser is not installed")
 
+from browser import Browser, coloured
+
 import ndtree
+from ndtree import viewer as view
 from ndtree.viewer.snapshot import Snapshot
 from ndtree.viewer.visitor import Visitor
 from ndtree.viewer.ways import Ways, place_on_plane
@@ -66,3 +69,21 @@ def test_the_page_draws_the_way_that_two_clicks_ask_for() -> None:
     assert "click where to" in texts[0] and "from obstacles" in texts[1]
     ends = np.array([drawn["/way"][0][0], drawn["/way"][-1][1]]) + snapshot.origin
     np.testing.assert_allclose(ends[:, :2], [[-1.0, 0.0], [1.0, 0.0]], atol=1e-5)
+
+
+def test_two_clicks_on_the_page_draw_a_way() -> None:
+    """On both sides of the wall, which is seen from above."""
+    with view.Viewer(rooms(), port=0) as viewer, Browser(viewer.url) as browser:
+        browser.until(lambda b: np.count_nonzero(coloured(b.picture())) > 300)
+        browser.until(lambda b: "Click on one." in b.text())
+        browser.click_label("Between two clicks")
+        browser.until(lambda b: "Radius" in b.text())
+        rows, columns = np.nonzero(coloured(browser.picture()))
+        low, high, row = int(columns.min()), int(columns.max()), int(np.median(rows)) + 200
+        before = np.count_nonzero(coloured(browser.picture()))
+        browser.click(low - 150, row)
+        browser.until(lambda b: "click where to" in b.text())
+        browser.click(high + 150, row)
+        browser.until(lambda b: "from obstacles" in b.text())
+        browser.until(lambda b: np.count_nonzero(coloured(b.picture())) > before + 200)
+        assert browser.errors == []

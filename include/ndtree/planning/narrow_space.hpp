@@ -24,17 +24,25 @@
 
 namespace ndtree::detail {
 
-/// A body that is smaller on all sides, as far as it can be.
+/// How far apart a shape and a box are [m]; if they overlap, less than 0.
 template <int D>
-[[nodiscard]] Body<D> deflated(Body<D> body, double by) {
-  for (BodyPart<D>& part : body) {
-    if (auto* const capsule = std::get_if<Capsule<D>>(&part))
-      capsule->radius = std::max(0.0, capsule->radius - by);
-    else
-      std::get<OrientedBox<D>>(part).half_size =
-          (std::get<OrientedBox<D>>(part).half_size.array() - by).max(0.0);
+[[nodiscard]] double gap_between(const Capsule<D>& capsule, const Box<D>& box) {
+  return std::sqrt(squared_distance<D>(capsule.a, capsule.b, box)) - capsule.radius;
+}
+/// Along the separating axis that tells the most.
+[[nodiscard]] inline double gap_between(const OrientedBox<2>& oriented, const Box<2>& box) {
+  const Vector<2> half = 0.5 * (box.upper - box.lower);
+  const Vector<2> between = oriented.center - 0.5 * (box.upper + box.lower);
+  double gap = -std::numeric_limits<double>::infinity();
+  const auto look_along = [&](const Vector<2>& axis) {
+    const double others = oriented.half_size.dot((oriented.axes.transpose() * axis).cwiseAbs());
+    gap = std::max(gap, std::abs(between.dot(axis)) - half.dot(axis.cwiseAbs()) - others);
+  };
+  for (int k = 0; k < 2; ++k) {
+    look_along(Vector<2>::Unit(k));
+    look_along(oriented.axes.col(k));
   }
-  return body;
+  return gap;
 }
 
 /// The cells of a free space, and the smallest cells beside them that may be free at some place. Such a
@@ -60,8 +68,7 @@ class NarrowSpace {
         possible_(possible),
         tested_(tested),
         unit_(map.tree().geometry().unit()),
-        core_(deflated(tested, kRoom * unit_)),
-        core_reach_(reach_of(core_)),
+        reach_(reach_of(tested)),
         unknown_(unknown) {}
 
   [[nodiscard]] std::size_t memory_bytes() const {
@@ -203,22 +210,28 @@ class NarrowSpace {
     return is_deep;
   }
 
-  /// How much room a body that is smaller by kRoom has at a point, in smallest cells; at most kEnough.
-  /// @param obstacles all that may be so near.
+  /// How far the body is from obstacles at a point, in smallest cells, at most kEnough; if it overlaps one,
+  /// less than 0.
   [[nodiscard]] double room_at(const Vector<D>& point, const std::vector<Box<D>>& obstacles) const {
     const Vector<D> at = point * unit_;
+    const Box<D> root = map_.tree().box(map_.tree().root().index);
     double room = kEnough * unit_;
-    for (const BodyPart<D>& part : core_) {
-      const Sweep<D> sweep = sweep_of<D>(part, at, at);
-      if (unknown_ == UnknownSpace::occupied) room = std::min(room, room_inside(map_.tree(), sweep));
-      for (const Box<D>& box : obstacles) room = nearer_of(room, sweep, box);
+    for (const BodyPart<D>& part : tested_) {
+      const Box<D> bounds = bounds_of(part);
+      if (unknown_ == UnknownSpace::occupied)
+        room = std::min(
+            {room, (at + bounds.lower - root.lower).minCoeff(), (root.upper - at - bounds.upper).minCoeff()});
+      for (const Box<D>& box : obstacles) {
+        const Box<D> seen{box.lower - at, box.upper - at};
+        room = std::min(room, std::visit([&](const auto& one) { return gap_between(one, seen); }, part));
+      }
     }
     return room / unit_;
   }
-  /// Obstacles within kEnough of the smaller body at any point of a smallest cell.
+  /// Obstacles within kEnough of the body at any point of a smallest cell.
   [[nodiscard]] std::vector<Box<D>> obstacles_near(const Vector<D>& lower) const {
     const Box<D> cell{lower * unit_, (lower.array() + 1.0).matrix() * unit_};
-    const double reach = kEnough * unit_ + core_reach_;
+    const double reach = kEnough * unit_ + reach_;
     std::vector<Box<D>> found;
     const auto squared_reach = [&] { return reach * reach; };
     const auto enter = [&](const Box<D>& box, bool is_leaf) {
@@ -229,37 +242,28 @@ class NarrowSpace {
     return found;
   }
   [[nodiscard]] std::optional<Vector<D>> roomiest(const Lattice<D>& at) const {
-    Vector<D> lower;
-    for (int a = 0; a < D; ++a) lower[a] = static_cast<double>(at[static_cast<std::size_t>(a)]);
-    Vector<D> point = (lower.array() + 0.5).matrix();
-    if constexpr (D > 2) return point;
-    const std::vector<Box<D>> obstacles = obstacles_near(lower);
-    double room = room_at(point, obstacles);
-    if (room + 0.5 * std::sqrt(double{D}) < least_room()) return std::nullopt;
-    for (double step = 0.25; step >= kLeastStep && room < kEnough;) {
-      const Vector<D> from = point;
-      for (const Vector<D>& direction : directions()) {
-        const Vector<D> other =
-            (from + step * direction).cwiseMax(lower).cwiseMin((lower.array() + 1.0).matrix());
-        const double there = room_at(other, obstacles);
-        if (!(there > room + 1e-6)) continue;
-        room = there;
-        point = other;
+    Vector<D> point;
+    for (int a = 0; a < D; ++a) point[a] = static_cast<double>(at[static_cast<std::size_t>(a)]) + 0.5;
+    if constexpr (D == 2) {
+      const Vector<D> lower = (point.array() - 0.5).matrix();
+      const std::vector<Box<D>> obstacles = obstacles_near(lower);
+      double room = room_at(point, obstacles);
+      if (room + 0.5 * std::sqrt(2.0) < -1e-6) return std::nullopt;
+      for (double step = 0.25; step >= kLeastStep && room < kEnough;) {
+        const Vector<D> from = point;
+        for (const Vector<D>& direction : directions()) {
+          const Vector<D> other =
+              (from + step * direction).cwiseMax(lower).cwiseMin((lower.array() + 1.0).matrix());
+          const double there = room_at(other, obstacles);
+          if (!(there > room + 1e-6)) continue;
+          room = there;
+          point = other;
+        }
+        if (point == from) step *= 0.5;
       }
-      if (point == from) step *= 0.5;
+      if (!is_clear(point, point)) return std::nullopt;
     }
-    if (!is_clear(point, point)) return std::nullopt;
     return point;
-  }
-  /// Without which the body meets something for certain.
-  [[nodiscard]] double least_room() const {
-    double least = kRoom;
-    for (const BodyPart<D>& part : tested_)
-      if (const auto* const capsule = std::get_if<Capsule<D>>(&part))
-        least = std::min(least, capsule->radius / unit_);
-      else
-        least = std::min(least, std::get<OrientedBox<D>>(part).half_size.minCoeff() / unit_);
-    return least - 1e-6;
   }
   [[nodiscard]] static const std::vector<Vector<D>>& directions() {
     static const std::vector<Vector<D>> all = [] {
@@ -279,8 +283,7 @@ class NarrowSpace {
   static constexpr std::size_t run_ = 0;
   static constexpr std::int64_t kWidest = 1 << 21;
   static constexpr std::uint32_t kNowhere = NumberTable::kNone - 1;
-  static constexpr double kRoom = 2.0;    // How much smaller the body is whose room is measured.
-  static constexpr double kEnough = 2.5;  // More room is not looked for.
+  static constexpr double kEnough = 0.5;  // More room is not looked for.
   static constexpr double kLeastStep = 0.06;
 
   const Map& map_;
@@ -288,8 +291,7 @@ class NarrowSpace {
   FreeSpace<Map>& possible_;
   const Body<D>& tested_;
   double unit_;
-  Body<D> core_;
-  double core_reach_;
+  double reach_;
   UnknownSpace unknown_;
   NumberTable places_;
   std::vector<Point> points_;

@@ -84,22 +84,20 @@ class Planner {
     return path;
   }
   /// Lengths of short ways from one place to each of several [m], times what unknown space costs; infinite
-  /// where there is none, or the body collides. One search, which has no direction: ways may be other ones
-  /// than those of plan(), and a little longer or shorter.
-  /// @throws std::invalid_argument if the body collides at the start.
+  /// where there is none, or the body collides; NaN where the time was over before that was known. One
+  /// search, which has no direction: ways may be other ones than those of plan(), and a little longer or
+  /// shorter.
+  /// @throws std::invalid_argument if the body collides at the start, or a goal is not finite.
   [[nodiscard]] std::vector<double> ways(const Vector<D>& start, const std::vector<Vector<D>>& goals,
                                          double max_seconds = std::numeric_limits<double>::infinity()) {
-    const auto is_possible = [&](const Vector<D>& goal) {
-      return goal.allFinite() && seen_.tree().geometry().in_reach(goal);
-    };
-    for (const Vector<D>& goal : goals)
-      if (is_possible(goal)) include(goal);
+    require_places(goals, "goals");
+    for (const Vector<D>& goal : goals) include(goal);
     check_pose(start, "start");
     std::vector<double> costs(goals.size(), std::numeric_limits<double>::infinity());
     detail::PathSearch<detail::NarrowSpace<Map>> search(*narrow_, options_.unknown_cost, 1.0);
     for (const auto& anchor : anchors(start)) search.add_start(anchor);
     for (std::size_t i = 0; i < goals.size(); ++i) {
-      if (!is_possible(goals[i]) || !is_free(goals[i], goals[i])) continue;
+      if (!is_free(goals[i], goals[i])) continue;
       if (!space_->has_costs() && is_free(start, goals[i])) {
         costs[i] = (goals[i] - start).norm();
         continue;
@@ -107,16 +105,22 @@ class Planner {
       for (auto anchor : anchors(goals[i])) {
         anchor.goal = i;
         search.add_goal(anchor);
+        costs[i] = std::numeric_limits<double>::quiet_NaN();  // Until the search ends.
       }
     }
-    (void)search.run_to_all(goals.size(), deadline_after(max_seconds),
-                            [&](std::size_t i) { costs[i] = cost_of(tightened(search, start, goals[i])); });
+    const PathStatus status =
+        search.run_to_all(goals.size(), deadline_after(max_seconds),
+                          [&](std::size_t i) { costs[i] = cost_of(tightened(search, start, goals[i])); });
+    if (status != PathStatus::out_of_time)
+      for (double& cost : costs)
+        if (std::isnan(cost)) cost = std::numeric_limits<double>::infinity();
     search_bytes_ = search.memory_bytes();
     return costs;
   }
   /// The first segment of a path in which the body meets an obstacle of the map as it is now; none if there
-  /// is none.
+  /// is none. @throws std::invalid_argument if a point is not finite.
   [[nodiscard]] std::optional<std::size_t> first_blocked(const std::vector<Vector<D>>& points) const {
+    require_places(points, "points");
     for (std::size_t i = 0; i + 1 < points.size(); ++i)
       if (sweep_collides(seen_, kept_away_, points[i], points[i + 1], unknown())) return i;
     return std::nullopt;
@@ -126,6 +130,7 @@ class Planner {
   /// @throws as corridors().
   [[nodiscard]] std::vector<std::vector<HalfSpace<D>>> corridors(const std::vector<Vector<D>>& points,
                                                                  double reach) const {
+    require_places(points, "points");
     return ndtree::corridors(seen_, kept_away_, points, reach, unknown());
   }
 
@@ -160,6 +165,20 @@ class Planner {
 
   using Anchor = detail::Anchor<D>;
 
+  /// Makes sure that a place is one of those of interest. No place outside what was observed is, where
+  /// unknown space is an obstacle.
+  void include(const Vector<D>& point) {
+    if (unknown() == UnknownSpace::occupied) return;
+    if (around_.encloses(Box<D>{point, point}.inflated(4.0 * unit()))) return;
+    asked_ = {asked_.lower.cwiseMin(point), asked_.upper.cwiseMax(point)};
+    rebuild(around(seen_));
+  }
+  /// @throws std::invalid_argument if a point is not finite, or beyond all cells that a map can have.
+  void require_place(const Vector<D>& point, const std::string& name) const {
+    if (!point.allFinite() || !seen_.tree().geometry().in_reach(point))
+      throw std::invalid_argument(name + " = " + describe_point(point) +
+                                  ": must be finite, and on the map's lattice");
+  }
   /// @throws std::invalid_argument if the body collides there: what with, and where it would not.
   void require_free(const Vector<D>& point, const char* name) { check_pose(point, name); }
   [[nodiscard]] FreeSpace<Map>& space() { return *space_; }
@@ -330,16 +349,12 @@ class Planner {
            "body, in which no way was found";
   }
 
-  /// Makes sure that a place is one of those of interest.
-  void include(const Vector<D>& point) {
-    if (around_.encloses(Box<D>{point, point}.inflated(4.0 * unit()))) return;
-    asked_ = {asked_.lower.cwiseMin(point), asked_.upper.cwiseMax(point)};
-    rebuild(around(seen_));
+  void require_places(const std::vector<Vector<D>>& points, const std::string& name) const {
+    for (std::size_t i = 0; i < points.size(); ++i)
+      require_place(points[i], name + "[" + std::to_string(i) + "]");
   }
   void check_pose(const Vector<D>& point, const char* name) {
-    if (!point.allFinite() || !seen_.tree().geometry().in_reach(point))
-      throw std::invalid_argument(std::string(name) + " = " + describe_point(point) +
-                                  ": must be finite, and on the map's lattice");
+    require_place(point, name);
     include(point);
     if (is_free(point, point)) return;
     std::string message = std::string(name) + " = " + describe_point(point) + ": there the body meets " +

@@ -51,6 +51,40 @@ template <class Map>
 
 namespace detail {
 
+/// Whether a body meets an obstacle on the way from one pose x, y and yaw to another, in which it either
+/// moves or turns.
+template <class Map>
+[[nodiscard]] bool motion_collides(const Map& map, const Body<2>& body, const Vector<3>& from,
+                                   const Vector<3>& to, UnknownSpace unknown) {
+  if (from[2] != to[2]) return turn_collides(map, body, from.head<2>(), from[2], to[2], unknown);
+  return sweep_collides(map, turned(body, from[2]), Vector<2>(from.head<2>()), Vector<2>(to.head<2>()),
+                        unknown);
+}
+
+}  // namespace detail
+
+/// The first segment between poses x, y [m] and yaw [rad] in which a planner's body, kept away from
+/// obstacles, meets one of the planner's map; none if there is none.
+/// @throws std::invalid_argument if a pose is not finite, or a segment both moves and turns.
+template <class Map>
+[[nodiscard]] std::optional<std::size_t> first_blocked_turning(const Planner<Map>& planner,
+                                                               const std::vector<Vector<3>>& poses) {
+  const Body<2> body = inflated(planner.body(), planner.options().clearance);
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const std::string name = "points[" + std::to_string(i) + "]";
+    planner.require_place(poses[i].template head<2>(), name);
+    if (!std::isfinite(poses[i][2])) throw std::invalid_argument(name + ": yaw must be finite");
+    if (i > 0 && poses[i][2] != poses[i - 1][2] &&
+        poses[i].template head<2>() != poses[i - 1].template head<2>())
+      throw std::invalid_argument(name + ": moves and turns at once, expected one of both");
+  }
+  for (std::size_t i = 0; i + 1 < poses.size(); ++i)
+    if (detail::motion_collides(planner.map(), body, poses[i], poses[i + 1], planner.unknown())) return i;
+  return std::nullopt;
+}
+
+namespace detail {
+
 inline constexpr double kTurn = 2.0 * 3.14159265358979323846;  // [rad]
 
 /// Largest ball around the origin in one of the parts of a body; of radius 0 if the origin is in none.
@@ -166,9 +200,6 @@ class TurningSearch {
     options_.validate();
     if (headings < 4 || headings > 256)
       throw std::invalid_argument("headings = " + std::to_string(headings) + ": must be 4 to 256");
-    if (std::isfinite(options.unknown_cost) && options.unknown_cost != 1.0)
-      throw std::invalid_argument("unknown = " + describe_number(options.unknown_cost) +
-                                  ": with headings, it must be 'blocked' or 'free'");
     headings_ = headings;
   }
 
@@ -176,22 +207,27 @@ class TurningSearch {
     make_layers(start, goal);
     Planner<Map>& first = *layers_.front().planner;
     Planner<Map>& last = *layers_[goal_layer_].planner;
+    // Whatever its heading, the body holds a ball: its ways are no longer than the body's.
+    const double radius = std::max(1e-6 * map_.tree().geometry().unit(), radius_inside(kept_away_));
+    Planner<Map> ball(map_, {Capsule<2>{Vector<2>::Zero(), Vector<2>::Zero(), radius}}, options_);
     first.require_free(start.head<2>(), "start");
     last.require_free(goal.head<2>(), "goal");
+    for (const Vector<3>& end : {start, goal}) {
+      for (const Layer& layer : layers_) layer.planner->include(end.head<2>());
+      ball.include(end.head<2>());
+    }
     const auto deadline = Planner<Map>::deadline_after(max_seconds);
     const double unit = map_.tree().geometry().unit();
     Path<3> path;
     const auto from = first.anchors(start.head<2>());
     const auto to = last.anchors(goal.head<2>());
-    // Whatever its heading, the body holds a ball: its ways are no longer than the body's.
-    const double radius = std::max(1e-6 * unit, radius_inside(kept_away_));
-    Planner<Map> ball(map_, {Capsule<2>{Vector<2>::Zero(), Vector<2>::Zero(), radius}}, options_);
     CoarseGuide<Map> guide(ball.space(), options_.unknown_cost);
     path.status = guide.run(in_ball(from, ball), in_ball(to, ball), start.head<2>() / unit, deadline);
     path.expanded = guide.expanded();
     if (path.status == PathStatus::found) {
       TurningSpace<Map> space(map_, layers_, kept_away_, first.unknown());
-      PathSearch<TurningSpace<Map>, CoarseGuide<Map>> search(space, 1.0, options_.greed, &guide);
+      PathSearch<TurningSpace<Map>, CoarseGuide<Map>> search(space, options_.unknown_cost, options_.greed,
+                                                             &guide);
       for (const auto& anchor : from) search.add_start(TurningSpace<Map>::in_layer(anchor, 0));
       for (const auto& anchor : to) search.add_goal(TurningSpace<Map>::in_layer(anchor, goal_layer_));
       path.status = search.run(goal.head<2>() / unit, deadline);
@@ -211,8 +247,10 @@ class TurningSearch {
 
   /// That of the start, and as many at equal angles; and that of the goal among them.
   void make_layers(const Vector<3>& start, const Vector<3>& goal) {
-    if (!std::isfinite(start[2]) || !std::isfinite(goal[2]))
-      throw std::invalid_argument("yaw: must be finite");
+    for (const auto& [name, end] : {std::pair("start", &start), std::pair("goal", &goal)})
+      if (!std::isfinite((*end)[2]))
+        throw std::invalid_argument(std::string(name) + " = " + describe_point(*end) +
+                                    ": yaw must be finite");
     double ahead = std::fmod(goal[2] - start[2], kTurn);
     if (ahead < 0.0) ahead += kTurn;
     std::vector<double> angles;
@@ -286,8 +324,7 @@ class TurningSearch {
       const Vector<3>& a = path.points[i];
       const Vector<3>& b = path.points[i + 1];
       const bool turns = a[2] != b[2];
-      if (turns ? turn_collides(map_, kept_away_, a.head<2>(), a[2], b[2], unknown)
-                : sweep_collides(map_, turned(kept_away_, a[2]), a.head<2>(), b.head<2>(), unknown))
+      if (motion_collides(map_, kept_away_, a, b, unknown))
         throw std::logic_error("a segment of the path collides: please report this map");
       path.length += (b - a).head<2>().norm();
       for (int k = 0; k <= (turns ? kLooks : 0); ++k)
@@ -315,7 +352,7 @@ class TurningSearch {
 /// turn_collides(). Yaw is as one turns, not wrapped: it ends at that of the goal, or a whole turn beside.
 /// Turns cost as far as the outermost point of the body moves; `length` has none of that.
 /// @param headings at equal angles from that of the start on; that of the goal is one more.
-/// @throws std::invalid_argument as Planner, or if unknown space costs.
+/// @throws std::invalid_argument as Planner.
 template <class Map>
 [[nodiscard]] Path<3> plan_turning(const Map& map, const Vector<3>& start, const Vector<3>& goal,
                                    const Body<2>& body, const PlannerOptions& options = {},

@@ -127,6 +127,8 @@ class AnyPlanner {
   virtual bool update(const MapQueries& map) = 0;
   /// The first of the segments between n points in which the body collides; -1 if there is none.
   [[nodiscard]] virtual std::int64_t first_blocked(const double* points, std::size_t n) const = 0;
+  /// Of the segments between n poses x, y and yaw of a body that turns, in a 2-D map.
+  [[nodiscard]] virtual std::int64_t first_blocked_turning(const double* poses, std::size_t n) const = 0;
   /// For each segment, half spaces one after the other: a normal and an offset each.
   [[nodiscard]] virtual std::vector<std::vector<double>> corridors(const double* points, std::size_t n,
                                                                    double reach) const = 0;
@@ -332,6 +334,16 @@ class MapQueriesOf final : public MapQueries {
     [[nodiscard]] std::int64_t first_blocked(const double* points, std::size_t n) const override {
       const auto found = planner_.first_blocked(points_of(points, n));
       return found ? static_cast<std::int64_t>(*found) : -1;
+    }
+    [[nodiscard]] std::int64_t first_blocked_turning(const double* poses, std::size_t n) const override {
+      if constexpr (D == 2) {
+        std::vector<Vector<3>> all;
+        for (std::size_t i = 0; i < n; ++i) all.emplace_back(Eigen::Map<const Vector<3>>(poses + 3 * i));
+        const auto found = ndtree::first_blocked_turning(planner_, all);
+        return found ? static_cast<std::int64_t>(*found) : -1;
+      }
+      (void)poses, (void)n;
+      throw std::invalid_argument("points: poses x, y and yaw are of a 2-D map");
     }
     [[nodiscard]] std::vector<std::vector<double>> corridors(const double* points, std::size_t n,
                                                              double reach) const override {

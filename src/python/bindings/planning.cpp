@@ -39,9 +39,11 @@ double unknown_cost_from(const py::object& unknown) {
   }
   double cost = 0.0;
   try {
+    if (py::isinstance<py::bool_>(unknown)) throw py::cast_error();
     cost = unknown.cast<double>();
   } catch (const py::cast_error&) {
-    throw py::type_error("unknown: must be 'blocked', 'free' or a cost >= 1");
+    throw py::type_error("unknown = " + py::repr(unknown).cast<std::string>() +
+                         ": must be 'blocked', 'free' or a cost >= 1");
   }
   if (!(cost >= 1.0)) throw py::value_error("unknown = " + number_text(cost) + ": a cost must be >= 1");
   return cost;
@@ -200,10 +202,13 @@ void bind_planning(py::module_& module) {
       .def(
           "first_blocked",
           [](const PythonPlanner& planner, const py::object& points) {
-            const DoubleArray path = as_points(points, "points", planner.dim);
+            DoubleArray path = as_doubles(points, "points");
+            const bool turns = planner.dim == 2 && path.ndim() == 2 && path.shape(1) == 3;
+            if (!turns) path = as_points(points, "points", planner.dim);
             const auto n = static_cast<std::size_t>(path.shape(0));
-            return ask(planner, SharedLock::Use::look,
-                       [n, p = path.data()](const AnyPlanner& one) { return one.first_blocked(p, n); });
+            return ask(planner, SharedLock::Use::look, [n, turns, p = path.data()](const AnyPlanner& one) {
+              return turns ? one.first_blocked_turning(p, n) : one.first_blocked(p, n);
+            });
           },
           "points"_a, doc::Planner_first_blocked)
       .def(

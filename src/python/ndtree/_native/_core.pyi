@@ -2177,17 +2177,17 @@ class Planner:
         goals : (n, dim) array of float
             Where it may go [m].
         max_seconds : float, optional
-            That the search may take; goals that were not reached by then have no way.
+            That the search may take.
 
         Returns
         -------
         (n,) float64
-            [m]; inf where there is no way, or the body collides.
+            [m]; inf where there is no way, or the body collides; nan where the time was over before that was known.
 
         Raises
         ------
         ValueError
-            The body collides at the start, or an array has a wrong shape.
+            The body collides at the start, an array has a wrong shape, or a goal is not finite.
         KeyboardInterrupt
             Ctrl-C.
         """
@@ -2244,12 +2244,17 @@ class Planner:
         Parameters
         ----------
         points : (n, dim) array of float
-            Of a path, straight between them [m].
+            Of a path, straight between them [m]; in the plane also (n, 3): poses of a body that turns.
 
         Returns
         -------
         int
             Number of the segment; -1 if the path is free.
+
+        Raises
+        ------
+        ValueError
+            A point is not finite, or a segment between poses both moves and turns.
         """
     def corridors(self, points: ArrayLike, *, reach: float = 1.0) -> list[NDArray[np.float64]]:
         """Convex free space along a path, as optimizers of trajectories take it.
