@@ -100,8 +100,12 @@ class Browser:
             "const b = document.getElementById(l.htmlFor).getBoundingClientRect();"
             "return [b.x + b.width / 2, b.y + b.height / 2];})()"
         )
-        found = self._call("Runtime.evaluate", expression=expression, returnByValue=True)["result"]["value"]
-        self.click(*found)
+        places: list[Any] = []
+        while len(places) < 3 or places[-1] != places[-3]:  # The panel moves while it is made.
+            found = self._call("Runtime.evaluate", expression=expression, returnByValue=True)
+            places.append(found["result"]["value"])
+            time.sleep(0.3)
+        self.click(*places[-1])
 
     def until(self, is_there: Callable[[Browser], Any], seconds: float = 90.0) -> Any:
         """What `is_there` says as soon as it says anything; fails when it takes too long."""
