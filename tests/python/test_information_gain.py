@@ -131,6 +131,11 @@ def test_a_robot_explores_and_says_how_far_it_drove() -> None:
     for wrong in ({"world": "street"}, {"world": "office", "strategy": "luck"}):
         with pytest.raises(ValueError, match="must be one of"):
             explore(**wrong)
+    for start in (-1, 720):
+        with pytest.raises(
+            ValueError, match=f"start = {start}: must be 0 to 719, a scan of the office's own log"
+        ):
+            explore("office", start=start)
 
 
 def test_the_command_says_what_each_strategy_took(tmp_path, capsys) -> None:

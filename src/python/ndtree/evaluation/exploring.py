@@ -262,7 +262,7 @@ def explore(
     `start`: It begins where the world's own log has this scan.
     `max_looks`: At most, > 0.
     `progress`: Called with what is done, how much of it, and of how much.
-    Raises ValueError if there is no such world or strategy.
+    Raises ValueError if there is no such world, strategy or scan.
     """
     if world not in ROBOTS:
         raise ValueError(f"world = {world!r}: must be one of {', '.join(ROBOTS)}")
@@ -271,6 +271,8 @@ def explore(
     if max_looks < 1:
         raise ValueError(f"max_looks = {max_looks}: must be >= 1")
     log = simulate(world)
+    if not 0 <= start < len(log):
+        raise ValueError(f"start = {start}: must be 0 to {len(log) - 1}, a scan of the {world}'s own log")
     empty = _core.AdaptiveMap(dim=log.dim, min_cell_size=0.05, range_sigma=RANGE_SIGMA)
     origin = np.array(log[start].origin, np.float64).reshape(-1)[: log.dim]
     robot = _Explorer(log, ROBOTS[world], np.random.default_rng(seed), origin, empty)
