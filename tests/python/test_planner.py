@@ -126,7 +126,15 @@ def test_a_robot_turns_where_it_fits_lengthwise_alone() -> None:
     steps = [np.linspace(a, b, 200) for a, b in zip(path.points, path.points[1:])]
     assert not m.collides(body, np.concatenate(steps), unknown="occupied").any()
     assert m.path_collides(body, path.points, unknown="occupied") == -1
-    np.testing.assert_array_equal(ndtree.Planner(m, body).plan(start, goal).points, path.points)
+    planner = ndtree.Planner(m, body)
+    np.testing.assert_array_equal(planner.plan(start, goal).points, path.points)
+    assert planner.first_blocked(path.points) == -1
+    m.mark([[-0.5, -0.3], [0.5, 0.3]], "occupied")
+    planner.update(m)
+    assert planner.first_blocked(path.points) >= 0 and not planner.plan(start, goal)
+    m.clear([[-0.5, -0.3], [0.5, 0.3]])
+    assert not m.plan(start, goal, body=body) and m.plan(start, goal, body=body, unknown=3.0)
+    m.mark([[-0.5, -0.3], [0.5, 0.3]], "free")
     assert not m.plan(start, goal, body=body, clearance=0.2)
     assert not m.plan(start, goal, body=ndtree.Box((1.0, 0.7)))
     with pytest.raises(ValueError, match=r"goal: shape \(2,\), expected \(3,\) as start"):
@@ -176,10 +184,26 @@ def test_what_is_wrong_with_a_call_is_said() -> None:
         ("unknown = 'occupied': must be 'blocked', 'free' or a cost >= 1", {"unknown": "occupied"}),
         ("unknown = 0.5: a cost must be >= 1", {"unknown": 0.5}),
         (r"clearance = -1(\.0)?: must be >= 0 m", {"clearance": -1.0}),
+        ("unknown = None: must be 'blocked'", {"unknown": None}),
+        ("unknown = True: must be 'blocked'", {"unknown": True}),
         (r"max_seconds = -1(\.0)?: must be >= 0", {"max_seconds": -1.0}),
     ):
-        with pytest.raises(ValueError, match=error):
+        with pytest.raises((ValueError, TypeError), match=error):
             m.plan([1, 1], [1, 1], body=body, **options)
+    planner, points = ndtree.Planner(m, body), [[1.0, 1.0], [1.0, np.nan]]
+    for name, question in (
+        ("points", lambda: planner.first_blocked(points)),
+        ("points", lambda: planner.corridors(points)),
+        ("goals", lambda: planner.ways([1.0, 1.0], points)),
+    ):
+        with pytest.raises(ValueError, match=rf"{name}\[1\] = \(1\.0, nan\): must be finite"):
+            question()
+    for poses, error in (
+        ([[1, 1, 0], [1, 1.1, 0.1]], r"points\[1\]: moves and turns at once"),
+        ([[1, 1, 0], [1, 1, np.nan]], r"points\[1\]: yaw must be finite"),
+    ):
+        with pytest.raises(ValueError, match=error):
+            planner.first_blocked(poses)
     with pytest.raises(ValueError, match="dim = 4"):
         ndtree.AdaptiveMap(dim=4).plan([0] * 4, [1] * 4, body=body)
 
@@ -246,6 +270,9 @@ def test_the_search_ends_when_its_time_is_over() -> None:
     assert m.plan([-39, 0], [39, 0], body=ndtree.Sphere(0.2)).length > 1000.0
     late = m.plan([-39, 0], [39, 0], body=ndtree.Sphere(0.2), max_seconds=0.0)
     assert not late and late.status == "out of time" and 0 < late.expanded < 1000
+    planner, goals = ndtree.Planner(m, ndtree.Sphere(0.2)), [[39.0, 0.0], [-39.0, 1.0], [-38.0, -10.0]]
+    ways = planner.ways([-39, 0], goals, max_seconds=0.0)
+    assert np.isnan(ways[0]) and ways[1] == 1.0 and ways[2] == np.inf
 
 
 def test_octomap_files_are_planned_in(tmp_path: Path) -> None:
