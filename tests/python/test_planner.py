@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import pickle
 import threading
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -127,6 +128,12 @@ def test_a_robot_turns_where_it_fits_lengthwise_alone() -> None:
     assert not m.collides(body, np.concatenate(steps), unknown="occupied").any()
     assert m.path_collides(body, path.points, unknown="occupied") == -1
     planner = ndtree.Planner(m, body)
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        m.collides(body, [[0.0, 0.0, 7.0]] * 5)  # A path that begins there may turn so far.
+        assert not warned
+        m.collides(body, [[0.0, 0.0, 90.0]] * 5)
+        assert len(warned) == 1 and "is it in degrees?" in str(warned[0].message)
     np.testing.assert_array_equal(planner.plan(start, goal).points, path.points)
     assert planner.first_blocked(path.points) == -1
     m.mark([[-0.5, -0.3], [0.5, 0.3]], "occupied")

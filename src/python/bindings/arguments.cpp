@@ -82,10 +82,12 @@ class PoseReader {
   }
 
  private:
-  /// Warns of a yaw beyond a full turn, which a number of degrees is.
-  static void plane(const double* from, const std::string& which, std::vector<double>& to) {
-    constexpr double kFullTurn = 6.2831854;
-    if (std::abs(from[2]) > kFullTurn) {
+  /// Warns once of yaws beyond two turns, as numbers of degrees are; paths of a body that turns may go beyond
+  /// one.
+  void plane(const double* from, const std::string& which, std::vector<double>& to) const {
+    constexpr double kTwoTurns = 12.566371;
+    if (std::abs(from[2]) > kTwoTurns && !has_warned_) {
+      has_warned_ = true;
       const std::string said = which + ": a yaw of " + number_text(from[2]) + " rad: is it in degrees?";
       if (PyErr_WarnEx(PyExc_UserWarning, said.c_str(), 2) != 0) throw py::error_already_set();
     }
@@ -122,6 +124,7 @@ class PoseReader {
     to.insert(to.end(), from, from + 3);
   }
 
+  mutable bool has_warned_ = false;
   int dim_;
   bool is_matrix_ = false;
 };
