@@ -138,6 +138,12 @@ def test_a_robot_explores_and_says_how_far_it_drove() -> None:
             explore("office", start=start)
 
 
+def test_a_robot_that_noise_shuts_in_goes_back() -> None:
+    """A wall's noise closes the way behind it after 30 looks."""
+    seen = explore("office", "nearest", start=432, max_looks=60)
+    assert not seen.done and len(seen.way) == 60 and seen.volume[-1] > seen.volume[29] + 10.0
+
+
 def test_the_command_says_what_each_strategy_took(tmp_path, capsys) -> None:
     pytest.importorskip("typer")
     from calling import cli

@@ -129,21 +129,39 @@ class _Explorer:
 
     def ways(self, places: Array) -> Array:
         """From where it is; if noise put something there, from where it was before."""
-        back = 0.0
         if not len(places):
             return np.zeros(0)
         for k in range(len(self.track) - 1, -1, -1):
-            try:
-                ways: Array = self.planner.ways(self.track[k], places)
-            except ValueError:
-                back += float(np.linalg.norm(self.track[k] - self.track[k - 1]))
-                continue
-            if k < len(self.track) - 1:
-                self.track.extend(self.track[len(self.track) - 2 : k - 1 if k else None : -1])
-                self.here = self.track[-1]
-                self.way += back
-            return ways
+            ways = self._ways_from(k, places)
+            if ways is not None:
+                self._go_back_to(k)
+                return ways
         return np.full(len(places), np.inf)
+
+    def backs_out(self, places: Array) -> bool:
+        """Whether noise shut it in, so that no place can be reached, and it went back to where one can."""
+        for k in range(len(self.track) - 1, -1, -1) if len(places) else ():
+            ways = self._ways_from(k, places)
+            if ways is not None and np.isfinite(ways).any():
+                return self._go_back_to(k)
+        return False
+
+    def _ways_from(self, k: int, places: Array) -> Array | None:
+        """From a point of its track; None if something is there."""
+        try:
+            ways: Array = self.planner.ways(self.track[k], places)
+        except ValueError:
+            return None
+        return ways
+
+    def _go_back_to(self, k: int) -> bool:
+        """On its track to a point of it; whether that is not where it is."""
+        back = self.track[k:-1][::-1]
+        for point in back:
+            self.way += float(np.linalg.norm(point - self.here))
+            self.here = point
+        self.track.extend(back)
+        return bool(back)
 
     def drive(self, goal: Array) -> None:
         path = self.planner.plan(self.here, goal)
@@ -285,7 +303,10 @@ def explore(
         robot.look()
         ways.append(robot.way)
         volumes.append(robot.volume())
-        goal = STRATEGIES[strategy](robot, robot.places())
+        places = robot.places()
+        goal = STRATEGIES[strategy](robot, places)
+        if goal is None and robot.backs_out(places):
+            goal = STRATEGIES[strategy](robot, places)
         seconds.append(time.perf_counter() - begin)
         if progress is not None:
             progress("scans taken", looks + 1, max_looks)
