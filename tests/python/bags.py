@@ -97,15 +97,16 @@ class Messages:
     def laser(self, stamp: float, frame: str, ranges: Any, **changes: Any) -> Any:
         n = len(ranges)
         fields: dict[str, Any] = {
-            "angle_min": -1.5, "angle_max": 1.5, "angle_increment": 3.0 / max(n - 1, 1),
-            "time_increment": 0.0, "scan_time": 0.1, "range_min": 0.1, "range_max": 8.0,
+            "angle_min": -1.5, "angle_increment": 3.0 / max(n - 1, 1),
+            "time_increment": 0.0, "scan_time": 0.1, "range_min": 0.1, "range_max": 8.0, **changes,
         }  # fmt: skip
+        fields.setdefault("angle_max", fields["angle_min"] + (n - 1) * fields["angle_increment"])
         return self.of(
             "sensor_msgs/msg/LaserScan",
             header=self.header(stamp, frame),
             ranges=np.asarray(ranges, dtype=np.float32),
             intensities=np.zeros(0, dtype=np.float32),
-            **{**fields, **changes},
+            **fields,
         )
 
     def multi_echo(self, stamp: float, frame: str, ranges: Iterable[Any]) -> Any:

@@ -74,7 +74,7 @@ def test_the_log_decides_where_zero_is_was_not_given(inside: bool, meaning: str,
 def test_of_a_laser_scan_zero_is_as_infinity_where_it_was_said() -> None:
     ranges = np.array([0, 1.5, np.inf, np.nan, 0], dtype=np.float32)
     message = SimpleNamespace(
-        ranges=ranges, range_min=0.1, range_max=8.0, angle_min=0.0, angle_increment=0.1,
+        ranges=ranges, range_min=0.1, range_max=8.0, angle_min=0.0, angle_max=0.4, angle_increment=0.1,
         time_increment=0.0, scan_time=0.0,
     )  # fmt: skip
     plain, asked = laser_beams(message), laser_beams(message, zero_is_silent=True)
