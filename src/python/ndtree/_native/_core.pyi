@@ -1329,7 +1329,7 @@ class OccupancyMap:
     def certify(
         self, scans: Iterable[Scan], *, confidence: float = 0.95, max_range: float = ...
     ) -> Certificate:
-        """Bound the fraction of free space that is in truth occupied, by scans that the map was not made of.
+        """Bound the share of what a map calls free that is occupied, by scans that it was not made of.
 
         Of the points along a scan's beams, every 0.1 m and at their ends, the map calls some free; the scan's
         share is that of end points among these. Of n scans and one more, in an order that says nothing, the last
