@@ -52,41 +52,32 @@ def room_map() -> ndtree.AdaptiveMap:
     return m
 
 
-@pytest.mark.parametrize(
-    ("cell", "beams", "sigma", "view"),
-    [
-        (0.025, 90, 0.01, 2),
-        (0.025, 1440, 0.01, 2),
-        (0.1, 90, 0.01, 2),
-        (0.1, 1440, 0.01, 2),
-        (0.025, 720, 0.025, 1),  # Noise as large as a cell, walls on one side.
-    ],
-)
-def test_errors_are_as_large_as_told(cell, beams, sigma, view):
+@pytest.mark.parametrize("beams", [90, 1440])
+@pytest.mark.parametrize("cell", [0.025, 0.1])
+def test_errors_are_as_large_as_told(cell, beams):
     rng, ratios = np.random.default_rng(8), []
     for _ in range(30):  # Walls are anywhere in the cells.
         corner, size = rng.uniform(-0.1, 0.1, 2), rng.uniform((5, 4), (7, 6))
-        m = ndtree.AdaptiveMap(dim=2, min_cell_size=cell, range_sigma=sigma)
+        m = ndtree.AdaptiveMap(dim=2, min_cell_size=cell, range_sigma=0.01)
         for _ in range(15):
             pose = rng.uniform((0.5, 0.5, -3), (4.5, 3.5, 3))
-            m.insert(seen_from(box_scan(pose, corner, size, 360, rng, sigma), inverse(pose)), pose[:2])
+            m.insert(seen_from(box_scan(pose, corner, size, 360, rng), inverse(pose)), pose[:2])
         matcher = m.matcher()
         for _ in range(3):
             pose = rng.uniform((0.5, 0.5, -3), (4.5, 3.5, 3))
             guess = pose + np.array([0.05, -0.05, 0.02])
-            seen = box_scan(pose, corner, size, beams, rng, sigma, view)
-            found = matcher.match(seen, guess, window=(0.2, 0.2, 0.1))
+            found = matcher.match(box_scan(pose, corner, size, beams, rng), guess, window=(0.2, 0.2, 0.1))
             ratios.append((pose_of(found) - pose) / np.sqrt(np.diag(found.covariance)))
     assert (np.sqrt(np.mean(np.square(ratios), axis=0)) < 1.5).all()
     assert 0.4 < np.sqrt(np.mean(np.square(ratios))) < 1.3
 
 
-def box_scan(pose, corner, size, beams, rng, sigma, view=2):
-    """What a laser in a room of four walls sees, with noise, and a view of this number of half circles."""
-    angles = 0.5 * view * np.linspace(-math.pi, math.pi, beams, endpoint=False)
+def box_scan(pose, corner, size, beams, rng):
+    """What a laser in a room of four walls sees, with noise."""
+    angles = np.linspace(-math.pi, math.pi, beams, endpoint=False)
     ways = np.column_stack((np.cos(angles + pose[2]), np.sin(angles + pose[2])))
     ranges = (np.where(ways > 0, corner + size, corner) - pose[:2]) / ways
-    ranges = ranges.min(axis=1) + rng.normal(0, sigma, beams)
+    ranges = ranges.min(axis=1) + rng.normal(0, 0.01, beams)
     return ranges[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
 
 

@@ -41,11 +41,10 @@ template <int D>
 /// Normal equations of a pose, point by point; see "Poses" in docs/derivation.md.
 ///
 /// Strategy: residuals e = n·(x - p) of end points x from flat pieces of surface have the covariance
-/// S = diag(own variances) + B P B': each piece of a row shifts and tilts as a whole, each side of walls
-/// shifts as a whole, and all surfaces shift towards the sensor. Woodbury's identity reduces J' S^-1 J to
-/// sums over each piece, so that nothing larger than a Motion is inverted. Where n is not sure, J seems to
-/// vary at random: the information of that is known, and directions in which there is no more say nothing. A
-/// Cauchy kernel weighs outliers. O(points).
+/// S = diag(own variances) + B P B': each piece of a row shifts and tilts as a whole, and each side of walls
+/// shifts as a whole. Woodbury's identity reduces J' S^-1 J to sums over each piece, so that nothing larger
+/// than a Motion is inverted. Where n is not sure, J seems to vary at random: the information of that is
+/// known, and directions in which there is no more say nothing. A Cauchy kernel weighs outliers. O(points).
 template <int D>
 class PoseLikelihood {
  public:
@@ -123,9 +122,12 @@ class PoseLikelihood {
       else
         add_loose(piece);
     }
-    Side all;
-    for (const Side& side : sides) all.add(without_shared(side, surface_.facing));
-    without_shared(all, surface_.common);
+    for (const Side& side : sides) {
+      const double denominator = 1.0 / (kSide * shared_) + side.ones;
+      if (side.ones == 0.0) continue;
+      information_ -= side.jacobian * side.jacobian.transpose() / denominator;
+      gradient_ -= side.jacobian * (side.error / denominator);
+    }
     Result result{information_, gradient_, weights_ > 0.0 ? std::max(squares_ / weights_, 1.0) : 1.0,
                   inliers_};
     leave_out_chance(result);
@@ -136,6 +138,7 @@ class PoseLikelihood {
   static constexpr std::int32_t kNone = -1;
   static constexpr double kKernel = 2.0;  // Standard deviations from which on a point counts half, and less.
   static constexpr double kTilt = 0.5;    // Variance of a piece's ends against each other, of its own.
+  static constexpr double kSide = 0.35;   // Variance of all that faces one way, of that of a piece.
   static constexpr double kChance = 2.0;  // Information by chance that there may be in a direction.
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
@@ -155,17 +158,11 @@ class PoseLikelihood {
     Vector<D> lower = Vector<D>::Constant(kInfinity);
     Vector<D> upper = Vector<D>::Constant(-kInfinity);
   };
-  /// Sums over all pieces that face one way, or over all, after what each shares.
+  /// Sums over all pieces that face one way, after what each shares.
   struct Side {
     Motion<D> jacobian = Motion<D>::Zero();
     double ones = 0.0;
     double error = 0.0;
-
-    void add(const Side& other) {
-      jacobian += other.jacobian;
-      ones += other.ones;
-      error += other.error;
-    }
   };
 
   /// Counts a point. @returns its weight.
@@ -217,16 +214,6 @@ class PoseLikelihood {
     side.jacobian += jb.col(axis) - jb * (inverse * bb.col(axis));
     side.ones += bb(axis, axis) - bb.col(axis).dot(inverse * bb.col(axis));
     side.error += be[axis] - bb.col(axis).dot(inverse * be);
-  }
-  /// Takes an error of a variance, that all in a sum share, off the information. @returns what is left of the
-  /// sum.
-  Side without_shared(const Side& sum, double variance) {
-    if (sum.ones == 0.0 || variance == 0.0) return sum;
-    const double denominator = 1.0 / variance + sum.ones;
-    information_ -= sum.jacobian * sum.jacobian.transpose() / denominator;
-    gradient_ -= sum.jacobian * (sum.error / denominator);
-    const double left = 1.0 - sum.ones / denominator;
-    return {left * sum.jacobian, left * sum.ones, left * sum.error};
   }
   /// Takes what the normals' errors alone would give off the information, direction by direction.
   void leave_out_chance(Result& result) const {

@@ -56,20 +56,11 @@ class SurfaceElements {
   SurfaceElements(const SurfacePoints<D>& all, const MatchOptions& options) {
     average(all, options.cell_size);
     shapes.resize(static_cast<std::size_t>(points.cols()));
-    // Anywhere in a cell; and in which row it is decided by chance, where noise reaches into more. Where hits
-    // outweigh beams that pass is before a surface, for all alike.
+    // Anywhere in a cell; and in which row it is decided by chance, where noise reaches into more.
     constexpr double kOfNoise = 1.0 / 9.0;
-    constexpr double kSideOfCell = 0.35;
-    constexpr double kSideOfNoise = 0.09;
-    constexpr double kCommonOfCell = 0.12;
-    constexpr double kCommonOfNoise = 0.16;
     const double noise = options.noise * options.noise;
     const double in_cell = all.lattice * all.lattice / 12.0;
-    if (all.lattice > 0.0) {
-      shared = in_cell + kOfNoise * noise;
-      facing = kSideOfCell * in_cell + kSideOfNoise * noise;
-      common = kCommonOfCell * in_cell + kCommonOfNoise * noise;
-    }
+    if (all.lattice > 0.0) shared = in_cell + kOfNoise * noise;
     const double least = all.lattice > 0.0 ? 0.25 * in_cell : noise;
     const auto is_sparse = [](int count, bool) { return count < kFewest; };
     shape(options.radius, least, [](int, bool) { return true; });
@@ -88,8 +79,6 @@ class SurfaceElements {
   std::vector<SurfaceShape<D>> shapes;
   std::int32_t num_pieces = 0;
   double shared = 0.0;  ///< Variance of a flat piece's place, which end points on it share [m²].
-  double facing = 0.0;  ///< Variance that all flat pieces that face one way share besides [m²].
-  double common = 0.0;  ///< Variance of how far all flat pieces lie towards the sensor [m²].
 
  private:
   static constexpr int kFewest = 6;           // Points that tell a shape well.
