@@ -73,7 +73,7 @@ def test_it_is_tracked_while_odometry_drifts(world: World) -> None:
         far.append(world.far(i, found.pose))
         told.append(math.sqrt(np.linalg.eigvalsh(found.covariance[:2, :2]).max()))
         # Also where a scan does not fit, and only odometry tells.
-        assert far[-1] < max(0.07, 3 * told[-1])
+        assert far[-1] < max(0.05, 3 * told[-1])
         turn = inverse(world.poses[i]) @ found.pose
         turned.append(abs(math.atan2(turn[1, 0], turn[0, 0])))
         np.testing.assert_allclose(found.map_odometry @ world.odometry[i], found.pose, atol=1e-12)
@@ -223,24 +223,6 @@ def test_along_a_smooth_corridor_only_odometry_tells() -> None:
         assert not found.is_lost and abs(found.pose[0, 2] - x) < 3 * sigma
         assert math.sqrt(found.covariance[1, 1]) < 0.03
     assert sigma > 0.3
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_along_a_noisy_corridor_it_is_not_lost(seed: int) -> None:
-    """All places are alike but for errors of the map: the robot is where it was tracked to."""
-    walls = np.array([[[-90.0, side], [90.0, side]] for side in (-1.3, 1.3)])
-    rng = np.random.default_rng(seed)
-
-    def scan(x: float) -> Floats:
-        ends = seen(walls, np.array([x, 0.1, 0.0]), 360)
-        ends = ends[np.hypot(*ends.T) < 8.0]
-        return ends * (1 + rng.normal(0, 0.03, (len(ends), 1)) / np.hypot(*ends.T)[:, None])
-
-    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05, range_sigma=0.03)
-    for x in np.arange(0.0, 12.0, 0.3):
-        m.insert(scan(x) + np.array([x, 0.1]), (x, 0.1))
-    localizer = Localizer(m, (0.0, 0.1, 0.0))
-    assert not any(localizer.track(scan(x), (x, 0.1, 0.0)).is_lost for x in np.arange(0.0, 6.0, 0.15))
 
 
 def test_one_that_is_carried_where_no_scan_tells_may_be_anywhere_on_that_way() -> None:

@@ -145,8 +145,6 @@ def localize_trial(case: Case) -> tuple[Recording, Outcome]:
         off.append(np.hypot(*(here.pose[:2, 2] - truth[i, :2])))
         told.append(np.sqrt(np.linalg.eigvalsh(here.covariance[:2, :2]).max()))
         lost.append(here.is_lost)
-    # Where it was carried, only scans may tell.
-    outcome.may_doubt = fault == "carried" and not world.is_tellable
     sure = ~np.array(lost)
     beyond = np.array(off) - np.maximum(limit("told place"), 3 * np.array(told))
     long = _in_a_row(sure & (beyond > 0)) > limit("told in a row")

@@ -62,8 +62,6 @@ class ScanEvidence:
     def __init__(self, m: OccupancyMap) -> None:
         self._map = m
         self._sigma = math.hypot(0.5 * m.min_cell_size, m.options["range_sigma"])
-        # Of the map: beams to one surface share it, so that it must not count for each.
-        self._shared = 0.25 * m.min_cell_size + 0.5 * m.options["range_sigma"]
         self._begin = 2.0 * m.min_cell_size  # The sensor's own cell may be unknown.
 
     def of(self, pose: Floats, ends: Floats) -> Evidence:
@@ -83,8 +81,7 @@ class ScanEvidence:
         is_known = np.isfinite(last)
         last = np.maximum(last, np.maximum(np.roll(last, 1), np.roll(last, -1)))
         before, through = np.maximum(first - ranges, 0.0), np.maximum(ranges - last, 0.0)
-        off = np.maximum(np.maximum(before, through) - self._shared, 0.0)
-        near = np.exp(-0.5 * np.square(off / self._sigma))
+        near = np.exp(-0.5 * np.square(np.maximum(before, through) / self._sigma))
         least = np.where(before > 0.0, BEFORE, THROUGH)
         likely = least + (1.0 - least) * near
         likely = np.where(is_known, likely, np.minimum(likely, UNKNOWN))

@@ -49,10 +49,9 @@ ASKS, USUAL, RESTS = 8.0, 0.93, 16
 CERTAIN, DOUBTS, FORGETS = 7.0, 4.0, 15.0
 #: Fraction of beams that end where the map is known, of a pose that may be another one.
 LEAST_KNOWN = 0.5
-#: Logarithms: of how seldom a robot is carried between two scans (7.5) to the one pose of a map that is
-#: compared (8.5: the best of many fits better than the right one by 9 by errors of the map, as along
-#: corridors); and of how many poses there are in a map, of which any may fit by chance.
-CARRIED, ANYWHERE = 16.0, 14.0
+#: Logarithms: of how often a robot is carried elsewhere between two scans; and of how many poses there are
+#: in a map, of which any may fit by chance.
+CARRIED, ANYWHERE = 9.0, 14.0
 #: A viewpoint begins after a way [m] or a turn [rad]. A robot that was never found is found after this
 #: number of viewpoints, if their mean log-likelihood is at least this, and the last one's; or where it
 #: stands, after this number of scans that are at least this likely.
