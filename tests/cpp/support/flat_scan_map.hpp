@@ -146,9 +146,12 @@ class FlatScanMap {
           ++remerged;
           // Misses add up as if the cell had not split.
           const auto& [before, scan_evidence] = split->second;
-          if (before.observed() && scan_evidence.hits == 0 && scan_evidence.occupied == 0) {
+          const EvidenceCell merged = cells[parent];
+          const bool has_left = before.log_odds() > 0.0f && merged.log_odds() < 0.0f;
+          if (before.observed() && scan_evidence.hits == 0 && scan_evidence.occupied == 0 && !has_left) {
             cells[parent] = before;
-            model_.update_without_split(cells[parent], scan_evidence);
+            model_.update_without_split(cells[parent], scan_evidence,
+                                        ChangeDetection::doubting_scans(merged));
           }
         } else {
           ++merges;
