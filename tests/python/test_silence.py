@@ -12,7 +12,7 @@ import pytest
 
 import ndtree
 from ndtree.logs.core.log import Log
-from ndtree.logs.core.silence import noise_around, noise_below, noise_below_alone
+from ndtree.logs.core.silence import noise_below, noise_below_alone
 from ndtree.logs.ros.messages.laser import NoiseAtLimit
 
 LIMIT = 50.0
@@ -144,89 +144,6 @@ def test_noise_at_the_largest_range_is_no_surface_either(seed: int, tmp_path: Pa
     log = ndtree.read(npz(tmp_path / "a.npz", noisy(ranges, seed)))
     found, right = np.concatenate(silent(log)), np.concatenate(ranges) == LIMIT
     assert not found[~right].any() and np.count_nonzero(right & ~found) <= 2
-
-
-@pytest.mark.parametrize("seed", range(8))
-@pytest.mark.parametrize("kind", ["carmen", "npz", "text"])
-def test_noise_on_both_sides_of_the_largest_range_is_no_surface(kind: str, seed: int, tmp_path: Path) -> None:
-    """Nothing is cut off there: readings scatter around a range at which a simulator ends its beams."""
-    generator = np.random.default_rng(seed)
-    ranges = ranges_of(scans=40, seed=seed)
-    sigma = 10 ** generator.uniform(-2, -1)
-    log = made(kind, tmp_path, [some + generator.normal(0, sigma, len(some)) for some in ranges])
-    found, right = np.concatenate(silent(log)), np.concatenate(ranges) == LIMIT
-    assert np.count_nonzero(right) == 400 and np.count_nonzero(right & ~found) <= 2 + 20 * (sigma < 0.02)
-    assert not (found & ~right).any()
-
-
-def bell(
-    generator: np.random.Generator, moved: float, turned: float, sigma: float = 0.02
-) -> tuple[float, np.ndarray]:
-    """The largest of readings around 5 m, and of each what `noise_around` looks at."""
-    ranges, n = 5 + generator.normal(0, sigma, 600), 600
-    angle = generator.uniform(-turned / 2, turned / 2, n)
-    origins = np.stack([generator.uniform(0, moved, n), np.zeros(n)], axis=1)
-    ways = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return float(ranges.max()), np.column_stack([ranges.max() - ranges, origins, ways])
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_a_surface_that_stays_as_far_away_is_no_noise(seed: int) -> None:
-    """That of a sensor that stands, or that looks at right angles to a wall it drives along."""
-    generator = np.random.default_rng(seed)
-    limit, near = bell(generator, moved=2.0, turned=3.0)
-    assert noise_around(near, limit) == pytest.approx(limit - 5 + 4 * 0.02, abs=0.02)
-    for moved, turned in ((0.0, 3.0), (0.1, 3.0), (2.0, 0.3)):
-        limit, near = bell(generator, moved, turned)
-        assert noise_around(near, limit) == 0
-    limit, near = bell(generator, moved=2.0, turned=3.0)
-    filled = np.tile(near[:200], (3, 1))
-    filled[:, 0] = generator.uniform(0, 0.5, len(filled))
-    assert noise_around(np.concatenate([near, filled]), limit) == 0, "surfaces go on below it"
-    assert noise_around(near[:100], limit) == 0, "too few"
-
-
-@pytest.mark.parametrize("both", [False, True])
-def test_points_of_a_bag_at_the_largest_range_are_no_surface(both: bool, tmp_path: Path) -> None:
-    bags = pytest.importorskip("bags")
-    make, generator, content, right = bags.Messages("mcap"), np.random.default_rng(2), [], []
-    for i in range(6):
-        ranges = np.where(generator.random(300) < 0.4, 20.0, generator.uniform(2, 15, 300))
-        right.append(ranges == 20)
-        noisy_ranges = ranges + generator.normal(0, 0.02, 300)
-        ways = generator.normal(size=(300, 3))
-        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-        points = ways * (noisy_ranges if both else np.minimum(noisy_ranges, 20.0))[:, None]
-        stamp = bags.START + 0.1 * i
-        transform = make.transform(stamp, "map", "lidar", [0.3 * i, 0, 0], bags.LEVEL)
-        content += [
-            ("/tf", stamp, make.tf(transform)),
-            ("/points", stamp, make.cloud(stamp, "lidar", points)),
-        ]
-    log = ndtree.read(bags.write_bag(tmp_path / "a", make, content))
-    found = np.concatenate(silent(log))
-    assert np.count_nonzero(found ^ np.concatenate(right)) <= 2
-    look = ndtree.first_look(log)
-    assert look.cut_off == pytest.approx(20, abs=0.1) and look.no_returns.beams > 0
-
-
-@pytest.mark.parametrize("count, is_limit", [(5, False), (15, True)])
-def test_few_points_of_a_bag_that_are_as_far_away_are_a_surface(
-    count: int, is_limit: bool, tmp_path: Path
-) -> None:
-    """Of six messages: 30 or 90 of their points, and 64 are the least that tell."""
-    bags = pytest.importorskip("bags")
-    make, generator, content = bags.Messages("mcap"), np.random.default_rng(4), []
-    for i in range(6):
-        ranges = np.append(generator.uniform(2, 15, 100), np.full(count, 20.0))
-        ways = generator.normal(size=(len(ranges), 3))
-        ways *= (ranges / np.linalg.norm(ways, axis=1))[:, None]
-        stamp = bags.START + 0.1 * i
-        transform = make.transform(stamp, "map", "lidar", [0.3 * i, 0, 0], bags.LEVEL)
-        cloud = make.cloud(stamp, "lidar", ways)
-        content += [("/tf", stamp, make.tf(transform)), ("/points", stamp, cloud)]
-    log = ndtree.read(bags.write_bag(tmp_path / "a", make, content))
-    assert np.count_nonzero(np.concatenate(silent(log))) == 6 * count * is_limit
 
 
 def wall_below(depth: float, count: int, generator: np.random.Generator) -> np.ndarray:

@@ -20,7 +20,7 @@ from ndtree.base.typing import MapOptions
 from ndtree.evaluation.no_returns import NoReturns, judge
 from ndtree.evaluation.sampling import skipping_unmappable, some_of, spread
 from ndtree.logs.core.log import Log, require_log
-from ndtree.logs.core.silence import CutOff
+from ndtree.logs.core.silence import CutOff, CutOffSearch
 from ndtree.tuning.agreement import Disagreement, disagreement
 from ndtree.tuning.calibration import range_noise
 from ndtree.tuning.heading import HeadingDrift, heading_drift
@@ -206,8 +206,8 @@ class _Looked:
 
     def __init__(self, log: Log, report: Progress) -> None:
         total = len(log) if hasattr(log, "__len__") else 0
-        search = log.new_search() if log.needs_search else None
-        source = log.sampled() if search is None else log.ruled(cut_off=None).sampled()
+        search = CutOffSearch(says_itself=log.marks_no_returns) if log.needs_search else None
+        source = log.sampled() if search is None else log.ruled(cut_off=None)
         decoded = 0
 
         def scans() -> Iterator[Scan]:

@@ -22,8 +22,6 @@ BEYOND_MEMORY = "beams are so long that there is not enough memory, expected ran
 
 #: Of a log's beams, from which share on it is said what a range of 0 was taken for.
 _FEW_ZEROS = 0.01
-#: Of the largest range: what is so near to it may be called equal.
-_NOISY = 1e-3
 
 
 @checked
@@ -69,7 +67,7 @@ def inspect(
     choose_sigma = (
         with_sigma and log.has_sensor and not {"range_sigma", "range_sigma_quadratic"} & options.keys()
     )
-    choose_no_return = given.no_return == AUTO and (log.knows_no_returns or log.needs_search)
+    choose_no_return = given.no_return == AUTO and log.knows_no_returns
     if given.no_return == AUTO:
         values["no_return"] = Decision("free", USUAL, "the log has no such beams, or tells what they mean")
     if not (choose_sigma or choose_no_return):
@@ -77,7 +75,6 @@ def inspect(
     decides = choose_no_return and log.may_be_zero and log.rules.zero_is is None
     may_be_cut_off = log.may_be_cut_off and log.rules.cut_off is UNSEARCHED
     look = first_look(log.ruled(zero_is=NO_ECHO) if decides else log, progress=progress)
-    choose_no_return = choose_no_return and (log.knows_no_returns or look.limit is not None)
     zeros = min(1.0, look.zeros / look.beams) if look.beams else 0.0
     if decides:
         says_nothing = look.no_returns.choice == "ignore" or not zeros
@@ -122,11 +119,7 @@ def _said(
             f"if that is wrong: {key('zero_is')} {other}"
         )
     if look.cut_off is not None:
-        noise = 0.0 if look.limit is None else look.limit.tolerance
-        least = f"{look.cut_off - noise:.3g} to " if noise > _NOISY * look.cut_off else ""
-        lines.append(
-            f"readings of {least}{look.cut_off:.4g} m, the log's largest range, are beams without return"
-        )
+        lines.append(f"readings of {look.cut_off:.4g} m, the log's largest range, are beams without return")
     return list(map(Text, lines if look.doubt is None else [*lines, look.doubt]))
 
 

@@ -86,8 +86,6 @@ class Log(ABC):
         Such beams in what the last loop has read.
     may_be_cut_off : bool
         Whether readings at the log's largest range may be a driver's way to say that nothing was hit.
-    least_cut_off : int
-        Readings at the largest range that cannot all be there by chance.
     marks_no_returns : bool
         Whether the format has a mark for beams without return.
     may_be_padded : bool
@@ -108,7 +106,6 @@ class Log(ABC):
     may_be_zero = False
     may_be_cut_off = False
     marks_no_returns = False
-    least_cut_off = 0
     has_sensor = True
 
     def __init__(self, path: str | None, dim: int) -> None:
@@ -205,17 +202,13 @@ class Log(ABC):
         return self._found[0]
 
     def _search(self) -> CutOff | None:
-        search = self.new_search()
+        search = CutOffSearch(says_itself=self.marks_no_returns)
         with contextlib.suppress(ValueError, OSError):
-            for scan in self.ruled(cut_off=None).sampled()._scans():
+            for scan in self.ruled(cut_off=None)._scans():
                 search.add(scan)
                 if search.is_said:
                     break
         return search.found()
-
-    def new_search(self) -> CutOffSearch:
-        """What finds where its ranges end from its scans."""
-        return CutOffSearch(says_itself=self.marks_no_returns, least_readings=self.least_cut_off)
 
     @property
     def needs_search(self) -> bool:
@@ -425,7 +418,7 @@ class DerivedLog(Log):
     def __init__(self, log: Log) -> None:
         super().__init__(log.path, log.dim)
         self.format, self.uses, self.rules = log.format, log.uses, log.rules
-        self.has_sensor = log.has_sensor
+        self.knows_no_returns, self.has_sensor = log.knows_no_returns, log.has_sensor
         self.is_depth_camera, self.may_be_zero = log.is_depth_camera, log.may_be_zero
         self._log = log
 
@@ -436,7 +429,6 @@ class DerivedLog(Log):
 
     # As of the other log, which has applied the limit to its scans, too.
     name = property(attrgetter("_log.name"))
-    knows_no_returns = property(attrgetter("_log.knows_no_returns"))  # type: ignore[assignment]
     decisions = property(attrgetter("_log.decisions"))
     cut_off = property(attrgetter("_log.cut_off"))
     spans = property(attrgetter("_log.spans"))

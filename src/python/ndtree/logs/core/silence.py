@@ -19,8 +19,6 @@ LEAST_CUT_OFF = 2
 NEAR = 0.01
 #: Coordinates in files have at most this many decimals where they are rounded to be read by people.
 _MOST_DECIMALS = 6
-#: Of ranges that are told apart: lasers measure in steps of a millimetre or more.
-_DIGITS = 4
 #: Points that are looked at for these.
 _MOST_POINTS = 1000
 #: Of the largest range: noise that reaches farther is none of a sensor.
@@ -44,7 +42,7 @@ def noise_below(below: NDArray[np.floating[Any]], there: int) -> float:
     `there`: Readings at the limit, and above.
     """
     half = (there + 1) // 2
-    if len(below) < max(half, LEAST_NOISY):
+    if len(below) < max(half, LEAST_NOISY) or there < LEAST_NOISY // 2:
         return 0.0
     below = np.sort(below.astype(np.float64))
     noisy = below[below <= _ALL * float(below[half - 1]) / _HALF]
@@ -81,44 +79,6 @@ def _reach_of_half_a_bell(noisy: NDArray[np.float64], beside: float) -> float:
     return _ALL * sigma if apart < max(_KOLMOGOROV / math.sqrt(n), beside) else 0.0
 
 
-def noise_around(near: NDArray[np.float64], limit: float) -> float:
-    """How far below the largest reading noise on both sides of a largest range ends [m]; 0 if there is none.
-
-    It is a bell with nothing just below it. A surface makes one, too, for a sensor that stands, or along its
-    normal: the sensor has moved farther than the bell is wide, and looked into more directions than a wall
-    that is as far away to within the bell's width can be seen in.
-
-    `near` (ndarray, (n, 1 + 2 dim)): Distance below the largest reading, origin and direction of readings.
-    `limit`: The largest reading [m].
-    """
-    near = near[np.argsort(near[:, 0], kind="stable")]
-    below = near[:, 0]
-    n, before = 2 * LEAST_NOISY, 0
-    middle = sigma = 0.0
-    while before != n <= len(below):  # From its upper end down, until it ends.
-        before = n
-        middle = float(np.median(below[:n]))
-        sigma = float(np.median(np.abs(below[:n] - middle))) / _HALF
-        if sigma < 10**-_DIGITS:  # Most are in one step.
-            sigma = float(below[:n].std())
-        n, beyond = (int(np.searchsorted(below, middle + k * _ALL * sigma, side="right")) for k in (1, 2))
-        n = max(beyond if beyond > (1 + _BESIDE) * n else n, before)
-    if n != before or not 0 < 3 * _ALL * sigma <= NOISE_REACH * limit:
-        return 0.0
-    middle, sigma = float(below[:n].mean()), float(below[:n].std())
-    values, counts = np.unique(np.round(below[:n], _DIGITS), return_counts=True)  # In whole steps.
-    shares = [0.5 + 0.5 * math.erf(v) for v in ((values - middle) / (math.sqrt(2) * sigma)).tolist()]
-    apart = np.abs(shares - (np.cumsum(counts) - counts / 2) / n).max()
-    if apart >= max(_KOLMOGOROV / math.sqrt(n), _BESIDE / 2):
-        return 0.0
-    dim = (near.shape[1] - 1) // 2
-    moved, turned = (
-        float(np.linalg.norm(np.ptp(part, axis=0))) for part in np.split(near[:n, 1:], [dim], axis=1)
-    )
-    wall = 2 * math.sqrt(4 * _ALL * sigma / limit)  # Angle across one that differs by two reaches [rad].
-    return middle + _ALL * sigma if moved > 2 * _ALL * sigma and turned > 2 * wall else 0.0
-
-
 @dataclass(frozen=True)
 class CutOff:
     """Where the ranges of a log end."""
@@ -139,18 +99,16 @@ class CutOffSearch:
 
     `says_itself`: The log has a mark for beams that did not return: if it has any, it means all.
     `least_scans`: This many scans have several readings there: 1 where all scans are given, more of a sample.
-    `least_readings`: There are this many there.
     Attributes:
     `is_said`: The log has such marks: nothing is cut off, whatever else is added.
     """
 
-    def __init__(self, *, says_itself: bool, least_scans: int = 1, least_readings: int = 0) -> None:
+    def __init__(self, *, says_itself: bool, least_scans: int = 1) -> None:
         self._says_itself, self._least_scans = says_itself, least_scans
-        self._least_readings = least_readings
         self._largest = self._tolerance = 0.0
         self._has_shorter = self.is_said = False
         self._cut = self._there = self._below = 0
-        self._near: NDArray[np.float64] | None = None  # Readings that noise may have made of the largest.
+        self._near = np.empty(0)  # Ranges that noise may have made of the largest.
 
     def add(self, scan: Scan) -> None:
         """Look at the next scan."""
@@ -173,34 +131,22 @@ class CutOffSearch:
                 self._cut += 1
                 self._there += count
                 self._below += int(np.count_nonzero(ranges >= (1 - NEAR) * self._largest)) - count
-        self._keep(scan, ranges)
+        if len(self._near) < MOST_NOISY:
+            near = np.concatenate([self._near, ranges])
+            self._near = near[near >= (1 - NOISE_REACH) * self._largest]
         shorter = (ranges > 0) & (ranges < self._largest - self._tolerance)
         self._has_shorter = self._has_shorter or bool(shorter.any())
 
-    def _keep(self, scan: Scan, ranges: NDArray[np.float64]) -> None:
-        """Of each reading that may be noise its range, origin and direction."""
-        if self._near is not None and len(self._near) >= MOST_NOISY:
-            return
-        use = ranges >= (1 - NOISE_REACH) * self._largest
-        origins = np.broadcast_to(scan.origin, scan.endpoints.shape)[use].astype(np.float64)
-        lengths = ranges[use, None]
-        rows = np.concatenate([lengths, origins, (scan.endpoints[use] - origins) / lengths], axis=1)
-        near = rows if self._near is None else np.concatenate([self._near, rows])
-        self._near = near[near[:, 0] >= (1 - NOISE_REACH) * self._largest]
-
     def found(self) -> CutOff | None:
         """Where they are cut off by what was added; None if they are not."""
-        if self.is_said or not self._has_shorter or self._near is None:
+        if self.is_said or self._cut < self._least_scans or not self._has_shorter:
             return None
-        below = self._largest - self._near[:, 0]
+        below = self._largest - self._near
         is_there = below <= self._tolerance
-        there = int(np.count_nonzero(is_there))
-        if self._cut >= self._least_scans and there >= self._least_readings:
-            noise = noise_below(below[~is_there], there)
-            if noise > 0 or self._there > self._below:
-                return CutOff(self._largest, max(noise, self._tolerance))
-        noise = noise_around(np.column_stack([below, self._near[:, 1:]]), self._largest)
-        return CutOff(self._largest, max(noise, self._tolerance)) if noise > 0 else None
+        noise = noise_below(below[~is_there], int(np.count_nonzero(is_there)))
+        if noise > 0:
+            return CutOff(self._largest, max(noise, self._tolerance))
+        return CutOff(self._largest, self._tolerance) if self._there > self._below else None
 
 
 def _ranges(scan: Scan) -> NDArray[np.float64]:

@@ -12,7 +12,6 @@ from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.rules import Decision, Rules
-from ndtree.logs.core.silence import LEAST_NOISY
 from ndtree.logs.core.source import TIME_OFFSET, ZERO_IS, Format, ReaderOption, Source
 from ndtree.logs.folders.depth_image import CAMERA, PIXEL_STRIDE
 from ndtree.logs.formats.velodyne import STILL
@@ -20,7 +19,7 @@ from ndtree.logs.poses.covariances import USES
 from ndtree.logs.poses.trajectory_files import TRAJECTORY
 from ndtree.logs.ros.clock import in_order
 from ndtree.logs.ros.files.bag import ENDINGS, MAGICS, METADATA, METADATA_BEGINS, ZSTD_MAGIC, Bag, open_bag
-from ndtree.logs.ros.messages.beams import IMAGES, RANGE
+from ndtree.logs.ros.messages.beams import IMAGES
 from ndtree.logs.ros.messages.sweep import BY_WORD
 from ndtree.logs.ros.options import BagOptions
 from ndtree.logs.ros.outline import outline
@@ -43,7 +42,6 @@ class RosbagLog(SizedLog):
 
     format = "rosbag"
     path: str
-    least_cut_off = LEAST_NOISY
 
     def __init__(
         self,
@@ -69,19 +67,12 @@ class RosbagLog(SizedLog):
             + plan.place.origin
         )
         self.rules = Rules(zero_is=options.zero_is)
-        self.may_be_zero = self.marks_no_returns = any(sensor.is_planar for sensor in self.sensors)
-        measures = {sensor.topic.type for sensor in self.sensors}
-        self.may_be_cut_off = bag is None and len(self.sensors) == 1 and not measures & {*IMAGES, RANGE}
+        self.may_be_zero = self.knows_no_returns = any(sensor.is_planar for sensor in self.sensors)
         self.is_depth_camera = all(sensor.topic.type in IMAGES for sensor in self.sensors)
         self.hint, self._decided = plan.hint, list(plan.notes)
 
     def __len__(self) -> int:
         return sum(sensor.topic.messages for sensor in self.sensors)
-
-    @property
-    def knows_no_returns(self) -> bool:  # type: ignore[override]
-        """As lasers say it; of clouds where it is known that ranges are cut off."""
-        return self.marks_no_returns or (not self.needs_search and self.limit() is not None)
 
     @property
     def decisions(self) -> dict[str, Decision]:
