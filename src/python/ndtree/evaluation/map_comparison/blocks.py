@@ -25,7 +25,7 @@ def common_grid(a: PlacedMap, b: PlacedMap, cell_size: float | None) -> _Grid:
     finer = a if a.cell_size <= b.cell_size else b
     least = finer.cell_size / _FINEST
     if cell_size is not None and not cell_size >= least:
-        expected = f">= {least:.3g} m, a {_FINEST}th of the finer map's cells"
+        expected = f">= {least:g} m, a {_FINEST}th of the finer map's cells"
         raise WrongValue.of("cell_size", f"{cell_size:g} m", expected)
     return _Grid(finer.offset, finer.cell_size if cell_size is None else cell_size)
 

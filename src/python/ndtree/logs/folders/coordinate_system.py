@@ -155,7 +155,7 @@ def units_of_keys(keys: Mapping[int, float]) -> Units:
     height = _LENGTHS.get(int(keys.get(_HEIGHT, 0)), _HEIGHTS.get(upright))
     system = int(keys.get(_PROJECTED, 0))
     if size is None and system not in (0, _OTHERS) and not _is_metric(system):
-        return Units(1.0, 1.0 if height is None else height, unknown=f"coordinate system EPSG:{system}")
+        return Units(unknown=f"coordinate system EPSG:{system}")
     if height is None and upright not in (0, _OTHERS) and upright not in _OLD_HEIGHTS:
         return Units(across, across, unknown=f"system of heights EPSG:{upright}")
     return Units(across, across if height is None else height)

@@ -72,8 +72,12 @@ def _fitted_noise(residuals: _Residuals, generator: np.random.Generator) -> Nois
     place_of = place[piece]
     n = int(place.max()) + 1
 
+    # Not where the origin of coordinates would have them, which says nothing.
+    corner = residuals.middle.min(axis=0)
+    apart = np.unique(np.floor((residuals.middle - corner) / PLACE), axis=0, return_inverse=True)[1].ravel()
+
     def places_beyond(least: float) -> int:
-        return int(np.count_nonzero(np.bincount(place_of[length >= least]) >= LEAST_RESIDUALS))
+        return int(np.count_nonzero(np.bincount(apart[piece[length >= least]]) >= LEAST_RESIDUALS))
 
     if places_beyond(0.0) < LEAST_PLACES:
         return None

@@ -141,7 +141,7 @@ def _planar_beams(message: Any, ranges: NDArray[np.floating[Any]], no_return_ran
     turn = float(message.angle_increment)
     if n > 1 and not (math.isfinite(turn) and turn != 0):
         raise ValueError(f"angle_increment = {turn:g} rad of {n} ranges: must be finite and not 0")
-    if abs(turn) * n > _MOST_TURNS * math.tau:
+    if n > 1 and abs(turn) * n > _MOST_TURNS * math.tau:
         turns = abs(turn) * n / math.tau
         raise ValueError(f"angle_increment = {turn:g} rad of {n} ranges: {turns:.3g} turns, expected radians")
     ways = _directions(float(message.angle_min), turn, n)
