@@ -206,7 +206,7 @@ class Changes(Answers):
     size : (n,) float64
         Edge lengths [m].
     before : (n,) int8
-        -1 unknown, 0 free, 1 occupied.
+        -1 unknown, 0 free, 1 occupied; of columns also 2, occupied in a cell larger than the smallest.
     after : (n,) int8
         The same, now.
     """
