@@ -78,7 +78,9 @@ struct RemergePrediction {
         static_cast<std::uint32_t>(EvidenceMemory::fraction_of_rounded_up(cell.hits(), kept_hits));
     const auto misses =
         static_cast<std::uint32_t>(EvidenceMemory::fraction_of_rounded_up(cell.misses(), kept_free));
-    memory.set_counts(now, hits + scan.hits, misses + (streak > 1 ? 1 : scan.misses));
+    EvidenceCell with_streak = cell;
+    with_streak.set_streak_of_passes(streak);
+    memory.set_counts(now, hits + scan.hits, misses + ChangeDetection::counted_misses(with_streak, scan));
     now.set_streak_of_passes(streak);
     return now;
   }

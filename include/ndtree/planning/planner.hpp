@@ -173,11 +173,13 @@ class Planner {
     asked_ = {asked_.lower.cwiseMin(point), asked_.upper.cwiseMax(point)};
     rebuild(around(seen_));
   }
-  /// @throws std::invalid_argument if a point is not finite, or beyond all cells that a map can have.
-  void require_place(const Vector<D>& point, const std::string& name) const {
-    if (!point.allFinite() || !seen_.tree().geometry().in_reach(point))
-      throw std::invalid_argument(name + " = " + describe_point(point) +
-                                  ": must be finite, and on the map's lattice");
+  /// @throws std::invalid_argument naming the first point that is not finite, or beyond all cells that a map
+  /// can have.
+  void require_places(const std::vector<Vector<D>>& points, const char* name) const {
+    const auto wrong = std::find_if_not(points.begin(), points.end(),
+                                        [&](const Vector<D>& point) { return is_place(point); });
+    if (wrong != points.end())
+      refuse_place(*wrong, std::string(name) + "[" + std::to_string(wrong - points.begin()) + "]");
   }
   /// @throws std::invalid_argument if the body collides there: what with, and where it would not.
   void require_free(const Vector<D>& point, const char* name) { check_pose(point, name); }
@@ -349,12 +351,15 @@ class Planner {
            "body, in which no way was found";
   }
 
-  void require_places(const std::vector<Vector<D>>& points, const std::string& name) const {
-    for (std::size_t i = 0; i < points.size(); ++i)
-      require_place(points[i], name + "[" + std::to_string(i) + "]");
+  [[nodiscard]] bool is_place(const Vector<D>& point) const {
+    return point.allFinite() && seen_.tree().geometry().in_reach(point);
+  }
+  [[noreturn]] static void refuse_place(const Vector<D>& point, const std::string& name) {
+    throw std::invalid_argument(name + " = " + describe_point(point) +
+                                ": must be finite, and on the map's lattice");
   }
   void check_pose(const Vector<D>& point, const char* name) {
-    require_place(point, name);
+    if (!is_place(point)) refuse_place(point, name);
     include(point);
     if (is_free(point, point)) return;
     std::string message = std::string(name) + " = " + describe_point(point) + ": there the body meets " +

@@ -69,15 +69,18 @@ template <class Map>
 template <class Map>
 [[nodiscard]] std::optional<std::size_t> first_blocked_turning(const Planner<Map>& planner,
                                                                const std::vector<Vector<3>>& poses) {
-  const Body<2> body = inflated(planner.body(), planner.options().clearance);
+  std::vector<Vector<2>> places;
+  for (const Vector<3>& pose : poses) places.emplace_back(pose.head<2>());
+  planner.require_places(places, "points");
+  const auto refuse = [](std::size_t i, const char* why) {
+    throw std::invalid_argument("points[" + std::to_string(i) + "]: " + why);
+  };
   for (std::size_t i = 0; i < poses.size(); ++i) {
-    const std::string name = "points[" + std::to_string(i) + "]";
-    planner.require_place(poses[i].template head<2>(), name);
-    if (!std::isfinite(poses[i][2])) throw std::invalid_argument(name + ": yaw must be finite");
-    if (i > 0 && poses[i][2] != poses[i - 1][2] &&
-        poses[i].template head<2>() != poses[i - 1].template head<2>())
-      throw std::invalid_argument(name + ": moves and turns at once, expected one of both");
+    if (!std::isfinite(poses[i][2])) refuse(i, "yaw must be finite");
+    if (i > 0 && poses[i][2] != poses[i - 1][2] && places[i] != places[i - 1])
+      refuse(i, "moves and turns at once, expected one of both");
   }
+  const Body<2> body = inflated(planner.body(), planner.options().clearance);
   for (std::size_t i = 0; i + 1 < poses.size(); ++i)
     if (detail::motion_collides(planner.map(), body, poses[i], poses[i + 1], planner.unknown())) return i;
   return std::nullopt;

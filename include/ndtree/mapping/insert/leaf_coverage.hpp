@@ -63,8 +63,8 @@ class LeafCoverage {
     return 2 * passed.free + passed.misses >= of(level).covering_evidence;  // Ways are rounded.
   }
 
-  /// Whether a leaf of which nothing was seen splits for one beam that passes it, of all: the beam leaves out
-  /// a child that two such beams would pass. Then judge() says so, too, and no evidence is needed.
+  /// Whether a leaf that was never seen splits for the only beam of the scan that passes it: the beam leaves
+  /// out a child that two such beams would pass. Then judge() splits it, too, and no evidence is needed.
   [[nodiscard]] NDTREE_ALWAYS_INLINE bool splits_for_one(int level, std::uint32_t beam,
                                                          const Crossing& crossing) const {
     const OfLevel& at = of(level);
