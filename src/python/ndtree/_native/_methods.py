@@ -215,9 +215,7 @@ def by_way(
     goals = np.concatenate([frontier.cell_centers for frontier in found])
     ways = self.ways(start, goals, max_seconds=max_seconds)
     ends = np.cumsum([len(frontier) for frontier in found])[:-1]
-    nearest = [
-        float(part.min()) for part in np.split(np.nan_to_num(ways, nan=math.inf, posinf=math.inf), ends)
-    ]
+    nearest = [float(np.fmin.reduce(part, initial=math.inf)) for part in np.split(ways, ends)]
     order = sorted(range(len(found)), key=nearest.__getitem__)
     return [(found[i], nearest[i]) for i in order if nearest[i] < math.inf]
 

@@ -129,39 +129,34 @@ class _Explorer:
 
     def ways(self, places: Array) -> Array:
         """From where it is; if noise put something there, from where it was before."""
-        if not len(places):
-            return np.zeros(0)
-        for k in range(len(self.track) - 1, -1, -1):
-            ways = self._ways_from(k, places)
-            if ways is not None:
+        return self._ways_from_track(places, reaches_one=False)
+
+    def backs_out(self, places: Array) -> bool:
+        """Whether noise shut it in, so that no place can be reached, and it went back to where one can."""
+        driven = len(self.track)
+        self._ways_from_track(places, reaches_one=True)
+        return len(self.track) > driven
+
+    def _ways_from_track(self, places: Array, *, reaches_one: bool) -> Array:
+        """From the last point of its track where nothing is, and whence a place can be reached, if that is
+        asked; it goes back to there."""
+        for k in range(len(self.track) - 1, -1, -1) if len(places) else ():
+            try:
+                ways: Array = self.planner.ways(self.track[k], places)
+            except ValueError:
+                continue
+            if np.isfinite(ways).any() or not reaches_one:
                 self._go_back_to(k)
                 return ways
         return np.full(len(places), np.inf)
 
-    def backs_out(self, places: Array) -> bool:
-        """Whether noise shut it in, so that no place can be reached, and it went back to where one can."""
-        for k in range(len(self.track) - 1, -1, -1) if len(places) else ():
-            ways = self._ways_from(k, places)
-            if ways is not None and np.isfinite(ways).any():
-                return self._go_back_to(k)
-        return False
-
-    def _ways_from(self, k: int, places: Array) -> Array | None:
-        """From a point of its track; None if something is there."""
-        try:
-            ways: Array = self.planner.ways(self.track[k], places)
-        except ValueError:
-            return None
-        return ways
-
-    def _go_back_to(self, k: int) -> bool:
-        """On its track to a point of it; whether that is not where it is."""
+    def _go_back_to(self, k: int) -> None:
+        """On its track to a point of it."""
         back = self.track[k:-1][::-1]
         for point in back:
             self.way += float(np.linalg.norm(point - self.here))
             self.here = point
         self.track.extend(back)
-        return bool(back)
 
     def drive(self, goal: Array) -> None:
         path = self.planner.plan(self.here, goal)

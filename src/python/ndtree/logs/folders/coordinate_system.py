@@ -37,7 +37,7 @@ class Units:
     across: float = 1.0
     height: float = 1.0
     are_degrees: bool = False  # x and y are longitude and latitude.
-    unknown: str = ""  # What does not say its unit: metres are taken.
+    unknown: str = ""  # What does not say its unit: `across` and `height` are a guess.
 
     @property
     def note(self) -> str:
