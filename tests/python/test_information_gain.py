@@ -142,6 +142,7 @@ def test_a_robot_that_noise_shuts_in_goes_back() -> None:
     """A wall's noise closes the way behind it after 30 looks."""
     seen = explore("office", "nearest", start=432, max_looks=60)
     assert not seen.done and len(seen.way) == 60 and seen.volume[-1] > seen.volume[29] + 10.0
+    assert (seen.track[2:] == seen.track[:-2]).all(axis=1).any(), "it turned round"
 
 
 def test_the_command_says_what_each_strategy_took(tmp_path, capsys) -> None:

@@ -85,6 +85,10 @@ def test_the_summary_s_figures_are_those_of_the_whole_table():
     assert len(small) == 6 and len(large) == 24
     for key, cells in small.items():
         assert all(cell in large[key] for cell in cells), key
+    losses = re.findall(r"^\| [\w ]+ \| \d of 8 \| (.*?) \| (.*?) \| (.*?) \|$", README, re.MULTILINE)
+    assert losses
+    for log, adaptive, fixed in losses:
+        assert adaptive in large[log, "adaptive"] and fixed in large[log, "fixed"], log
 
 
 def test_losses_are_the_largest_of_all_logs():
