@@ -14,7 +14,7 @@ from ndtree.alignment.track import Track
 MAP_WAY = 10.0  # How long the way of the key scans is, at most [m],
 _MAP_SCANS = 60  # and how many there are.
 #: The last scans, some of which may be placed again: odometry may stall for two fewer. The outlines of as
-#: many key scans are kept, and of those that they are compared with.
+#: many key scans are kept, and of the key scans before, with which they are compared.
 KEPT = 16
 _COMPARED = 4  # Key scans whose outlines are compared.
 

@@ -25,7 +25,7 @@ COMMANDS = {
         "Build a map from a log, and write it to a file. Several logs make a map each, or with --merge one.",
     ),
     "align": ("align", "Find the poses of a log whose own drift or are missing."),
-    "clean": ("clean", "Write the points of a log without those that moved: people, cars, doors."),
+    "clean": ("clean", "Write a log's points, moving things left out: people, cars, doors."),
     "live": (
         "live",
         "Map a recording as a robot would: message by message, at its own pace, and say what was dropped.",

@@ -36,9 +36,9 @@ def table_of(result: Mapping[str, Any]) -> str:
     lines += aligned(rows)
     lines.append("")
     for key, text in (
-        ("agreement", "cells that agree, of those that both observed"),
-        ("known_in_both", "cells that both observed, of those that one did"),
-        ("occupied_overlap", "cells occupied in both, of those occupied in one"),
+        ("agreement", "agreeing cells among cells observed in both"),
+        ("known_in_both", "cells observed in both among cells observed in one"),
+        ("occupied_overlap", "cells occupied in both among cells occupied in one"),
     ):
         share = result[key]
         lines.append(f"{text}: " + (f"{100 * share:.2f} %" if share is not None else "there are none"))
