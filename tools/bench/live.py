@@ -144,7 +144,7 @@ def measured(kind: str, scans: int) -> dict[str, list[float]]:
     intake = MessagesIntake(kind, Config.of(**options, no_return="free"), look=0.5)
     timed(intake, "scan", took["read and placed"])
     mapper = LiveMapper(intake, threads=1, sinks=[Grid(took["grid"])])
-    timed(mapper, "_insert", took["inserted"])
+    timed(mapper._target, "add", took["inserted"])
     with mapper:
         play(messages(kind, scans), mapper, rate=0)
     assert mapper.figures.is_complete and mapper.figures.mapped == scans
