@@ -13,6 +13,7 @@ import ndtree
 from ndtree.base.scan import Scan
 from ndtree.evaluation.sampling import spread
 from ndtree.tuning.agreement import WORSE_RUNS, _worse_from, disagreement
+from ndtree.tuning.pairs import pairs_of
 from ndtree.tuning.revisits import surface_of
 
 SCANS, BEGIN = 480, 200
@@ -37,12 +38,12 @@ def standing(scans: list[Scan], step: float) -> list[Scan]:
 
 def test_good_poses_are_not_told_of(office: list[Scan]) -> None:
     for scans in (office, office[::3], ndtree.simulate("office", seed=5, position_sigma=0.005)):
-        assert disagreement(spread(scans)[0]) is None
+        assert disagreement(pairs_of(spread(scans)[0])) is None
 
 
 @pytest.mark.parametrize("step", [0.02, 0.05, -0.1])
 def test_wheels_that_slip_are_told_of_with_the_time(step: float, office: list[Scan]) -> None:
-    found = disagreement(spread(shifted(office, np.array([step, 0.3 * step])))[0])
+    found = disagreement(pairs_of(spread(shifted(office, np.array([step, 0.3 * step])))[0]))
     assert found is not None
     assert abs(found.since - 0.2 * BEGIN) < 6.0, "runs are a few seconds apart"
     assert found.error == pytest.approx(3 * abs(step) * 1.044, rel=0.3)
@@ -51,11 +52,11 @@ def test_wheels_that_slip_are_told_of_with_the_time(step: float, office: list[Sc
 
 def test_a_log_without_times_is_told_of_without_one(office: list[Scan]) -> None:
     scans = [replace(scan, stamp=0.0) for scan in shifted(office, np.array([0.05, 0.0]))]
-    assert str(disagreement(spread(scans)[0])).startswith("from some scan on, consecutive scans")
+    assert str(disagreement(pairs_of(spread(scans)[0]))).startswith("from some scan on, consecutive scans")
 
 
 def test_a_robot_that_is_stuck_is_told_of(office: list[Scan]) -> None:
-    found = disagreement(spread(standing(office, 0.02))[0])
+    found = disagreement(pairs_of(spread(standing(office, 0.02))[0]))
     assert found is not None and abs(found.since - 0.2 * BEGIN) < 6.0
     assert found.error == pytest.approx(found.moved, rel=0.3)
 
@@ -79,7 +80,7 @@ def corridor(step: float, angles: np.ndarray) -> list[Scan]:
 def test_a_corridor_that_looks_the_same_everywhere_contradicts_no_pose(beams: int, step: float) -> None:
     """Each scan is the one before, in its sensor's frame, as if the robot had stood."""
     angles = np.linspace(-1.99, 2.01, beams)
-    assert disagreement(spread(corridor(step, angles))[0]) is None
+    assert disagreement(pairs_of(spread(corridor(step, angles))[0])) is None
 
 
 def test_surfaces_are_filled_between_neighbouring_beams_alone() -> None:
@@ -96,13 +97,13 @@ def test_surfaces_are_filled_between_neighbouring_beams_alone() -> None:
 
 
 def test_what_a_run_does_not_show_says_nothing(office: list[Scan]) -> None:
-    assert disagreement([]) is None
-    assert disagreement([[scan] for scan in office[:20]]) is None
+    assert disagreement(pairs_of([])) is None
+    assert disagreement(pairs_of([[scan] for scan in office[:20]])) is None
     empty = Scan(np.empty((0, 2)), np.zeros(2))
-    assert disagreement([[empty, empty]] * 10) is None
+    assert disagreement(pairs_of([[empty, empty]] * 10)) is None
     lost = Scan(np.full((90, 2), np.nan), np.zeros(2))
-    assert disagreement([[lost, lost]] * 10) is None
-    assert disagreement(spread(ndtree.simulate("apartment", scans=8))[0]) is None
+    assert disagreement(pairs_of([[lost, lost]] * 10)) is None
+    assert disagreement(pairs_of(spread(ndtree.simulate("apartment", scans=8))[0])) is None
 
 
 GOOD = [f"laser2d_{name}/*.npz" for name in ("intel", "freiburg_079", "mrpt_sena", "orebro", "belgioioso")]
@@ -114,4 +115,4 @@ def test_recordings_with_good_poses_are_not_told_of(name: str, recordings: Path)
     path = next(recordings.glob(name), None)
     if path is None:
         pytest.skip(f"no {name}")
-    assert disagreement(spread(ndtree.read(path))[0]) is None
+    assert disagreement(pairs_of(spread(ndtree.read(path))[0])) is None

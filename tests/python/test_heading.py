@@ -16,6 +16,7 @@ from ndtree.base.scan import Scan
 from ndtree.cli.commands import app
 from ndtree.evaluation.sampling import spread
 from ndtree.tuning.heading import heading_drift
+from ndtree.tuning.pairs import pairs_of
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +56,7 @@ def test_growth_is_found_as_it_is(office: list[Scan], degrees: float, seed: int)
     """The variance of a heading grows by degrees² a metre."""
     growth = math.radians(degrees) ** 2
     noise = np.random.default_rng(seed).normal(0.0, np.sqrt(growth * ways(office)))
-    found = heading_drift(spread(turned(office, noise, together=True))[0])
+    found = heading_drift(pairs_of(spread(turned(office, noise, together=True))[0]))
     assert found is not None and found.least <= found.growth
     assert growth / 3 < found.growth < 2 * growth
     assert "degrees over the 150 m" in str(found).replace("149", "150") and "align" in str(found)
@@ -65,15 +66,15 @@ def test_growth_is_found_as_it_is(office: list[Scan], degrees: float, seed: int)
 @pytest.mark.parametrize("degrees", [0.0, 0.3, 0.6])
 def test_poses_that_err_each_by_itself_do_not_drift(office: list[Scan], degrees: float, seed: int) -> None:
     noise = np.random.default_rng(seed).normal(0.0, math.radians(degrees), len(office))
-    assert heading_drift(spread(turned(office, noise, together=False))[0]) is None
+    assert heading_drift(pairs_of(spread(turned(office, noise, together=False))[0])) is None
 
 
 def test_what_tells_too_little_says_nothing(office: list[Scan]) -> None:
-    assert heading_drift([]) is None
-    assert heading_drift([[]] * 20) is None
-    assert heading_drift([office[:4]] * 30) is None
-    assert heading_drift([[scan] for scan in office[:9]]) is None
-    assert heading_drift([[Scan(np.empty((0, 2)), np.zeros(2))] * 4] * 20) is None
+    assert heading_drift(pairs_of([])) is None
+    assert heading_drift(pairs_of([[]] * 20)) is None
+    assert heading_drift(pairs_of([office[:4]] * 30)) is None
+    assert heading_drift(pairs_of([[scan] for scan in office[:9]])) is None
+    assert heading_drift(pairs_of([[Scan(np.empty((0, 2)), np.zeros(2))] * 4] * 20)) is None
 
 
 def there(path: Path) -> Path:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trial import living, maps, moving, poses, sensing
+from trial import living, maps, moving, poses, sensing, setup
 from trial.outcome import Case, Outcome
 from trial.robots import Recording
 from trial.worlds import SPATIAL, WORLDS
@@ -52,6 +52,11 @@ CAPABILITIES = {
         sensing.noise_trial,
         ("room", "corridor", "hall", "loop", "flat", "ramp", "chamber"),
         ("none", "person"),
+    ),
+    "setup": Capability(
+        setup.setup_trial,
+        ("room", "hall", "loop", "twins"),
+        ("none", "late", "turned", "moved", "mirrored", "backwards", "scaled", "begins_at_0"),
     ),
     "align": Capability(poses.align_trial, _PLANAR, _ODOMETRY),
     "slam": Capability(poses.slam_trial, _PLANAR, _ODOMETRY),

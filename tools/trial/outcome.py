@@ -19,6 +19,7 @@ TOLERANCES: dict[str, tuple[float, str, str]] = {
     "false occupied": (0.2, "% of points that 3 scans passed", "a planner goes round it for ever"),
     "ghosts": (1.0, "% of the points of what left", "as many scans passed as it stood for, or a dozen"),
     "walls lost": (2.0, "% of walls that 5 beams met", "what stands is in the map, within a cell"),
+    "displaced walls": (10.0, "% of the occupied area", "walls are double where it is seen"),
     "noise": (2.0, "times too much or too little, and 5 mm", "tests at 3 sigma become tests at 1.5 or 6"),
     "poses": (0.15, "m, and 1 % of the way", "three cells: walls double"),
     "normalized error": (1.5, "times what is told", "one in 1,000 of 30 true standard deviations is above"),

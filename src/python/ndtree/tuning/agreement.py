@@ -10,15 +10,13 @@ jump, the errors are large run after run, and from some run on much larger than 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._errors import Text, key
-from ndtree.base.scan import Scan
-from ndtree.tuning.revisits import is_of_one_place, moved
+from ndtree.tuning.pairs import Pairs
 
 Floats = NDArray[np.float64]
 
@@ -30,8 +28,6 @@ SLIP_ERROR, SLIP_SHARE, SLIP_RUNS, SLIP_AMONG = 0.1, 0.04, 5, 6
 #: From some run on to the end errors are above WORSE_ERROR [m], and TIMES_WORSE times those before, with
 #: WORSE_RUNS runs on either side; WORSE_SHARE of them are above half of that.
 WORSE_ERROR, TIMES_WORSE, WORSE_RUNS, WORSE_SHARE = 0.04, 4.0, 8, 0.75
-_WINDOW = (0.6, 0.6, 0.2)  # [m, m, rad]; larger errors are not found.
-_CELL = 0.05  # [m]; with coarser ones, errors of good poses are above SPIN_ERROR where a robot turns.
 
 
 @dataclass(frozen=True)
@@ -56,17 +52,17 @@ class Disagreement:
         )
 
 
-def disagreement(runs: Sequence[Sequence[Scan]]) -> Disagreement | None:
+def disagreement(matched: Pairs) -> Disagreement | None:
     """Find from when on the poses of a 2-D log do not fit its scans.
 
-    `runs`: Consecutive scans in each, as from `ndtree.evaluation.sampling.spread`.
     Returns: None where they fit, or nothing can be told.
     """
-    found: list[tuple[float, float, float]] = []
-    for run in runs:
-        measured = _error(run[0], run[-1]) if len(run) > 1 else None
-        if measured is not None:
-            found.append((run[0].stamp, *measured))
+    runs = matched.runs
+    found = [
+        (runs[pair.run][0].stamp, pair.shift, float(np.hypot(*pair.told[:2])))
+        for pair in matched.pairs
+        if pair.is_whole_run and pair.shift is not None
+    ]
     if not found:
         return None
     errors, moved = np.array(found)[:, 1:].T
@@ -107,11 +103,3 @@ def _worse_from(errors: Floats) -> int | None:
             on_wrong_side = int(np.count_nonzero(large[:i]) + np.count_nonzero(~large[i:]))
             best = min(best or (on_wrong_side, i), (on_wrong_side, i))
     return None if best is None else best[1]
-
-
-def _error(first: Scan, last: Scan) -> tuple[float, float] | None:
-    """How far the last scan has to be moved to fit the first, and how far the sensor went [m]."""
-    if not is_of_one_place((first, last)):
-        return None
-    error = moved((first,), last, _WINDOW, _CELL)
-    return None if error is None else (error, float(np.linalg.norm(last.origin - first.origin)))

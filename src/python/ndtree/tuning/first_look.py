@@ -24,7 +24,9 @@ from ndtree.logs.core.silence import CutOff, CutOffSearch
 from ndtree.tuning.agreement import Disagreement, disagreement
 from ndtree.tuning.calibration import range_noise
 from ndtree.tuning.heading import HeadingDrift, heading_drift
+from ndtree.tuning.pairs import Jump, false_jump, pairs_of
 from ndtree.tuning.revisits import Drift, drift
+from ndtree.tuning.setup_error import SetupError, setup_error
 
 #: Of structured light and stereo, where the log has too little to measure it: at the sensor [m], and growing
 #: with the squared range [1/m].
@@ -71,6 +73,10 @@ class FirstLook:
         How far its surfaces lie apart where the robot comes back, if they do.
     heading_drift : HeadingDrift or None
         How fast headings of a 2-D log drift, if they do.
+    setup : SetupError or None
+        What is wrong with the mount, the clock or the scale of a 2-D log, if something is.
+    jump : Jump or None
+        A pose of a 2-D log that jumps while the laser sees the same.
     """
 
     dim: int
@@ -91,11 +97,13 @@ class FirstLook:
     disagreement: Disagreement | None = None
     drift: Drift | None = None
     heading_drift: HeadingDrift | None = None
+    setup: SetupError | None = None
+    jump: Jump | None = None
 
     @property
     def doubt(self) -> str | None:
         """Why the poses cannot be right, in one line; None where nothing says so."""
-        found = self.disagreement or self.drift or self.heading_drift
+        found = self.setup or self.disagreement or self.drift or self.heading_drift or self.jump
         return None if found is None else str(found)
 
     @property
@@ -118,6 +126,7 @@ class FirstLook:
             "no_return_expected": self.no_returns.expected,
             "max_range": self.max_range if math.isfinite(self.max_range) else None,
             "drift": None if self.drift is None else self.drift.error,
+            "setup": None if self.setup is None else vars(self.setup),
             "doubt": self.doubt,
         }
 
@@ -176,6 +185,7 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         quadratic = 0.0
     quadratic = _rounded(quadratic)
     said = judge(sample)
+    matched = pairs_of(runs if log.dim == 2 else ())
     limit = math.inf
     if said.choice == "free" and said.share > 0 and longest > 0:
         limit = _rounded(BELIEVED * longest)
@@ -195,9 +205,11 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         cut_off=looked.cut_off,
         limit=looked.limit,
         zeros=round(looked.times * looked.zeros),
-        disagreement=disagreement(runs) if log.dim == 2 else None,
+        disagreement=disagreement(matched),
         drift=drift(runs) if log.dim == 2 else None,
-        heading_drift=heading_drift(runs) if log.dim == 2 else None,
+        heading_drift=heading_drift(matched),
+        setup=setup_error(matched),
+        jump=false_jump(matched),
     )
 
 

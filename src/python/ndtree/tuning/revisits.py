@@ -110,12 +110,14 @@ def moved(seen: Sequence[Scan], scan: Scan, window: tuple[float, float, float], 
     """
     one, *others = (sensor_scan(each, MOST_RANGE) for each in (scan, *seen))
     found = fitted(others, one, window, cell)
-    if found is None:
-        return None
-    matcher, points, match = found
-    if matcher.score(points, one.pose) >= _AS_WELL * match.score:
+    return None if found is None else moved_by(one, *found)
+
+
+def moved_by(scan: SensorScan, matcher: Matcher, points: Floats, match: Match) -> float | None:
+    """What `moved` says of a scan, by what `fitted` found."""
+    if matcher.score(points, scan.pose) >= _AS_WELL * match.score:
         return 0.0
-    error = (pose_of(np.asarray(match.pose)) - one.pose)[:2]
+    error = (pose_of(np.asarray(match.pose)) - scan.pose)[:2]
     variances, axes = np.linalg.eigh(np.asarray(match.covariance)[:2, :2])
     is_known = variances < _KNOWN**2
     return float(np.linalg.norm((axes.T @ error)[is_known])) if is_known.any() else None

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A wrong mount, clock or scale of a planar laser is told, also a mirror; right ones are not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from ndtree.alignment.planar import Floats, between, composed, placed
+from ndtree.base.scan import Scan
+from ndtree.evaluation.sampling import spread
+from ndtree.tuning.pairs import false_jump, pairs_of
+from ndtree.tuning.setup_error import APART, SetupError, setup_error
+
+#: Walls of a room, from corner to corner [m].
+ROOM = np.array([[0, 0], [9, 0], [9, 4], [6, 4], [6, 7], [0, 7], [0, 0]], dtype=float)
+PILLAR = np.array([[3.0, 3.0], [3.6, 3.0], [3.6, 3.8], [3.0, 3.8], [3.0, 3.0]])
+ANGLES = np.radians(np.arange(-135, 135))
+EVERY = 0.1  # [s]
+
+
+def ranges(pose: Floats) -> Floats:
+    """How far each beam goes from a pose, by meeting all walls."""
+    ways = np.column_stack([np.cos(pose[2] + ANGLES), np.sin(pose[2] + ANGLES)])
+    best = np.full(len(ANGLES), np.inf)
+    for wall in (ROOM, PILLAR):
+        for a, b in zip(wall[:-1], wall[1:]):
+            side, to = b - a, a - pose[:2]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                area = ways[:, 0] * side[1] - ways[:, 1] * side[0]
+                along = (to[0] * side[1] - to[1] * side[0]) / area
+                at = (to[0] * ways[:, 1] - to[1] * ways[:, 0]) / area
+            best = np.minimum(best, np.where((along > 0) & (at >= 0) & (at <= 1), along, np.inf))
+    return best
+
+
+def drive(times: Floats) -> Floats:
+    """Poses (n, 3): about the pillar in bends, at a speed that changes."""
+    at = 0.5 * times + 0.35 * np.sin(0.9 * times)
+    x, y = 3.4 + 1.9 * np.sin(0.7 * at), 2.9 + 1.6 * np.sin(1.4 * at + 0.4)
+    yaw = 0.9 * np.sin(1.1 * at) + 0.5 * at
+    return np.column_stack([x, y, yaw])
+
+
+def log_of(
+    told: Callable[[Floats], Floats] = drive,
+    seen: Callable[[Floats], Floats] = lambda readings: readings,
+    seed: int = 0,
+    sigma: float = 0.01,
+) -> list[Scan]:
+    """Scans that a robot measures on `drive`, and places as it tells its poses."""
+    rng = np.random.default_rng(seed)
+    scans = []
+    for stamp in EVERY * np.arange(120):
+        readings = seen(ranges(drive(np.array([stamp]))[0]) + rng.normal(0, sigma, len(ANGLES)))
+        points = readings[:, None] * np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
+        pose = told(np.array([stamp]))[0]
+        scans.append(Scan(placed(pose, points), pose[:2], stamp=100 + float(stamp), heading=float(pose[2])))
+    return scans
+
+
+def found_in(scans: list[Scan]) -> SetupError | None:
+    return setup_error(pairs_of(spread(scans)[0]))
+
+
+def mounted(mount: list[float]) -> Callable[[Floats], Floats]:
+    """The laser sits at `mount`, as seen from where its poses say."""
+    inverse = composed(np.zeros(3), np.array([0, 0, -mount[2]]))
+    back = placed(inverse, -np.array([mount[:2]]))[0]
+    return lambda times: composed(drive(times), np.append(back, -mount[2]))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("sigma", [0.0, 0.02])
+def test_what_is_right_is_not_told_of(seed: int, sigma: float) -> None:
+    jitter = np.random.default_rng(seed).normal(0, [0.01, 0.01, 0.004], (120, 3))
+
+    def told(times: Floats) -> Floats:
+        return drive(times) + jitter[np.rint(times / EVERY).astype(int)]
+
+    assert found_in(log_of(told, seed=seed, sigma=sigma)) is None
+
+
+@pytest.mark.parametrize("degrees", [-12.0, -4.0, 4.0, 12.0])
+def test_a_turned_mount(degrees: float) -> None:
+    found = found_in(log_of(mounted([0, 0, math.radians(degrees)])))
+    assert found is not None and found.kind == "yaw" and found.apart is not None and found.apart > APART
+    assert math.degrees(found.values[0]) == pytest.approx(degrees, rel=0.25)
+    assert f"further to the {'left' if degrees > 0 else 'right'}" in str(found) and "mount" in str(found)
+
+
+@pytest.mark.parametrize("place", [[0.25, 0.0], [-0.1, 0.2], [0.0, -0.3]])
+def test_a_moved_mount(place: list[float]) -> None:
+    found = found_in(log_of(mounted([*place, 0.0])))
+    assert found is not None and found.kind == "place"
+    assert np.linalg.norm(np.array(found.values) - place) < 0.3 * np.linalg.norm(place)
+
+
+@pytest.mark.parametrize("seconds", [-0.25, -0.1, 0.1, 0.25])
+def test_a_wrong_clock(seconds: float) -> None:
+    """What is told to add to the times of scans mends it."""
+    found = found_in(log_of(lambda times: drive(times - seconds)))
+    assert found is not None and found.kind == "clock"
+    assert found.values[0] == pytest.approx(seconds, rel=0.3)
+    assert "time_offset" in str(found)
+
+
+@pytest.mark.parametrize("share", [-0.1, 0.06])
+def test_wrong_units(share: float) -> None:
+    found = found_in(log_of(seen=lambda readings: readings * (1 + share)))
+    assert found is not None and found.kind == "scale"
+    assert found.values[0] == pytest.approx(share, rel=0.25)
+
+
+def test_turns_that_are_measured_wrongly() -> None:
+    """Odometry adds up steps, each of which turns by a share of what it should."""
+    true = drive(EVERY * np.arange(120))
+    told = [true[0]]
+    for step in between(true[:-1], true[1:]):
+        told.append(composed(told[-1], step * [1, 1, 0.85]))
+    found = found_in(log_of(lambda times: np.array(told)[np.rint(times / EVERY).astype(int)]))
+    assert found is not None and found.kind == "turns"
+    assert found.values[0] == pytest.approx(1 / 0.85 - 1, rel=0.3)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_mirrored_laser_and_angles_of_the_other_sign(seed: int) -> None:
+    for scans in (
+        log_of(seen=lambda readings: readings[::-1], seed=seed),
+        log_of(lambda times: drive(times) * [1, -1, -1], seed=seed),
+    ):
+        found = found_in(scans)
+        assert found is not None and found.kind == "mirrored" and "upside down" in str(found)
+
+
+def test_a_pose_that_jumps_is_told_of_with_the_time() -> None:
+    """Poses begin at the frame's origin, as before a robot is localized."""
+
+    def told(times: Floats) -> Floats:
+        return np.where((times < 0.25)[:, None], [-7.0, 2.0, 0.0], drive(times))
+
+    found = false_jump(pairs_of(spread(log_of(told))[0]))
+    assert found is not None and found.after == pytest.approx(0.3) and found.length > 7
+    assert false_jump(pairs_of(spread(log_of())[0])) is None
+    slow = [scan for i, scan in enumerate(log_of()) if i % 10 == 0 or i > 60]
+    assert false_jump(pairs_of(spread(slow)[0])) is None, "the robot did move"
+
+
+def test_what_tells_too_little_says_nothing() -> None:
+    scans = log_of()
+    assert found_in([]) is None and found_in(scans[:8]) is None
+    assert found_in([scans[0]] * 40) is None
+    without = [Scan(scan.endpoints, scan.origin, stamp=scan.stamp) for scan in log_of(mounted([0, 0, 0.2]))]
+    assert found_in(without) is None, "mounts are of headings"
