@@ -15,7 +15,10 @@ __all__ = ["COMMANDS", "app", "every"]
 
 #: In the order of the help: a command's module, and what the help says of it, which is how its own begins.
 COMMANDS = {
-    "demo": ("demo", "Map a log in several ways, draw the maps, and say what each costs and how true it is."),
+    "demo": (
+        "demo",
+        "Map a log in several ways, draw the maps, and report their cost and accuracy.",
+    ),
     "simulate": (
         "simulate",
         "Simulate a drive through a world, and write its log to a file that can be mapped.",
@@ -24,8 +27,8 @@ COMMANDS = {
         "map_log",
         "Build a map from a log, and write it to a file. Several logs make a map each, or with --merge one.",
     ),
-    "align": ("align", "Find the poses of a log whose own drift or are missing."),
-    "clean": ("clean", "Write a log's points, moving things left out: people, cars, doors."),
+    "align": ("align", "Find the poses of a log that has none, or whose poses drift."),
+    "clean": ("clean", "Write a log's points without moving things: people, cars, doors."),
     "live": (
         "live",
         "Map a recording as a robot would: message by message, at its own pace, and say what was dropped.",
@@ -36,7 +39,7 @@ COMMANDS = {
     ),
     "compare": (
         "compare",
-        "Compare maps of the same log: cells, updates, time, memory, and truth on scans held out.",
+        "Compare maps of the same log: cells, updates, time, memory, and accuracy on held-out scans.",
     ),
     "study": ("study", "Map several logs with several sets of options, and write tables and a picture."),
     "calibrate": (

@@ -40,7 +40,9 @@ class _Call:
         MISSING, "The trajectory, as TUM's: t x y z qx qy qz qw.", "--output", "-o", metavar="POSES"
     )
     map_file: Optional[Path] = flag(None, "Write the map of these poses, too.", "--map", metavar="MAP")
-    picture: Optional[Path] = flag(None, "Draw what was seen, before and after.", metavar="FILE")
+    picture: Optional[Path] = flag(
+        None, "Draw the end points by the old poses and by the new ones.", metavar="FILE"
+    )
     max_range: Optional[float] = flag(None, "Farther end points are not matched [m].")
     loops: bool = flag(True, "Look for places that were seen before.", "--loops/--no-loops")
     json_file: Json = None
@@ -59,10 +61,10 @@ class _Call:
 @reading_options
 @takes(_Call)
 def align_(call: _Call, given: Any = None) -> None:
-    """Find the poses of a log whose own drift or are missing.
+    """Find the poses of a log that has none, or whose poses drift.
 
-    Each scan is matched with those before it. Places seen before are found, and all poses made to fit.
-    Libraries of the extra kiss-icp do this for 3-D lidars.
+    Each scan is matched with earlier ones, and loops are closed. Libraries of the extra kiss-icp do this for
+    3-D lidars.
     """
     if call.max_range is not None and not call.max_range > 0:
         raise WrongCall(f"--max-range {call.max_range:g}: must be > 0 m")

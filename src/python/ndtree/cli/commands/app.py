@@ -117,7 +117,7 @@ _COMMON = [
     inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, option])
     for name, option in (
         ("force", typer.Option("--force", help="Replace files of any kind, but none that is read.")),
-        ("quiet", typer.Option("--quiet", "-q", help="Say nothing but what is wrong.")),
+        ("quiet", typer.Option("--quiet", "-q", help="Print errors only.")),
     )
 ]
 

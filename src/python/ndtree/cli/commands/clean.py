@@ -52,7 +52,7 @@ def clean(
     json_file: Json = None,
     given: Any = None,
 ) -> None:
-    """Write a log's points, moving things left out: people, cars, doors.
+    """Write a log's points without moving things: people, cars, doors.
 
     A point moved if other scans surely saw its place empty, before or after.
     """

@@ -59,7 +59,7 @@ class _Call:
 @map_options
 @takes(_Call)
 def compare_(context: typer.Context, call: _Call, given: Any = None) -> None:
-    """Compare maps of the same log: cells, updates, time, memory, and truth on scans held out.
+    """Compare maps of the same log: cells, updates, time, memory, and accuracy on held-out scans.
 
     Or two maps A and B of any kind: their states cell by cell, and how far their surfaces are apart.
     """

@@ -38,7 +38,7 @@ class _Call:
 @map_options
 @takes(_Call)
 def demo(context: typer.Context, call: _Call, given: Any = None) -> None:
-    """Map a log in several ways, draw the maps, and say what each costs and how true it is.
+    """Map a log in several ways, draw the maps, and report their cost and accuracy.
 
     Without LOG it simulates an office.
     """

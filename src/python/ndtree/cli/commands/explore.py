@@ -70,10 +70,9 @@ class _Call:
 def explore_world(call: _Call) -> None:
     """Let a simulated robot explore a world by several strategies.
 
-    It drives to where the most is seen anew by the metre, to the nearest frontier, or to one at random, and
-    looks after each metre at most. In the office a laser sees all around; in the apartment a depth camera is
-    turned around at each stop, at the height of 1.4 m. A strategy takes a minute or more; the table has the
-    seconds of computing.
+    It drives to where a metre shows the most, to the nearest frontier, or to a random one. In the office it
+    has a laser; in the apartment a depth camera at 1.4 m, which turns around at each stop. A strategy takes a
+    minute or more.
     """
     plot = plotting() if call.picture is not None else None
     check_picture(plot, call.picture)

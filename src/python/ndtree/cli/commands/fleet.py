@@ -56,7 +56,7 @@ class _Call:
 def fleet(call: _Call, given: Any = None) -> None:
     """Map logs of several robots into tiles, byte for byte as one machine would: by time, then by name.
 
-    The first log chooses options that are not given. After a kill, the same call goes on.
+    The first log chooses options that are not given. The same call continues a killed run.
     """
     given = given.overridden(Config.of(fixed=call.fixed or None).values)
     sources = named([str(log) for log in call.logs])

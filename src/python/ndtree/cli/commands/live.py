@@ -76,14 +76,14 @@ class _Call:
         metavar="MAP",
     )
     guess: Optional[str] = flag(None, "Where the sensor is in MAP at first [m, rad].", metavar="X,Y,YAW")
-    save_every: Optional[float] = flag(None, "Write MAP so often, too [s].")
+    save_every: Optional[float] = flag(None, "Write MAP at this interval, too [s].")
     resume: Optional[Path] = flag(None, "Go on with a saved map.", metavar="MAP")
     fixed: bool = flag(False, "All cells of one size.", "--fixed")
     watch: bool = flag(False, "Show it on a page while it grows.", "--watch")
     port: Port = None
     serve: Optional[str] = flag(
         None,
-        "Give it to ndtree view http://HOST:PORT; only of this computer, unless HOST says more.",
+        "Serve it to ndtree view http://HOST:PORT; without HOST, only to this computer.",
         metavar="[HOST:]PORT",
     )
     foxglove: FoxgloveOption = None
@@ -118,9 +118,9 @@ class _Call:
 def live(call: _Call, given: Any = None) -> None:
     """Map a recording as a robot would: message by message, at its own pace, and say what was dropped.
 
-    If nothing was dropped, the map is that of "ndtree map" with the same options, byte for byte: of
-    recordings up to a minute, and of longer ones if the first minute leads to the choices of the whole. For a
-    robot that runs ROS 2 there is the node ndtree_map.
+    If nothing was dropped, the map is byte for byte that of "ndtree map" with the same options; of recordings
+    longer than a minute, if the first minute leads to the same choices. On a robot with ROS, run the node
+    ndtree_map.
     """
     _refuse_mixtures(call, given)
     run = _Run(call, given)

@@ -44,14 +44,14 @@ class _Call:
     static: bool = flag(
         False, "Leave out what moved, such as people and cars: reads the log 3 times.", "--static"
     )
-    align: bool = flag(False, "Find the poses of a 2-D log first: its own drift.", "--align")
+    align: bool = flag(False, "Find the poses of a 2-D log first, where its own drift.", "--align")
     picture: Optional[Path] = flag(None, "Draw the map, too.", metavar="FILE")
     watch: bool = flag(False, "Show it on a page while it grows.", "--watch")
     port: Port = None
     foxglove: FoxgloveOption = None
     rerun: RerunOption = None
-    record: Optional[Path] = flag(None, "Film how it grows: .mp4 or .gif.", metavar="FILE")
-    record_every: Optional[int] = flag(None, "Scans from picture to picture of the film; else 10.", min=1)
+    record: Optional[Path] = flag(None, "Film how the map grows: .mp4 or .gif.", metavar="FILE")
+    record_every: Optional[int] = flag(None, "Scans between pictures of the film; else 10.", min=1)
     max_resident: Optional[str] = flag(
         None, "Memory of the cells of a .tiles map, as 500MB; else 2GiB.", metavar="SIZE"
     )
@@ -80,7 +80,7 @@ class _Call:
 def map_(call: _Call, given: Any = None) -> None:
     """Build a map from a log, and write it to a file. Several logs make a map each, or with --merge one.
 
-    A map in tiles may be larger than memory; after a kill, the same call goes on.
+    A map in tiles may be larger than memory; the same call continues a killed run.
     """
     output = call.output
     given = given.overridden(Config.of(fixed=call.fixed or None).values)

@@ -62,12 +62,14 @@ Dim = Annotated[
 ]
 MaxRange = Annotated[
     Optional[float],
-    typer.Option(help="Longer beams are free space up to here \\[m]; else no limit.", show_default=False),
+    typer.Option(
+        help="Longer beams are cut off here, and free up to it \\[m]; else no limit.", show_default=False
+    ),
 ]
 NoReturnOption = Annotated[
     Optional[NoReturnKind],
     typer.Option(
-        help="What a beam without return says: free up to its end point, or nothing; auto: see.",
+        help="A beam without return is free up to its end point, or ignored; auto: see.",
         show_default=False,
     ),
 ]

@@ -52,8 +52,8 @@ class _Call:
 def plan(call: _Call) -> None:
     """Find a short path for a robot through a map.
 
-    Straight between its points, free for all of the ball that moves along it, and nearly the shortest. Exit
-    status 1 if there is none.
+    The path is straight between its points, free for the whole ball that moves along it, and nearly the
+    shortest. Exit status 1 if there is none.
     """
     if call.output is not None and not is_stdout(call.output) and call.output.suffix.lower() not in ENDINGS:
         raise WrongCall(f"-o {call.output}: the name must end in {', '.join(ENDINGS)}")

@@ -55,7 +55,7 @@ class _Call:
 def view(call: _Call, given: Any = None) -> None:
     """Show a map in the browser until Ctrl-C, or draw it into a file.
 
-    Rooms are cut below their ceiling, unless --slice says where; the page's switch "Slice" brings it back.
+    Rooms are cut below their ceiling unless --slice is given; the page's switch "Slice" shows all.
     """
     axis, at = parsed_slice(call.slice_)
     if call.log is None:
