@@ -18,6 +18,16 @@ _PANIC = "PanicException"
 
 
 @contextmanager
+def at_place(where: str, expected: str = "") -> Iterator[None]:
+    """A ValueError within says where, and where `expected` is given, what that was."""
+    try:
+        yield
+    except ValueError as error:
+        said = f"expected {expected} ({one_line(error)})" if expected else f"{error}"
+        raise ValueError(f"{where}: {said}") from None
+
+
+@contextmanager
 def readable(path: str | None, what: str = "cannot be read", *, foreign: bool = False) -> Iterator[None]:
     """Whatever reading a file runs into becomes an error that names it.
 
@@ -73,10 +83,6 @@ def _clear(path: str, what: str, error: BaseException, foreign: bool) -> BaseExc
             return error if text == str(error) else ValueError(text)
         if type(error) is ValueError and not foreign:
             return ValueError(f"{path}: {text}")
-    return _foreign(path, what, error)
-
-
-def _foreign(path: str, what: str, error: BaseException) -> ValueError:
     said = one_line(error)
     kind = type(error).__name__
     return ValueError(f"{path}: {what}, cut off or damaged ({said if said == kind else f'{kind}: {said}'})")

@@ -100,22 +100,17 @@ class PlainFile:
             try:
                 line = readline(LINE_BYTES + 1)
             except DamagedStream as error:
-                raise self._behind_line(error) from None
+                what = f"{self.path}: behind line {self.line}: {error}, expected a whole one"
+                raise DamagedStream(what, error.kind, error.is_cut_off) from None
             if not line:
                 return
             self.line += 1
             if self.line == 1 and line.startswith(codecs.BOM_UTF8):
                 line = line[len(codecs.BOM_UTF8) :] or b"\n"
             if len(line) > LINE_BYTES:
-                raise self._too_long()
+                most = f"{LINE_BYTES >> 20} MiB"
+                raise ValueError(f"{self.path}: line {self.line}: longer than {most}, expected text")
             yield line
-
-    def _behind_line(self, error: DamagedStream) -> DamagedStream:
-        what = f"{self.path}: behind line {self.line}: {error}, expected a whole one"
-        return DamagedStream(what, error.kind, error.is_cut_off)
-
-    def _too_long(self) -> ValueError:
-        return ValueError(f"{self.path}: line {self.line}: longer than {LINE_BYTES >> 20} MiB, expected text")
 
     def read(self, size: int) -> bytes:
         """At most `size` bytes: fewer at the end."""

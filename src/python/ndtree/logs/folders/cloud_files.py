@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import open_regular
 from ndtree.logs.folders import text_clouds
 from ndtree.logs.folders.las_files import las_note, las_points
@@ -60,7 +61,8 @@ def floats_a_point(files: Sequence[str]) -> int:
     Raises ValueError if another number than 4 fits better, though not clearly.
     """
     samples, sizes, path = [], [], files[0]
-    for path in _spread_out(files):
+    last = len(files) - 1
+    for path in (files[i] for i in sorted({round(i * last / 4) for i in range(5)})):
         with open_regular(path) as file:
             sizes.append(os.fstat(file.fileno()).st_size)
             part = np.fromfile(file, dtype="<f4", count=_SAMPLE)
@@ -106,11 +108,6 @@ _SAMPLE, _FEWEST = 60_000, 60
 _CLEARLY = 0.1
 #: Standard errors of that mean that are no chance; one is 1 / sqrt(2 n) of n numbers.
 _SURE = 2.5
-
-
-def _spread_out(files: Sequence[str], count: int = 5) -> list[str]:
-    """Up to `count` files, from the first to the last."""
-    return [files[i] for i in sorted({round(i * (len(files) - 1) / (count - 1)) for i in range(count)})]
 
 
 def _spread(sample: NDArray[np.float64], width: int) -> float:
@@ -170,10 +167,8 @@ def ply_viewpoint(path: str) -> Pose:
     if found is None:
         return Pose.identity()
     position, rotation = found
-    try:
+    with at_place(f"{path}: element camera", "a position and a rotation"):
         return Pose.from_matrix(np.column_stack([rotation, position]))
-    except ValueError as error:
-        raise ValueError(f"{path}: element camera: expected a position and a rotation ({error})") from None
 
 
 def ply_points(path: str) -> Points:

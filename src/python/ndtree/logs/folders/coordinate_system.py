@@ -154,18 +154,14 @@ def units_of_keys(keys: Mapping[int, float]) -> Units:
     upright = int(keys.get(_UPRIGHT, 0))
     height = _LENGTHS.get(int(keys.get(_HEIGHT, 0)), _HEIGHTS.get(upright))
     system = int(keys.get(_PROJECTED, 0))
-    if size is None and system not in (0, _OTHERS) and not _is_metric(system):
+    if size is None and system not in (0, _OTHERS) and not any(low <= system <= high for low, high in _UTM):
         return Units(unknown=f"coordinate system EPSG:{system}")
     if height is None and upright not in (0, _OTHERS) and upright not in _OLD_HEIGHTS:
         return Units(across, across, unknown=f"system of heights EPSG:{upright}")
     return Units(across, across if height is None else height)
 
 
-def _is_metric(code: int) -> bool:
-    """Whether a code is one of UTM's, of several datums."""
-    return any(first <= code <= last for first, last in _UTM)
-
-
 #: Codes of before EPSG's, which name datums: the unit is that of the other coordinates.
 _OLD_HEIGHTS = range(5000, 5300)
+#: Codes of UTM, of several datums.
 _UTM = ((25828, 25838), (26901, 26923), (32201, 32260), (32301, 32360), (32401, 32760), (6328, 6348))

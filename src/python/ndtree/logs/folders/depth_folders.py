@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._errors import key
-from ndtree.logs.core.failures import NotALog, one_line
+from ndtree.logs.core.failures import NotALog, at_place, one_line
 from ndtree.logs.core.plain_file import open_regular, text_lines
 from ndtree.logs.core.source import TIME_OFFSET, Format, Source
 from ndtree.logs.folders.depth_image import (
@@ -165,12 +165,6 @@ class DepthFolderLog(DepthLog):
             )
         self._poses = PosesOfFiles(trajectory, self._files, None, time_offset, _times_in(source, names))
 
-    def _pose(self, i: int) -> Pose:
-        return self._poses.pose(i)
-
-    def _stamp(self, i: int) -> float:
-        return self._poses.stamp(i)
-
 
 def _images_in(folder: str) -> list[str]:
     return [name for name in os.listdir(folder) if name.lower().endswith(ENDINGS)]
@@ -183,11 +177,9 @@ def _matrix_camera(values: Any, scale: float) -> Camera:
 
 
 def _camera_in_text(path: str) -> Camera:
-    try:
+    with at_place(path, "a camera's 3x3 matrix"):
         fields = [float(field) for _, line in text_lines(path) for field in line.split()]
         return _matrix_camera(fields, SEVEN_SCENES_CAMERA.scale)
-    except ValueError as error:
-        raise ValueError(f"{path}: expected a camera's 3x3 matrix ({one_line(error)})") from None
 
 
 def _camera_in_json(source: Source) -> Camera | None:

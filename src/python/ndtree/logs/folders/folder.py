@@ -37,6 +37,8 @@ class FolderLog(SizedLog):
     `files`: Paths, in the order of the scans.
     """
 
+    _poses: PosesOfFiles | None = None
+
     def __init__(self, path: str, files: Sequence[str]) -> None:
         super().__init__(path, dim=3)
         self._files = files
@@ -91,9 +93,10 @@ class FolderLog(SizedLog):
                 pose = self._pose(i)
                 yield Scan(self._in_map(self._points(i), pose), pose.position)
 
-    @abstractmethod
     def _pose(self, i: int) -> Pose:
         """T_map_sensor of a scan."""
+        assert self._poses is not None
+        return self._poses.pose(i)
 
     @abstractmethod
     def _points(self, i: int) -> NDArray[np.floating]:
@@ -101,7 +104,7 @@ class FolderLog(SizedLog):
 
     def _stamp(self, i: int) -> float:
         """Time of a scan [s]; 0 where there is none."""
-        return 0.0
+        return 0.0 if self._poses is None else self._poses.stamp(i)
 
     def _scan(self, i: int, points: NDArray[np.floating], T_map_sensor: Pose) -> Scan:
         """Points of a scan, moved to the map."""

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.failures import NotALog, one_line
+from ndtree.logs.core.failures import NotALog, at_place
 from ndtree.logs.core.plain_file import text_lines
 from ndtree.logs.core.source import TIME_OFFSET, Format, Source
 from ndtree.logs.folders.cloud_files import WIDTHS, bin_points, floats_a_point
@@ -95,9 +95,6 @@ class KittiLog(VelodyneFolderLog):
         T_camera_velodyne = self._T_camera_velodyne
         return T_camera_velodyne.inverse() @ self._poses.pose(i) @ T_camera_velodyne
 
-    def _stamp(self, i: int) -> float:
-        return self._poses.stamp(i)
-
 
 class KittiRawLog(VelodyneFolderLog):
     """``velodyne_points/data/*.bin`` and ``oxts/data/*.txt``, with ``calib_imu_to_velo.txt``.
@@ -115,7 +112,6 @@ class KittiRawLog(VelodyneFolderLog):
         super().__init__(source)
         self._source = source
         self._times = source.inside(_RAW_TIMES)
-        self._poses: PosesOfFiles | None = None
         if trajectory is not None:
             self._poses = PosesOfFiles(trajectory, self._files, None, time_offset, stamps=self._stamps)
             return
@@ -199,26 +195,17 @@ def _velodyne_in(path: str) -> Pose:
         name, _, values = line.partition(":")
         if name.strip() != "Tr":
             continue
-        try:
+        with at_place(f"{path}: line {number}: Tr", "a 3x4 matrix"):
             return Pose.from_matrix(np.array([float(field) for field in values.split()]).reshape(3, 4))
-        except ValueError as error:
-            raise ValueError(
-                f"{path}: line {number}: Tr: expected a 3x4 matrix ({one_line(error)})"
-            ) from None
     raise ValueError(f"{path}: no line Tr, expected where the Velodyne sits beside the camera")
 
 
 def _read_pose(path: str) -> list[float]:
     fields = next((line.split() for _, line in text_lines(path) if line.strip()), [])
-    try:
+    with at_place(path, "latitude, longitude [deg], altitude [m], roll, pitch, yaw [rad]"):
         values = [float(field) for field in fields[:_FIELDS]]
         if len(values) < _FIELDS or not np.isfinite(values).all() or abs(values[0]) >= 90:
             raise ValueError(f"found {' '.join(fields[:_FIELDS])[:60]!r}")
-    except ValueError as error:
-        raise ValueError(
-            f"{path}: expected latitude, longitude [deg], altitude [m], "
-            f"roll, pitch, yaw [rad] ({one_line(error)})"
-        ) from None
     return values
 
 
@@ -242,14 +229,13 @@ def _velodyne_from_imu(path: str) -> Pose:
     for _, line in text_lines(path):
         name, _, values = line.partition(":")
         found[name.strip()] = values.split()
-    try:
+    missing = next((name for name in "RT" if name not in found), None)
+    if missing is not None:
+        raise ValueError(f"{path}: no line {missing!r}, expected R and T")
+    with at_place(path, "9 numbers of R and 3 of T"):
         rotation = np.array([float(field) for field in found["R"]]).reshape(3, 3)
         position = np.array([float(field) for field in found["T"]]).reshape(3, 1)
         return Pose.from_matrix(np.hstack([rotation, position]))
-    except KeyError as error:
-        raise ValueError(f"{path}: no line {error}, expected R and T") from None
-    except ValueError as error:
-        raise ValueError(f"{path}: expected 9 numbers of R and 3 of T ({one_line(error)})") from None
 
 
 def _seconds(path: str, line: int, text: str) -> float:

@@ -166,46 +166,37 @@ def _checked_chunks(path: str, file: IO[bytes], header: Any) -> int:
     if table == -1:  # Who wrote it could not go back: it stands at the end.
         table = _number(path, file, size - 8, "<q")
     if not first + 8 <= table <= size - 8:
-        raise ValueError(
-            f"{path}: cannot be read as LAZ: the table of chunks is at byte {table} of {size}, "
-            "expected behind the points"
-        )
+        raise _wrong(path, f"the table of chunks is at byte {table} of {size}, expected behind the points")
     count = _number(path, file, table + 4, "<I")
     if count > (table - first) // _SMALLEST_CHUNK:
-        raise ValueError(
-            f"{path}: cannot be read as LAZ: {count} chunks in {table - first} bytes, expected at least "
-            f"{_SMALLEST_CHUNK} bytes each"
-        )
+        said = f"{count} chunks in {table - first} bytes"
+        raise _wrong(path, f"{said}, expected at least {_SMALLEST_CHUNK} bytes each")
     found = header.vlrs.get("LasZipVlr")
     if not found:
-        raise ValueError(f"{path}: cannot be read as LAZ: no record of LASzip, expected one")
+        raise _wrong(path, "no record of LASzip, expected one")
     record = found[0].record_data
     (points,) = struct.unpack_from("<I", record, 12)
     point = sum(bytes_ for _, bytes_ in _parts(record))
     if points == 0 or point != header.point_format.size:
-        raise ValueError(
-            f"{path}: cannot be read as LAZ: chunks of {points} points of {point} bytes, "
-            f"expected some of {header.point_format.size} bytes"
-        )
+        said = f"chunks of {points} points of {point} bytes"
+        raise _wrong(path, f"{said}, expected some of {header.point_format.size} bytes")
     file.seek(first)
     table_of_chunks = lazrs.read_chunk_table(file, lazrs.LazVlr(record))
     chunks = [size for _, size in table_of_chunks]
     if sum(chunks) > table - first:
-        raise ValueError(
-            f"{path}: cannot be read as LAZ: chunks of {sum(chunks)} bytes in {table - first}, "
-            "expected that they fit"
-        )
+        raise _wrong(path, f"chunks of {sum(chunks)} bytes in {table - first}, expected that they fit")
     at, head, layers = first + 8, *_layers(record)
     for chunk in chunks:
         sizes = [_number(path, file, at + head + 4 + 4 * i, "<I") for i in range(layers)]
         if sum(sizes) > chunk:
-            raise ValueError(
-                f"{path}: cannot be read as LAZ: parts of {sum(sizes)} bytes in a chunk of {chunk}, "
-                "expected that they fit"
-            )
+            raise _wrong(path, f"parts of {sum(sizes)} bytes in a chunk of {chunk}, expected that they fit")
         at += chunk
     file.seek(first)
     return max((number for number, _ in table_of_chunks), default=0) if points == _VARIABLE else points
+
+
+def _wrong(path: str, said: str) -> ValueError:
+    return ValueError(f"{path}: cannot be read as LAZ: {said}")
 
 
 def _parts(record: bytes) -> list[tuple[int, int]]:

@@ -141,12 +141,8 @@ class PointCloudLog(FolderLog):
         if not found and not self._have_viewpoints():
             raise without_sensor(source.path, self._said(), more=self._more(others))
         self._beside = found.beside
-        self._say_where(found, scans.folder)
-
-    def _say_where(self, found: FoundPoses, folder: str) -> None:
-        """Note poses that are not in the folder of the scans."""
         one = found.trajectory or next((name for name in found.beside if name), None)
-        if one is not None and os.path.dirname(one) != folder:
+        if one is not None and os.path.dirname(one) != scans.folder:
             self._decided.append(f"poses are from {one if found.trajectory else os.path.dirname(one)}")
 
     @property
@@ -163,7 +159,7 @@ class PointCloudLog(FolderLog):
                 pose = self._kind.viewpoint(path)
             except ValueError:
                 return True  # Said by somebody; the error is that of the scan.
-            if pose.position.any() or not np.array_equal(pose.rotation, np.eye(3)):
+            if not pose.is_identity:
                 return True
         return False
 
@@ -180,7 +176,8 @@ class PointCloudLog(FolderLog):
         if self._kind is BIN_CLOUD:
             return f"a laser scan as KITTI's (.bin, {self._width} float32 numbers a point) without its pose"
         if self._kind is TEXT_CLOUD:
-            why = _why_points(source_of(self._files[0], "points"))
+            source = source_of(self._files[0], "points")
+            why = looks_like_points(source) if _may_be_beams(source) else None  # Where it has to be told.
             return "points in text without a pose" + (f" ({why})" if why else "")
         kind = "LAZ" if self._files[0].lower().endswith("z") else kind
         return f"a {kind} of points without a pose{why.format('')}"
@@ -279,11 +276,6 @@ def _may_be_beams(source: Source) -> bool:
     """Whether lines have as many numbers as beams; commas that are decimal points are no separators."""
     columns = columns_in(source)
     return not (columns and columns.decimal_comma) and dimension_of(first_fields(source)) is not None
-
-
-def _why_points(source: Source) -> str | None:
-    """What tells points from beams, where it has to be told."""
-    return looks_like_points(source) if _may_be_beams(source) else None
 
 
 def _beside_file(scans: Scans) -> FoundPoses:

@@ -10,7 +10,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.failures import one_line
+from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import text_lines
 from ndtree.logs.core.source import Format, Source
 from ndtree.logs.folders.folder import FolderLog, number_in, stem_of
@@ -58,15 +58,10 @@ class ThreeDtkLog(FolderLog):
 
 def _pose_in(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     rows = [line.split() for _, line in text_lines(path) if line.strip()]
-    try:
+    with at_place(path, "a line with the position [cm], and one with three angles [deg]"):
         position, degrees = ([float(field) for field in row] for row in rows)
         if not (len(position) == len(degrees) == 3 and np.isfinite([*position, *degrees]).all()):
             raise ValueError("not three finite numbers each")
-    except ValueError as error:
-        raise ValueError(
-            f"{path}: expected a line with the position [cm], and one with three angles [deg] "
-            f"({one_line(error)})"
-        ) from None
     about_x, about_y, about_z = about_axes(*map(math.radians, degrees))
     return about_x @ about_y @ about_z, np.array(position)
 
@@ -76,11 +71,8 @@ def _frames_in(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     last: list[str] = []
     for _, line in text_lines(path):
         last = line.split() or last
-    try:
-        matrix = np.array([float(field) for field in last[:16]]).reshape(4, 4).T
-        pose = Pose.from_matrix(matrix)
-    except ValueError as error:
-        raise ValueError(f"{path}: last line: expected 16 numbers of a matrix ({one_line(error)})") from None
+    with at_place(f"{path}: last line", "16 numbers of a matrix"):
+        pose = Pose.from_matrix(np.array([float(field) for field in last[:16]]).reshape(4, 4).T)
     return pose.rotation, pose.position
 
 

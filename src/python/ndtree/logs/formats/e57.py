@@ -55,7 +55,9 @@ class E57Log(SizedLog):
         with _opened(path) as file:
             self._count = int(file.scan_count)
             with readable(path, "cannot be read as E57", foreign=True):
-                without = _without_pose([file.get_header(i) for i in range(self._count)])
+                headers = [file.get_header(i) for i in range(self._count)]
+                says = any(not _pose(one).is_identity or _GRID.issubset(one.point_fields) for one in headers)
+                without = [one for one in headers if not (says and one.has_pose())]
         if not self._count:
             raise ValueError(f"{path}: no scans, expected at least one (it may hold images alone)")
         if without and not unplaced:
@@ -132,17 +134,6 @@ def _points(path: str, file: Any, header: Any) -> NDArray[np.floating[Any]]:
         columns = [level * np.cos(azimuth), level * np.sin(azimuth), distance * np.sin(elevation)]
     points = np.stack(columns, axis=1)
     return points[np.asarray(data[invalid][:read]) == 0] if invalid in known else points
-
-
-def _without_pose(headers: list[Any]) -> list[int]:
-    """Numbers of the scans of which nothing says where their sensor was."""
-    if all(_is_identity(_pose(header)) and not _GRID.issubset(header.point_fields) for header in headers):
-        return list(range(len(headers)))
-    return [i for i, header in enumerate(headers) if not header.has_pose()]
-
-
-def _is_identity(pose: Pose) -> bool:
-    return not pose.position.any() and np.array_equal(pose.rotation, np.eye(3))
 
 
 def _pose(header: Any) -> Pose:

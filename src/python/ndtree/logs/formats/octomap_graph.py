@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.base.scan import Scan
+from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.plain_file import DamagedStream, PlainFile, open_plain
 from ndtree.logs.core.source import Format, Source
@@ -65,10 +66,8 @@ class OctomapGraphLog(SizedLog):
             raise ValueError(
                 f"{where}: expected a position of 3 numbers and a quaternion of 4 behind its points"
             )
-        try:
+        with at_place(where):
             pose = Pose.from_quaternion((x, y, z), (qx, qy, qz, qw))
-        except ValueError as error:
-            raise ValueError(f"{where}: {error}") from None
         return Scan(pose.apply(points), pose.position)
 
     def _points(self, file: PlainFile, count: int, where: str) -> NDArray[np.float64]:

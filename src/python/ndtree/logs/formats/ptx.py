@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Iterator
 from itertools import islice
@@ -12,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.base.scan import Scan
-from ndtree.logs.core.log import Log
+from ndtree.logs.core.failures import at_place
+from ndtree.logs.core.log import LineLog
 from ndtree.logs.core.plain_file import PlainFile, open_plain
 from ndtree.logs.core.source import Format, Source
 from ndtree.logs.poses.pose import Pose
@@ -28,7 +28,7 @@ _BLOCK = 1 << 16
 _MOST = 10**7
 
 
-class PtxLog(Log):
+class PtxLog(LineLog):
     """The scans of a PTX, one of which is in memory at a time; points at 0 0 0 were not measured.
 
     The matrix moves the points to the map, and the scanner is where it moves 0 0 0. Where it changes nothing,
@@ -36,9 +36,8 @@ class PtxLog(Log):
     """
 
     format = "ptx"
+    may_be_cut_off = False
     knows_no_returns = False  # Points at 0 0 0 do not say where their beams went.
-    path: str
-    _place = 0
 
     def __init__(self, source: Source) -> None:
         super().__init__(source.path, dim=3)
@@ -81,11 +80,6 @@ class PtxLog(Log):
             left -= file.line + 1 - begin
         return np.concatenate(parts)
 
-    @property
-    def share_read(self) -> float | None:
-        """By the place in the file."""
-        return min(1.0, self._place / max(os.path.getsize(self.path), 1))
-
 
 def _header(file: PlainFile, lines: Iterator[bytes]) -> tuple[int, Pose, bool] | None:
     """Number of points and pose of the next scan, and whether it moves them; None at the end of the file."""
@@ -115,10 +109,8 @@ def _header(file: PlainFile, lines: Iterator[bytes]) -> tuple[int, Pose, bool] |
             "expected 0 0 0 1"
         )
     moves = not np.array_equal(matrix, np.eye(4))
-    try:
+    with at_place(f"{file.path}: line {file.line}"):
         pose = Pose.from_matrix(matrix.T)
-    except ValueError as error:
-        raise ValueError(f"{file.path}: line {file.line}: {error}") from None
     if not moves:
         pose = Pose(np.eye(3), np.array(rows[2]))
     return int(columns) * int(count), pose, moves

@@ -65,6 +65,11 @@ class Pose:
         return Pose(rotation, np.array([x, y, 0.0]))
 
     @property
+    def is_identity(self) -> bool:
+        """Whether it changes nothing."""
+        return not self.position.any() and np.array_equal(self.rotation, np.eye(3))
+
+    @property
     def yaw(self) -> float:
         """[rad]"""
         return math.atan2(self.rotation[1, 0], self.rotation[0, 0])

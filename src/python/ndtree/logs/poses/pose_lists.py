@@ -51,13 +51,17 @@ def kind_of_list(path: str) -> str | None:
         behind = [fields for _, fields in rows[1:]]
         named = _entries(first) is not None and behind and all(map(are_numbers, behind))
         return "timed matrices" if named and len({*counts}) == 1 else None
-    if counts[:5] == [3, 4, 4, 4, 4] and all(_is_whole(field) for field in first):
+    if counts[:5] == [3, 4, 4, 4, 4] and all(re.fullmatch(r"-?\d+", field) for field in first):
         return "log"
     if len(set(counts)) == 1 and counts[0] in (*_MATRIX_SIZES, *_TIMED_SIZES):
         timed = counts[0] in _TIMED_SIZES
         if counts[0] == 12 or _is_matrix([float(field) for field in first[timed:]]):
             return "timed matrices" if timed else "matrices"
-    if len(rows) == 8 and set(counts) == {4} and all(_is_last(rows[i][1]) for i in (3, 7)):
+    if (
+        len(rows) == 8
+        and set(counts) == {4}
+        and all(list(map(float, rows[i][1])) == list(_LAST_ROW) for i in (3, 7))
+    ):
         return "matrices"
     return None
 
@@ -189,11 +193,3 @@ def _is_matrix(values: list[float]) -> bool:
         np.isfinite(matrix).all() and np.abs(turned @ turned.T - np.eye(3)).max() < ROTATION_TOLERANCE
     )
     return bool(is_rotation and (len(matrix) == 3 or np.abs(matrix[3] - _LAST_ROW).max() < 1e-6))
-
-
-def _is_whole(field: str) -> bool:
-    return re.fullmatch(r"-?\d+", field) is not None
-
-
-def _is_last(fields: list[str]) -> bool:
-    return [float(field) for field in fields] == list(_LAST_ROW)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ndtree.logs.core.failures import NoPose
+from ndtree.logs.core.failures import NoPose, at_place
 from ndtree.logs.poses.pose import (
     STRAIGHT,
     Pose,
@@ -72,12 +72,10 @@ class Trajectory:
                 f"{name}: pose {i + 1}: stamp {self.stamps[i + 1]:.6f} s follows {self.stamps[i]:.6f} s, "
                 "expected stamps that rise"
             )
-        try:
+        with at_place(name):
             if turned.ndim == 3:
                 turned = quaternions_of(nearest_rotations(turned))
             self.quaternions: Floats = unit_quaternions(turned)
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from None
         self._gaps = self._found_gaps()
 
     def __len__(self) -> int:

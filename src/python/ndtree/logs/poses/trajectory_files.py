@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import are_numbers, floats_of, text_lines, with_points
 from ndtree.logs.core.source import ReaderOption
 from ndtree.logs.poses.pose import Pose
@@ -107,10 +108,8 @@ def read_pose(path: str | os.PathLike[str]) -> Pose:
         raise ValueError(f"{name}: the pose is not finite")
     if len(matrix) == 4 and not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-9):
         raise ValueError(f"{name}: the last row is {matrix[3].tolist()}, expected 0 0 0 1")
-    try:
+    with at_place(name):
         return Pose.from_matrix(matrix)
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
 
 
 def trajectory_kind(path: str | os.PathLike[str]) -> str | None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import open_plain
 from ndtree.logs.core.source import Format, Source
 from ndtree.logs.poses.pose import nearest_rotations, rotated
@@ -55,10 +56,8 @@ class BundlerLog(ModelLog):
             translations.append(translation)
         centers = np.empty((len(lengths), 3))
         if lengths:
-            try:
+            with at_place(f"{self.path}: cameras"):
                 turns = nearest_rotations(np.array(rotations))
-            except ValueError as error:
-                raise ValueError(f"{self.path}: cameras: {error}") from None
             centers = -rotated(np.swapaxes(turns, 1, 2), np.array(translations))
         places = np.empty((points, 3))
         seeing: list[np.ndarray] = []

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.base.scan import Scan
+from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import open_regular, text_lines
 from ndtree.logs.core.source import Format, Source
 from ndtree.logs.poses.pose import Pose
@@ -276,10 +277,8 @@ def _pose(path: str, where: str, numbers: list[float]) -> Pose:
     w, x, y, z = numbers[:4]
     if not np.isfinite(numbers).all():
         raise ValueError(f"{path}: {where}: found a pose that is not finite")
-    try:
+    with at_place(f"{path}: {where}"):
         return Pose.from_quaternion(numbers[4:], (x, y, z, w))
-    except ValueError as error:
-        raise ValueError(f"{path}: {where}: {error}") from None
 
 
 def _lines(path: str, *, skip_blank: bool = True) -> Iterator[tuple[str, str]]:
