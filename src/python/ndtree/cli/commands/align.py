@@ -33,16 +33,10 @@ KISS_ICP = "kiss-icp"
 
 @dataclass(frozen=True)
 class _Call:
-    """What is typed behind ``ndtree align``."""
-
     log: GivenLog
-    output: Path = flag(
-        MISSING, "The trajectory, as TUM's: t x y z qx qy qz qw.", "--output", "-o", metavar="POSES"
-    )
-    map_file: Optional[Path] = flag(None, "Write the map of these poses, too.", "--map", metavar="MAP")
-    picture: Optional[Path] = flag(
-        None, "Draw the end points by the old poses and by the new ones.", metavar="FILE"
-    )
+    output: Path = flag(MISSING, "The trajectory, as TUM's: t x y z qx qy qz qw.", "--output", "-o")
+    map_file: Optional[Path] = flag(None, "Write the map of these poses, too.", "--map")
+    picture: Optional[Path] = flag(None, "Draw the end points by the old poses and by the new ones.")
     max_range: Optional[float] = flag(None, "Farther end points are not matched [m].")
     loops: bool = flag(True, "Look for places that were seen before.", "--loops/--no-loops")
     json_file: Json = None

@@ -30,9 +30,7 @@ from ndtree.tuning.config import Config
 @mapping_options
 def calibrate(
     log: GivenLog,
-    limit: Annotated[
-        Optional[int], typer.Option(min=1, help="Only the first scans, this many.", show_default=False)
-    ] = None,
+    limit: Annotated[Optional[int], typer.Option(min=1, help="Only the first scans, this many.")] = None,
     find_mount: Annotated[
         bool,
         typer.Option("--find-mount", help="Of a ROS bag: find where the sensor sits on its base, instead."),

@@ -37,18 +37,13 @@ def clean(
     output: Annotated[
         Path,
         typer.Option(
-            "--output",
-            "-o",
-            metavar="OUT",
-            help="A log, .npz; one cloud, .ply or .pcd; or of a folder of clouds a folder.",
+            "--output", "-o", help="A log, .npz; one cloud, .ply or .pcd; or of a folder of clouds a folder."
         ),
     ],
     mark: Annotated[
         bool, typer.Option("--mark", help="Leave out no point: a field moved has the probability of each.")
     ] = False,
-    picture: Annotated[
-        Optional[Path], typer.Option(metavar="FILE", help="Draw all points, those that moved in red.")
-    ] = None,
+    picture: Annotated[Optional[Path], typer.Option(help="Draw all points, those that moved in red.")] = None,
     json_file: Json = None,
     given: Any = None,
 ) -> None:

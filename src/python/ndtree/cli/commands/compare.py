@@ -15,7 +15,7 @@ from ndtree.cli.commands.flags import map_options, takes
 from ndtree.cli.commands.logs import open_log, placed_map
 from ndtree.cli.commands.options import HeldOut, Json, Repeat, Scans, Seed, World, argument, flag
 from ndtree.cli.commands.output import check_picture, is_stdout, write, write_json
-from ndtree.cli.commands.pictures import draw_side_by_side, plotting
+from ndtree.cli.commands.pictures import plotting
 from ndtree.evaluation.comparison import Turns
 from ndtree.evaluation.map_comparison import compare_maps
 from ndtree.maps.kinds import KINDS
@@ -24,8 +24,6 @@ from ndtree.maps.open import is_map
 
 @dataclass(frozen=True)
 class _Call:
-    """What is typed behind ``ndtree compare``."""
-
     log: Optional[Path] = argument("A log, or the first of two maps.", metavar="LOG | A", default=None)
     other: Optional[Path] = argument(
         "The second: .ndt, .bt, .ot or map_server's .yaml.", metavar="B", default=None
@@ -37,12 +35,10 @@ class _Call:
     scans: Scans = None
     seed: Seed = 1
     json_file: Json = None
-    csv_file: Optional[Path] = flag(None, "Write a line a map.", "--csv", metavar="FILE")
-    picture: Optional[Path] = flag(
-        None, "Draw the first two maps side by side, or how A and B differ.", metavar="FILE"
-    )
+    csv_file: Optional[Path] = flag(None, "Write a line a map.", "--csv")
+    picture: Optional[Path] = flag(None, "Draw the first two maps side by side, or how A and B differ.")
     calibration: bool = flag(False, "Whether beams end as often as each map says.", "--calibration")
-    reliability: Optional[Path] = flag(None, "Draw that: reliability diagrams.", metavar="FILE")
+    reliability: Optional[Path] = flag(None, "Draw that: reliability diagrams.")
     certify: bool = flag(False, "Bound how much of what is called free is occupied.", "--certify")
 
 
@@ -87,7 +83,8 @@ def compare_(context: typer.Context, call: _Call, given: Any = None) -> None:
         certify=call.certify,
     )
     if plot and call.picture:
-        draw_side_by_side(plot, *list(comparison.map_objects.values())[:2], call.picture)
+        one, other = list(comparison.map_objects.values())[:2]
+        (plot.side_by_side if one.dim == 2 else plot.side_by_side_3d)(one, other, call.picture)
     if plot and call.reliability:
         plot.reliability(comparison, call.reliability)
     if not (is_stdout(call.json_file) or is_stdout(call.csv_file)):

@@ -15,25 +15,18 @@ from ndtree.maps.writers import FORMATS as MAP_FORMATS
 from ndtree.maps.writers import STATES as CELL_STATES
 from ndtree.maps.writers import format_of
 
-
-def _endings() -> str:
-    every = dict.fromkeys(suffix for one in MAP_FORMATS for suffix in one.suffixes)
-    return f"Its ending says what is written: {', '.join(every)}."
+_ENDINGS = ", ".join(dict.fromkeys(suffix for one in MAP_FORMATS for suffix in one.suffixes))
 
 
 @dataclass(frozen=True)
 class _Call:
-    """What is typed behind ``ndtree convert``."""
-
     source: Path = argument(".ndt, .bt, .ot, or map_server's .yaml.", metavar="MAP")
-    output: Path = argument(_endings(), metavar="OUT")
+    output: Path = argument(f"Its ending says what is written: {_ENDINGS}.", metavar="OUT")
     format: Optional[str] = flag(
         None, f"Where the ending does not say: {', '.join(one.name for one in MAP_FORMATS)}."
     )
     cell_size: Optional[float] = flag(None, "Of the cells in all files but .ndt [m]; else the map's own.")
-    height: Optional[tuple[float, float]] = flag(
-        None, "Of an image of a 3-D map: cells within [m].", metavar="LOW HIGH"
-    )
+    height: Optional[tuple[float, float]] = flag(None, "Of an image of a 3-D map: cells within [m].")
     wall_depth: Optional[float] = flag(
         None, "In an image, what of large occupied cells: up to so far behind free space [m]."
     )

@@ -19,13 +19,11 @@ from ndtree.cli.commands.flags import map_options, takes
 from ndtree.cli.commands.logs import open_log
 from ndtree.cli.commands.options import Json, LogArgument, Scans, Seed, World, flag
 from ndtree.cli.commands.output import is_stdout, write_json
-from ndtree.cli.commands.pictures import draw_close_up, plotting
+from ndtree.cli.commands.pictures import plotting
 
 
 @dataclass(frozen=True)
 class _Call:
-    """What is typed behind ``ndtree demo``."""
-
     log: LogArgument = None
     output: Path = flag(Path("ndtree-demo"), "Folder for the pictures.", "--output", "-o")
     scans: Scans = None
@@ -54,7 +52,8 @@ def demo(context: typer.Context, call: _Call, given: Any = None) -> None:
     def show(made: dict[str, OccupancyMap]) -> None:
         call.output.mkdir(parents=True, exist_ok=True)
         for name, path in zip(maps[1:3], pictures):
-            draw_close_up(plot, made["adaptive"], made[name], path)
+            draw = plot.close_up if opened.dim == 2 else plot.side_by_side_3d
+            draw(made["adaptive"], made[name], path)
         print(*_first_lines(made, pictures[0]), sep="\n", file=say, flush=True)
 
     comparison = compared(opened, maps, given, json_file=call.json_file, made_maps=show)

@@ -41,19 +41,14 @@ class StrategyName(str, Enum):
 
 @dataclass(frozen=True)
 class _Call:
-    """What is typed behind ``ndtree explore``."""
-
     world: Annotated[ExploredWorld, typer.Argument(help="office: a laser; apartment: a depth camera.")]
     strategy: Annotated[
-        Optional[list[StrategyName]],
-        typer.Option(help="One of them alone; may be repeated.", show_default=False),
+        Optional[list[StrategyName]], typer.Option(help="One of them alone; may be repeated.")
     ] = None
     from_scan: Annotated[int, typer.Option(help="Scan of the world's own log at which it begins.", min=0)] = 0
     scans: Scans = None
     seed: Seed = 1
-    picture: Annotated[
-        Optional[Path], typer.Option(help="A picture of maps and paths.", show_default=False)
-    ] = None
+    picture: Annotated[Optional[Path], typer.Option(help="A picture of maps and paths.")] = None
     json_file: Json = None
 
 

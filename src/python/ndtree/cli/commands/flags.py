@@ -25,16 +25,10 @@ from ndtree.tuning.config import Config
 
 Command = Callable[..., None]
 
-_OF_MAPS = "Options of the maps (default: their own)"
-_OF_LOGS = "What is read of the log"
-_OF_FORMATS = "Options of single formats"
 
-
-def _flag(name: str, type: Any, help: str, panel: str, flag: str | None = None) -> inspect.Parameter:
+def _flag(name: str, type: Any, help: str, *flags: str) -> inspect.Parameter:
     """A flag that is None where it was not given."""
-    option = typer.Option(
-        *([flag] if flag else []), help=help.replace("[", r"\["), show_default=False, rich_help_panel=panel
-    )
+    option = typer.Option(*flags, help=help.replace("[", r"\["))
     return inspect.Parameter(
         name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[Optional[type], option]
     )
@@ -142,26 +136,26 @@ def _check_values(given: Config) -> None:
 
 #: Of options whose flags have other names.
 _FLAGS = {"start": "--from", "stop": "--to", "initial_pose": "--guess"}
-_CONFIG = _flag("config", Path, "A file of TOML that says how LOG is read and mapped.", _OF_LOGS)
+_CONFIG = _flag("config", Path, "A file of TOML that says how LOG is read and mapped.")
 #: What is read of a log, and of its format.
 _READING = (
-    _flag("format", str, f"Of {', '.join(FORMATS)}; else recognised from the content.", _OF_LOGS),
-    _flag("keep_going", bool, "Skip damaged parts, and count them.", _OF_LOGS, "--keep-going"),
-    _flag("strict", bool, "Refuse logs with scans whose pose is not known.", _OF_LOGS, "--strict"),
-    _flag("every", int, "Use each n-th scan.", _OF_LOGS),
-    _flag("start", float, "From this time since the first scan on [s].", _OF_LOGS, "--from"),
-    _flag("stop", float, "Up to this time since the first scan [s].", _OF_LOGS, "--to"),
-    _flag("min_range", float, "Leave out shorter beams [m].", _OF_LOGS),
-    _flag("stride", int, "Use each n-th beam of a scan.", _OF_LOGS),
-    _flag("box", str, "Cut beams to X,Y[,Z],X,Y[,Z], two corners in the map [m].", _OF_LOGS),
-    _flag("origin", str, "Point X,Y[,Z] of the log that becomes the map's origin [m].", _OF_LOGS),
-    *(_flag(option.name, option.type, option.help, _OF_FORMATS) for option in READER_OPTIONS),
+    _flag("format", str, f"Of {', '.join(FORMATS)}; else recognised from the content."),
+    _flag("keep_going", bool, "Skip damaged parts, and count them.", "--keep-going"),
+    _flag("strict", bool, "Refuse logs with scans whose pose is not known.", "--strict"),
+    _flag("every", int, "Use each n-th scan."),
+    _flag("start", float, "From this time since the first scan on [s].", "--from"),
+    _flag("stop", float, "Up to this time since the first scan [s].", "--to"),
+    _flag("min_range", float, "Leave out shorter beams [m]."),
+    _flag("stride", int, "Use each n-th beam of a scan."),
+    _flag("box", str, "Cut beams to X,Y[,Z],X,Y[,Z], two corners in the map [m]."),
+    _flag("origin", str, "Point X,Y[,Z] of the log that becomes the map's origin [m]."),
+    *(_flag(option.name, option.type, option.help) for option in READER_OPTIONS),
 )
 _MAPPING = tuple(
     inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
     for name, annotation in (("dim", Dim), ("max_range", MaxRange), ("no_return", NoReturnOption))
 )
-_OF_A_MAP = tuple(_flag(option.name, option.type, option.help, _OF_MAPS) for option in MAP_OPTIONS)
+_OF_A_MAP = tuple(_flag(option.name, option.type, option.help) for option in MAP_OPTIONS)
 
 
 def _gathered(values: dict[str, Any]) -> Config:

@@ -32,10 +32,8 @@ class EngineName(str, Enum):
 
 @dataclass(frozen=True)
 class _Call:
-    """What is typed behind ``ndtree fleet``."""
-
     logs: list[Path] = argument("Files or folders, as of map.", metavar="LOG...")
-    output: str = flag(MISSING, "Folder of the map, or a URL of fsspec.", "--output", "-o", metavar="URL")
+    output: str = flag(MISSING, "Folder of the map, or a URL of fsspec.", "--output", "-o")
     engine: EngineName = flag(EngineName.processes, "Processes, threads of this one, Ray or Dask.")
     workers: Optional[int] = flag(None, "Tasks at a time; else all cores.", min=1)
     tile_size: Optional[float] = flag(None, "Least edge of tiles [m]; else that of 16 largest cells.")

@@ -25,7 +25,6 @@ from ndtree.live import (
     MessagesIntake,
     Saver,
     ScansIntake,
-    Session,
     Way,
     play,
 )
@@ -47,13 +46,9 @@ from ndtree.tuning.config import Config
 
 @dataclass(frozen=True)
 class _Call:
-    """What is typed behind ``ndtree live``."""
-
     log: LogArgument = None
     world: Optional[World] = flag(None, "Simulate instead of a LOG.")
-    output: Optional[Path] = flag(
-        None, "Where the map is written at the end.", "--output", "-o", metavar="MAP"
-    )
+    output: Optional[Path] = flag(None, "Where the map is written at the end.", "--output", "-o")
     rate: float = flag(1.0, "Seconds of LOG in one second; 0: as fast as it goes, none is dropped.")
     queue: int = flag(QUEUE, "Scans that wait at most; of more, the oldest is dropped.", min=1)
     patience: float = flag(PATIENCE, "A scan waits for its pose at most [s].")
@@ -61,9 +56,7 @@ class _Call:
     window: Optional[float] = flag(None, "Forget what is farther from the sensor than this [m].")
     fade: Optional[float] = flag(None, "Forget what was not seen for this long [s].")
     follow: Optional[str] = flag(
-        None,
-        "Move scans when a SLAM corrects poses: its nav_msgs/Path, or jumps of map to odom.",
-        metavar="TOPIC|tf",
+        None, "Move scans when a SLAM corrects poses: its nav_msgs/Path, or jumps of map to odom."
     )
     follow_frame: Optional[str] = flag(None, "The frame that the poses of the Path are of.")
     follow_memory: float = flag(MEMORY / 2**20, "Scans that can move [MiB]; of more, the oldest stay.")
@@ -71,20 +64,16 @@ class _Call:
         False, "Find the poses of a planar laser from its scans and odometry, and correct them.", "--slam"
     )
     localize: Optional[Path] = flag(
-        None,
-        "Find scans in this 2-D map by their odometry instead of mapping; -o gets poses (TUM).",
-        metavar="MAP",
+        None, "Find scans in this 2-D map by their odometry instead of mapping; -o gets poses (TUM)."
     )
-    guess: Optional[str] = flag(None, "Where the sensor is in MAP at first [m, rad].", metavar="X,Y,YAW")
+    guess: Optional[str] = flag(None, "Where the sensor is in MAP at first [m, rad].")
     save_every: Optional[float] = flag(None, "Write MAP at this interval, too [s].")
-    resume: Optional[Path] = flag(None, "Go on with a saved map.", metavar="MAP")
+    resume: Optional[Path] = flag(None, "Go on with a saved map.")
     fixed: bool = flag(False, "All cells of one size.", "--fixed")
     watch: bool = flag(False, "Show it on a page while it grows.", "--watch")
     port: Port = None
     serve: Optional[str] = flag(
-        None,
-        "Serve it to ndtree view http://HOST:PORT; without HOST, only to this computer.",
-        metavar="[HOST:]PORT",
+        None, "Serve it to ndtree view http://HOST:PORT; without HOST, only to this computer."
     )
     foxglove: FoxgloveOption = None
     rerun: RerunOption = None
@@ -185,7 +174,7 @@ class _Run:
             moving = moves(open_log(call.log, call.world, self._given))
         self._how = made(lambda: options.settings(self._given, self._begun, odometry=moving))
         every = call.save_every
-        session = self._saved_session if call.slam else None
+        session = (lambda: self.mapper.session()) if call.slam else None
         saver = [] if every is None else [made(lambda: Saver(call.output, every, session))]
         way = Way()
         self.mapper = LiveMapper(
@@ -196,9 +185,6 @@ class _Run:
             localized=self._found.append if self._how.localizer is not None else None,
         )
         return items
-
-    def _saved_session(self) -> Session:
-        return self.mapper.session()
 
     def _sinks(self, intake: Intake, way: Way, stack: ExitStack) -> list[Any]:
         """What shows the map while it grows."""

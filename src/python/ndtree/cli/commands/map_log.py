@@ -28,8 +28,6 @@ from ndtree.tuning.config import Config
 
 @dataclass(frozen=True)
 class _Call:
-    """What is typed behind ``ndtree map``."""
-
     logs: GivenLogs
     output: Optional[Path] = flag(
         None,
@@ -37,7 +35,6 @@ class _Call:
         "here. .tiles: a folder of tiles.",
         "--output",
         "-o",
-        metavar="MAP",
     )
     merge: bool = flag(False, "One map of all logs, in the order given: they are in one frame.", "--merge")
     fixed: bool = flag(False, "All cells of one size.", "--fixed")
@@ -45,16 +42,14 @@ class _Call:
         False, "Leave out what moved, such as people and cars: reads the log 3 times.", "--static"
     )
     align: bool = flag(False, "Find the poses of a 2-D log first, where its own drift.", "--align")
-    picture: Optional[Path] = flag(None, "Draw the map, too.", metavar="FILE")
+    picture: Optional[Path] = flag(None, "Draw the map, too.")
     watch: bool = flag(False, "Show it on a page while it grows.", "--watch")
     port: Port = None
     foxglove: FoxgloveOption = None
     rerun: RerunOption = None
-    record: Optional[Path] = flag(None, "Film how the map grows: .mp4 or .gif.", metavar="FILE")
+    record: Optional[Path] = flag(None, "Film how the map grows: .mp4 or .gif.")
     record_every: Optional[int] = flag(None, "Scans between pictures of the film; else 10.", min=1)
-    max_resident: Optional[str] = flag(
-        None, "Memory of the cells of a .tiles map, as 500MB; else 2GiB.", metavar="SIZE"
-    )
+    max_resident: Optional[str] = flag(None, "Memory of the cells of a .tiles map, as 500MB; else 2GiB.")
     tile_size: Optional[float] = flag(None, "Least edge of its tiles [m]; else that of 16 largest cells.")
     write_config: WriteConfig = None
     json_file: Json = None

@@ -13,12 +13,12 @@ from ndtree.logs import FORMATS
 
 def flag(default: Any, help: str, *names: str, **more: Any) -> Any:
     """A field of a call that is typed behind a flag: of its own name, or of these; see `flags.takes`."""
-    return _typed(default, typer.Option(*names, help=help.replace("[", r"\["), show_default=False, **more))
+    return _typed(default, typer.Option(*names, help=help.replace("[", r"\["), **more))
 
 
 def argument(help: str, *, default: Any = MISSING, **more: Any) -> Any:
     """A field of a call that is typed without a flag."""
-    return _typed(default, typer.Argument(help=help.replace("[", r"\["), show_default=False, **more))
+    return _typed(default, typer.Argument(help=help.replace("[", r"\["), **more))
 
 
 def _typed(default: Any, how: Any) -> Any:
@@ -50,41 +50,27 @@ class CellColor(str, Enum):
 
 
 LogArgument = Annotated[
-    Optional[Path],
-    typer.Argument(metavar="LOG", help=f"File or folder: {', '.join(FORMATS)}.", show_default=False),
+    Optional[Path], typer.Argument(metavar="LOG", help=f"File or folder: {', '.join(FORMATS)}.")
 ]
 GivenLogs = Annotated[
     list[Path], typer.Argument(metavar="LOG...", help=f"Files or folders: {', '.join(FORMATS)}.")
 ]
 GivenLog = Annotated[Path, typer.Argument(metavar="LOG", help=f"File or folder: {', '.join(FORMATS)}.")]
-Dim = Annotated[
-    Optional[int], typer.Option(min=2, max=3, help="2 or 3; else what the log says.", show_default=False)
-]
+Dim = Annotated[Optional[int], typer.Option(min=2, max=3, help="2 or 3; else what the log says.")]
 MaxRange = Annotated[
     Optional[float],
-    typer.Option(
-        help="Longer beams are cut off here, and free up to it \\[m]; else no limit.", show_default=False
-    ),
+    typer.Option(help="Longer beams are cut off here, and free up to it \\[m]; else no limit."),
 ]
 NoReturnOption = Annotated[
     Optional[NoReturnKind],
-    typer.Option(
-        help="A beam without return is free up to its end point, or ignored; auto: see.",
-        show_default=False,
-    ),
+    typer.Option(help="A beam without return is free up to its end point, or ignored; auto: see."),
 ]
 Port = Annotated[
-    Optional[int],
-    typer.Option(min=0, max=65535, help="Of the page; else 8080. 0: any free one.", show_default=False),
+    Optional[int], typer.Option(min=0, max=65535, help="Of the page; else 8080. 0: any free one.")
 ]
-Json = Annotated[
-    Optional[Path], typer.Option("--json", metavar="FILE", help="Write all figures; - for standard output.")
-]
-WriteConfig = Annotated[
-    Optional[Path],
-    typer.Option(metavar="FILE", help="Write what was decided, and why, as TOML.", show_default=False),
-]
-Scans = Annotated[Optional[int], typer.Option(min=1, help="Simulate this many scans.", show_default=False)]
+Json = Annotated[Optional[Path], typer.Option("--json", help="Write all figures; - for standard output.")]
+WriteConfig = Annotated[Optional[Path], typer.Option(help="Write what was decided, and why, as TOML.")]
+Scans = Annotated[Optional[int], typer.Option(min=1, help="Simulate this many scans.")]
 Seed = Annotated[int, typer.Option(min=0, help="Of the simulated log.")]
 HeldOut = Annotated[int, typer.Option(min=0, help="Keep each N-th scan for the truth; 0: none.")]
 Repeat = Annotated[int, typer.Option(min=1, help="Runs in turns, for the times.")]

@@ -92,7 +92,10 @@ def check_output(
     for path in _together(flag, target):
         check_no_input(flag, path, inputs)
         if by_ending and path == target:
-            _check_ending(flag, target)
+            try:
+                format_of(target, None, {})
+            except ValueError as error:
+                raise WrongCall(f"{flag} {error}") from None
         try:
             require_kind(path, fits if path == target else None)
         except FileExistsError:
@@ -100,13 +103,6 @@ def check_output(
                 f"{flag} {path}: is {_kind_of(path)}, expected a new name, or --force to replace it"
             ) from None
     _check_target(target)
-
-
-def _check_ending(flag: str, target: Path) -> None:
-    try:
-        format_of(target, None, {})
-    except ValueError as error:
-        raise WrongCall(f"{flag} {error}") from None
 
 
 def check_no_input(flag: str, target: Path, inputs: Sequence[Path]) -> None:
@@ -154,15 +150,10 @@ def _fitting(
     if name == "output" and (command == "align" or arguments.get("localize") is not None):
         return is_trajectory
     if command == "plan":
-        return _is_way
+        return lambda path: begins_with(path, rb"x,y|length: |\s*[{\[]")
     if command in ("simulate", "clean"):
         return is_archive if target.suffix.lower() == ".npz" else None
     return fits_map
-
-
-def _is_way(path: str) -> bool:
-    """Whether a file is one of those that `plan` writes."""
-    return begins_with(path, rb"x,y|length: |\s*[{\[]")
 
 
 def fits_map(path: str) -> bool:

@@ -105,14 +105,3 @@ def draw(
         if axis == 2:
             more["cut_above"] = at
     plot.overview_3d(m, path, **more)
-
-
-def draw_side_by_side(plot: Any, one: OccupancyMap, other: OccupancyMap, target: Path) -> None:
-    draw = plot.side_by_side if one.dim == 2 else plot.side_by_side_3d
-    draw(one, other, target)
-
-
-def draw_close_up(plot: Any, one: OccupancyMap, other: OccupancyMap, target: Path) -> None:
-    """Draws two maps so that their cells can be compared at a glance."""
-    draw = plot.close_up if one.dim == 2 else plot.side_by_side_3d
-    draw(one, other, target)

@@ -24,8 +24,6 @@ ENDINGS = (".csv", ".yaml", ".json")
 
 @dataclass(frozen=True)
 class _Call:
-    """What is typed behind ``ndtree plan``."""
-
     source: Path = argument(".ndt, .bt, .ot, or map_server's .yaml.", metavar="MAP")
     start_at: str = flag(MISSING, "Where the robot is [m].", "--from")
     goal: str = flag(MISSING, "Where it shall go [m].", "--to")

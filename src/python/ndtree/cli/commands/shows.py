@@ -19,15 +19,9 @@ if TYPE_CHECKING:
     from ndtree.live import FoxgloveSink, RerunSink
 
 FoxgloveOption = Annotated[
-    Optional[int],
-    typer.Option(metavar="PORT", help="Serve it to Foxglove, on 8765 or a free port: 0.", show_default=False),
+    Optional[int], typer.Option(help="Serve it to Foxglove, on 8765 or a free port: 0.")
 ]
-RerunOption = Annotated[
-    Optional[str],
-    typer.Option(
-        metavar="FILE", help="Write it for rerun: FILE.rrd, or rerun+http://...", show_default=False
-    ),
-]
+RerunOption = Annotated[Optional[str], typer.Option(help="Write it for rerun: FILE.rrd, or rerun+http://...")]
 #: A sink is left alone for this many times as long as it took.
 RESTS = 5.0
 

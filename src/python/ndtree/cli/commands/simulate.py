@@ -17,12 +17,8 @@ from ndtree.cli.commands.progress import progress
 
 @dataclass(frozen=True)
 class _Call:
-    """What is typed behind ``ndtree simulate``."""
-
     world: World = argument("A laser in an office, a depth camera, or a lidar.")
-    output: Optional[Path] = flag(
-        None, "An .npz file; else the world's name, here.", "--output", "-o", metavar="LOG"
-    )
+    output: Optional[Path] = flag(None, "An .npz file; else the world's name, here.", "--output", "-o")
     scans: Scans = None
     seed: Seed = 1
     people: Optional[int] = flag(None, "That walk, one ahead of the sensor.", min=0, max=1000)

@@ -22,12 +22,10 @@ from ndtree.study import load, run
 def study(
     config: Annotated[Path, typer.Argument(metavar="CONFIG", help="A TOML file: logs, maps, output.")],
     output: Annotated[
-        Optional[Path],
-        typer.Option("--output", "-o", metavar="FOLDER", help="For the results, instead of CONFIG's."),
+        Optional[Path], typer.Option("--output", "-o", help="For the results, instead of CONFIG's.")
     ] = None,
     processes: Annotated[
-        Optional[int],
-        typer.Option(min=1, help="Jobs at once; else one a processor. Times want 1.", show_default=False),
+        Optional[int], typer.Option(min=1, help="Jobs at once; else one a processor. Times want 1.")
     ] = None,
     json_file: Json = None,
 ) -> None:

@@ -34,9 +34,10 @@ _ALIKE = 0.67
 
 def usage_error(error: Any, words: Sequence[str], commands: Mapping[str, Any]) -> str:
     """The error of a call that could not be read, of its words behind ``ndtree``; `commands` were loaded."""
-    context = getattr(error, "ctx", None)
+    context: Any = getattr(error, "ctx", None)
     command = getattr(context, "command", None)
-    name = _name_of(context)
+    # Of the command that was called; none for ``ndtree`` itself.
+    name = str(context.info_name) if getattr(context, "parent", None) is not None else ""
     if command is None and words and words[0] in commands:
         command, name = commands[words[0]], words[0]
     said = re.sub(r"(?<!\.)\.$", "", _said(error, command, words))
@@ -75,12 +76,6 @@ def _said(error: Any, command: Any, words: Sequence[str]) -> str:
 
 def _arguments(command: Any) -> str:
     return " ".join(_called(one) for one in command.params if one.param_type_name == "argument")
-
-
-def _name_of(context: Any) -> str:
-    """Of the command that was called; none for ``ndtree`` itself."""
-    parent = getattr(context, "parent", None)
-    return str(context.info_name) if parent is not None else ""
 
 
 def _called(parameter: Any) -> str:

@@ -25,17 +25,15 @@ ASKS, RESTS = 0.5, 4.0
 
 @dataclass(frozen=True)
 class _Call:
-    """What is typed behind ``ndtree view``."""
-
     map_name: str = argument("A map: .ndt, .bt, .ot, .yaml of map_server; http://ROBOT:PORT.", metavar="MAP")
     color: Optional[CellColor] = flag(
         None, "What colors say; else height; in 2-D probability, or states (--png)."
     )
-    slice_: Optional[str] = flag(None, "Cut a 3-D map, as at z=1.2.", "--slice", metavar="AXIS=M")
-    png: Optional[Path] = flag(None, "Draw it into this file instead of a page.", metavar="FILE")
+    slice_: Optional[str] = flag(None, "Cut a 3-D map, as at z=1.2.", "--slice")
+    png: Optional[Path] = flag(None, "Draw it into this file instead of a page.")
     free: Optional[bool] = flag(None, "Show free cells.", "--free/--no-free")
     unknown: Optional[bool] = flag(None, "Show unknown cells by free ones.", "--unknown")
-    log: Optional[Path] = flag(None, "Show where its scans were taken.", metavar="LOG")
+    log: Optional[Path] = flag(None, "Show where its scans were taken.")
     port: Port = None
     open_: bool = flag(False, "Open the page in the browser.", "--open")
 
