@@ -5,6 +5,7 @@ import os
 import signal
 from collections.abc import Iterable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -69,3 +70,36 @@ def room_scan(dim: int, seed: int, beams: int = 300) -> tuple[np.ndarray, np.nda
         to_walls = np.where(directions > 0, (2 - origin) / directions, (-2 - origin) / directions)
     ranges = to_walls.min(axis=1) + random.normal(0, 0.01, beams)
     return origin + ranges[:, None] * directions, origin
+
+
+def with_room(m: Any, scans: int, beams: int = 300, far: float = 0.0) -> Any:
+    """A map after scans of that box, each with the next seed."""
+    for seed in range(scans):
+        points, origin = room_scan(m.dim, seed, beams)
+        m.insert(points + far, origin + far)
+    return m
+
+
+def text_log(path: Path, scans: Iterable[Any]) -> Path:
+    """A text log of scans in the plane."""
+    with open(path, "w") as file:
+        for scan in scans:
+            for end, flag in zip(scan.endpoints, scan.returned):
+                file.write(f"{scan.origin[0]} {scan.origin[1]} {end[0]} {end[1]} {int(flag)}\n")
+    return path
+
+
+def room_log(path: Path, scans: int) -> Path:
+    """A text log of that box, in which all beams return."""
+    every = (room_scan(2, seed, 60) for seed in range(scans))
+    return text_log(
+        path, (SimpleNamespace(endpoints=ends, origin=at, returned=[True] * 60) for ends, at in every)
+    )
+
+
+def turned(dim: int, yaw: float, position: Any) -> np.ndarray:
+    """A pose that is turned in the plane [rad], as a matrix."""
+    pose = np.eye(dim + 1)
+    pose[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    pose[:dim, dim] = position
+    return pose

@@ -17,7 +17,7 @@ import ndtree
 
 pytest.importorskip("matplotlib")
 
-from conftest import room_scan
+from conftest import with_room
 from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
@@ -31,20 +31,14 @@ from ndtree.plot.figures import SIZE_COLORS
 from ndtree.plot.images import MAX_IMAGE_CELLS
 
 
-def inserted(m: Any, scans: int = 8) -> Any:
-    for seed in range(scans):
-        m.insert(*room_scan(m.dim, seed))
-    return m
-
-
 @pytest.fixture(scope="module")
 def flat() -> Any:
-    return inserted(ndtree.AdaptiveMap(dim=2, max_cell_size=0.8))
+    return with_room(ndtree.AdaptiveMap(dim=2, max_cell_size=0.8), 8)
 
 
 @pytest.fixture(scope="module")
 def solid() -> Any:
-    return inserted(ndtree.AdaptiveMap(dim=3, max_cell_size=0.8), scans=40)
+    return with_room(ndtree.AdaptiveMap(dim=3, max_cell_size=0.8), 40)
 
 
 def shown_image(ax: Any) -> tuple[np.ndarray, tuple[float, float, float, float]]:
@@ -70,9 +64,9 @@ def states_of(image: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["adaptive", "fixed"])
 def test_each_pixel_has_the_state_of_the_map_there(kind: str, branching: int) -> None:
     if kind == "adaptive":
-        m = inserted(ndtree.AdaptiveMap(dim=2, branching=branching, max_cell_size=1.5))
+        m = with_room(ndtree.AdaptiveMap(dim=2, branching=branching, max_cell_size=1.5), 8)
     else:
-        m = inserted(ndtree.FixedMap(dim=2, branching=branching, min_cell_size=0.1))
+        m = with_room(ndtree.FixedMap(dim=2, branching=branching, min_cell_size=0.1), 8)
     image, extent = shown_image(plot.occupancy(m))
     np.testing.assert_array_equal(states_of(image), m.state(centres(image, extent)))
     assert image.size > 1000
@@ -202,7 +196,7 @@ def faces_of(ax: Any) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("azimuth, elevation", [(-60.0, 50.0), (35.0, 20.0), (130.0, 60.0), (215.0, -30.0)])
 @pytest.mark.parametrize("branching", [2, 3])
 def test_what_is_in_front_is_drawn_last(branching: int, azimuth: float, elevation: float) -> None:
-    m = inserted(ndtree.AdaptiveMap(dim=3, branching=branching, max_cell_size=0.9, min_cell_size=0.1), 30)
+    m = with_room(ndtree.AdaptiveMap(dim=3, branching=branching, max_cell_size=0.9, min_cell_size=0.1), 30)
     region = (-5.0, 5.0) * 3
     heights = (-2.0, 2.0)
     view: dict[str, Any] = {"azimuth": azimuth, "elevation": elevation, "cut_above": None, "heights": heights}
@@ -341,8 +335,8 @@ def test_the_image_of_many_faces_has_the_colors_of_the_faces(solid: Any, monkeyp
 
 
 def test_side_by_side_is_written(flat: Any, solid: Any, tmp_path: Path) -> None:
-    fixed = inserted(ndtree.FixedMap(dim=2, min_cell_size=0.1))
-    fixed_3d = inserted(ndtree.FixedMap(dim=3, min_cell_size=0.2))
+    fixed = with_room(ndtree.FixedMap(dim=2, min_cell_size=0.1), 8)
+    fixed_3d = with_room(ndtree.FixedMap(dim=3, min_cell_size=0.2), 8)
     plot.side_by_side(flat, fixed, tmp_path / "2d.png", dpi=60)
     plot.side_by_side(flat, fixed, tmp_path / "column.png", dpi=60, row=False)
     plot.side_by_side_3d(solid, fixed_3d, tmp_path / "3d.png", dpi=60)
@@ -419,7 +413,7 @@ def test_the_gallery_is_drawn_by_its_script(tmp_path: Path) -> None:
 
 
 def test_a_close_up_shows_both_maps_alike_and_counts_their_cells(flat: Any, tmp_path: Path) -> None:
-    fixed = inserted(ndtree.FixedMap(dim=2, min_cell_size=0.1))
+    fixed = with_room(ndtree.FixedMap(dim=2, min_cell_size=0.1), 8)
     figure = plot.close_up(flat, fixed, tmp_path / "a.png", dpi=60)
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     whole_fixed, whole, near_fixed, near = figure.axes

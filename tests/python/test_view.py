@@ -25,31 +25,24 @@ pytest.importorskip("viser", reason="viser is not installed")
 
 from browser import Browser, coloured
 from calling import cli
-from conftest import room_scan
+from conftest import room_log, room_scan, with_room
 
 import ndtree
 from ndtree import viewer as view
-from ndtree.viewer import Look, picking, snapshot
+from ndtree.viewer import Look, snapshot
 from ndtree.viewer.frame import MAX_TRACK, Track, framed
 from ndtree.viewer.look import KINDS, shown_kinds
 from ndtree.viewer.snapshot import Snapshot
 
 
-def inserted(m: Any, scans: int, far: float = 0.0) -> Any:
-    for seed in range(scans):
-        points, origin = room_scan(m.dim, seed)
-        m.insert(points + far, origin + far)
-    return m
-
-
 @pytest.fixture(scope="module")
 def flat() -> Any:
-    return inserted(ndtree.AdaptiveMap(dim=2, max_cell_size=0.8), 8)
+    return with_room(ndtree.AdaptiveMap(dim=2, max_cell_size=0.8), 8)
 
 
 @pytest.fixture(scope="module")
 def solid() -> Any:
-    return inserted(ndtree.AdaptiveMap(dim=3, min_cell_size=0.2, max_cell_size=0.8), 30)
+    return with_room(ndtree.AdaptiveMap(dim=3, min_cell_size=0.2, max_cell_size=0.8), 30)
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +63,7 @@ def boxes(some: Snapshot, kind: str, look: Look) -> tuple[np.ndarray, np.ndarray
 
 @pytest.mark.parametrize("far", [0.0, 512_000.0])
 def test_boxes_are_the_cells_of_their_state(far: float) -> None:
-    m = inserted(ndtree.AdaptiveMap(dim=3, min_cell_size=0.125, max_cell_size=1.0), 20, far)
+    m = with_room(ndtree.AdaptiveMap(dim=3, min_cell_size=0.125, max_cell_size=1.0), 20, far=far)
     seen = Snapshot(m)
     for kind, state in (("occupied", 1), ("free", 0), ("unknown", -1)):
         lower, upper = boxes(seen, kind, Look())
@@ -143,7 +136,7 @@ def test_the_cell_that_is_picked_is_the_first_on_the_ray(dim: int, flat: Any, so
         cells, number = found
         lower, upper = cells.lower[number] * cells.unit, cells.upper[number] * cells.unit
         assert (lower - 1e-6 <= expected).all() and (expected <= upper + 1e-6).all()
-        text = picking.numbers_of(cells, number)
+        text = snapshot.numbers_of(cells, number)
         assert f"{m.probability(0.5 * (lower + upper)[None])[0]:.3f}" in text
         assert "occupied" in text
         picked += 1
@@ -176,7 +169,7 @@ def test_a_map_that_grows_stays_in_the_frame_of_its_page() -> None:
     with view.Viewer(m, port=0, look=look) as page:
         first = page.snapshot
         assert first is not None and first.layer("occupied", look).coloring is None
-        for later in (inserted(m, 3, 40.0), inserted(ndtree.FixedMap(dim=3, min_cell_size=0.2), 2)):
+        for later in (with_room(m, 3, far=40.0), with_room(ndtree.FixedMap(dim=3, min_cell_size=0.2), 2)):
             page.show(later)
             now, new = page.snapshot, Snapshot(later)
             assert now is not None
@@ -399,7 +392,7 @@ def test_what_cannot_be_shown_is_refused(flat: Any, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"color = 'height': must be one of size, probability for a 2-D map"):
         view.Viewer(flat, port=0, look=Look())
     with pytest.raises(ValueError, match="only 2-D and 3-D maps can be seen"):
-        view.Viewer(inserted(ndtree.AdaptiveMap(dim=4, min_cell_size=0.5), 1), port=0)
+        view.Viewer(with_room(ndtree.AdaptiveMap(dim=4, min_cell_size=0.5), 1), port=0)
 
 
 @pytest.mark.parametrize("more", [("--color", "size", "--slice", "y=0.2"), ("--slice", "z=0.5")])
@@ -415,12 +408,7 @@ def test_a_picture_is_drawn_off_screen(map_file: Path, more: tuple[str, ...], tm
 
 
 def test_watching_ends_with_the_map_written(tmp_path: Path) -> None:
-    log = tmp_path / "log.txt"
-    with open(log, "w") as file:
-        for seed in range(12):
-            points, origin = room_scan(2, seed, beams=60)
-            for x, y in points:
-                file.write(f"{origin[0]} {origin[1]} {x} {y} 1\n")
+    log = room_log(tmp_path / "log.txt", 12)
     command = [sys.executable, "-m", "ndtree", "map", str(log), "-o", str(tmp_path / "a.ndt")]
     with subprocess.Popen(
         [*command, "--watch", "--port", "0"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

@@ -42,7 +42,9 @@ class Feed:
     def put(self, item: Any, received: float, *, wait: bool) -> None:
         """As `LiveMapper.put`."""
         with self._changed:
-            self._check_open()
+            self.check()
+            if self._is_closing:
+                raise RuntimeError("the mapper is closed, expected no more items")
             if self._intake.is_pose(item):
                 self._latest = max(self._latest, received)
                 self._figures.poses += 1
@@ -86,11 +88,6 @@ class Feed:
         """Raise what ended the mapper."""
         if self._error is not None:
             raise self._error
-
-    def _check_open(self) -> None:
-        self.check()
-        if self._is_closing:
-            raise RuntimeError("the mapper is closed, expected no more items")
 
     # All of what follows is called by the mapper's thread.
 

@@ -16,8 +16,8 @@ from ndtree._native._checked import checked
 from ndtree._native._core import FrontierSearch, OccupancyMap
 from ndtree._native.results import Changes, Leaves
 from ndtree.base.scan import COLOR
-from ndtree.live.palette import color_of
 from ndtree.live.way import Way
+from ndtree.maps.ground import FREE, OCCUPIED, UNKNOWN
 
 #: Cells that are shown.
 State = Literal["occupied", "free"]
@@ -26,6 +26,10 @@ POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("size", "<f4"), ("p
 #: The same, and its colour 0x00RRGGBB in the bits of a number, as PCL packs it; grey where none was seen.
 COLORED = np.dtype([*POINT.descr, ("rgb", "<f4")])
 _GREY = 128
+#: Of cells by their size, the smallest first: red, green, blue.
+_SIZES = ((0.9, 0.3, 0.1), (0.95, 0.6, 0.1), (0.9, 0.85, 0.2), (0.4, 0.75, 0.3), (0.2, 0.55, 0.8))
+#: Of pixels of a grid: red, green, blue, alpha; what is unknown is not drawn.
+GRID_COLORS = {UNKNOWN: (0, 0, 0, 0), FREE: (235, 235, 235, 255), OCCUPIED: (30, 30, 30, 255)}
 #: A region with another state: its centre and size [m], and the states, -1 unknown, 0 free, 1 occupied.
 CHANGE = np.dtype([(name, "<f4") for name in ("x", "y", "z", "size", "before", "after")])
 
@@ -87,7 +91,7 @@ def by_size(points: NDArray[np.void]) -> list[Cells]:
     centers = np.stack([points[name].astype(np.float64) for name in "xyz"], axis=1)
     found = []
     for number, size in enumerate(sizes.tolist()):
-        colors = np.array([color_of(number)])
+        colors = np.array([_SIZES[min(number, len(_SIZES) - 1)]])
         if points.dtype == COLORED:
             packed = points["rgb"][which == number].view(np.uint32)[:, None]
             colors = (packed >> np.array([16, 8, 0], np.uint32) & 255) / 255.0

@@ -13,9 +13,8 @@ from ndtree.live.corrections import Corrections
 from ndtree.live.fading import Fading
 from ndtree.live.localizing import Localization, Localizer
 from ndtree.live.passing import Passing
-from ndtree.live.robot import Robot
 from ndtree.live.slam import Slam
-from ndtree.live.way import Way
+from ndtree.live.way import Robot, Way
 from ndtree.live.window import Window
 
 #: Measurements that wait, and how long one waits for its pose [s].
@@ -38,10 +37,6 @@ class Sink(Protocol):
 
     def update(self, m: OccupancyMap, stamp: float) -> None:
         """Look at a snapshot of the map, which stays as it is; `stamp` is that of its last scan [s]."""
-
-
-def _adaptive(dim: int, options: dict[str, Any]) -> OccupancyMap:
-    return AdaptiveMap(dim=dim, **options)
 
 
 @checked
@@ -89,7 +84,7 @@ class LiveSettings:
     """
 
     target: OccupancyMap | None = None
-    make: Make = _adaptive
+    make: Make = lambda dim, options: AdaptiveMap(dim=dim, **options)
     queue: int = QUEUE
     patience: float = PATIENCE
     threads: int = 0

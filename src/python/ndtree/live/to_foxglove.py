@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
 from ndtree.live.grid import GridFollower
-from ndtree.live.outputs import Frontiers, Shown, by_size, cell_points
-from ndtree.live.palette import GRID_COLORS
+from ndtree.live.outputs import GRID_COLORS, Frontiers, Shown, by_size, cell_points
 
 with needs("ndtree.live.FoxgloveSink needs foxglove-sdk", "foxglove"):
     import foxglove

@@ -12,8 +12,7 @@ import numpy as np
 from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
 from ndtree.live.grid import GridFollower
-from ndtree.live.outputs import Frontiers, Shown, by_size, cell_points, direction_of
-from ndtree.live.palette import GRID_COLORS
+from ndtree.live.outputs import GRID_COLORS, Frontiers, Shown, by_size, cell_points, direction_of
 from ndtree.maps.ground import FREE, OCCUPIED, UNKNOWN
 
 with needs("ndtree.live.RerunSink needs rerun-sdk", "rerun"):

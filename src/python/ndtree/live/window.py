@@ -10,6 +10,7 @@ import numpy as np
 from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
+from ndtree.live.way import last_origin
 
 #: The window follows when the sensor has moved by this share of its radius.
 FOLLOWS = 0.05
@@ -42,10 +43,9 @@ class Window:
 
     def moved(self, m: OccupancyMap, scan: Scan) -> None:
         """Forget what is far from a scan's sensor, if that has moved enough."""
-        origin = np.atleast_2d(scan.origin)
-        if not len(origin) or not np.isfinite(origin[-1]).all():
+        center = last_origin(scan)
+        if center is None:
             return
-        center = origin[-1].astype(np.float64)
         if self._center is None or np.linalg.norm(center - self._center) >= FOLLOWS * self.radius:
             self._center = center
             m.keep_near(center, self.radius)

@@ -18,8 +18,7 @@ from ndtree.plot.cubes import occupied, projected
 from ndtree.plot.figures import FORMATS
 from ndtree.plot.flat import cell_sizes, cells, occupancy, slice
 from ndtree.plot.pages import overview, overview_3d, side_by_side, side_by_side_3d
-from ndtree.plot.reliability import reliability
-from ndtree.plot.truth import truth_against_cells, truth_by_cell_size
+from ndtree.plot.truth import reliability, truth_against_cells, truth_by_cell_size
 
 __all__ = [
     "COLORS",

@@ -23,13 +23,14 @@ class Coloring:
         self, by: str, label: str, norm: Normalize, colormap: str, ticks: Floats | None = None
     ) -> None:
         self.by, self.label, self.norm, self.ticks = by, label, norm, ticks
-        ends = (0.05, 0.95) if colormap == "turbo" else (0.0, 1.0)  # Its ends are nearly black.
         self._map = colormap_of(colormap)
-        self._ends = ends
+        self._ends = (0.05, 0.95) if colormap == "turbo" else (0.0, 1.0)  # Its ends are nearly black.
 
     def __call__(self, some: Cells) -> Floats:
         """Red, green and blue of each cell, from 0 to 1: (n, 3)."""
-        values = {"height": _middle_height, "size": _edge, "probability": _probability}[self.by](some)
+        values = some.probability
+        if self.by != "probability":
+            values = (some.size if self.by == "size" else some.lower[:, -1] + 0.5 * some.size) * some.unit
         level = np.clip(np.asarray(self.norm(values), dtype=np.float64), 0.0, 1.0)
         return self._map(self._ends[0] + (self._ends[1] - self._ends[0]) * level)[:, :3]
 
@@ -61,18 +62,6 @@ def coloring(
         return Coloring(by, "cell size [m]", norm, colormap or CUBE_SIZE_COLORS, sizes)
     low = 0.0 if shown.free.any() else UNKNOWN
     return Coloring(by, "probability", Normalize(low, 1.0), colormap or "plasma_r")
-
-
-def _middle_height(some: Cells) -> Floats:
-    return (some.lower[:, -1] + 0.5 * some.size) * some.unit
-
-
-def _edge(some: Cells) -> Floats:
-    return some.size * some.unit
-
-
-def _probability(some: Cells) -> Floats:
-    return some.probability
 
 
 def _heights(cubes: Cells) -> tuple[float, float]:

@@ -26,12 +26,6 @@ _GREYS = LinearSegmentedColormap.from_list(
 )
 
 
-def _levels(probability: Floats) -> Floats:
-    """0 for the freest cells, 1 for the most surely occupied, 0.5 for unknown: no clamp leaves black grey."""
-    low, high = min(probability.min(), 0.499), max(probability.max(), 0.501)
-    return np.interp(probability, (low, UNKNOWN, high), (0.0, UNKNOWN, 1.0))
-
-
 def draw_borders(
     every: Cells, ax: Axes, region: Region | None, color: str = BORDER_COLOR, linewidth: float = 0.35
 ) -> Axes:
@@ -72,7 +66,11 @@ def draw_occupancy(every: Cells, ax: Axes, region: Region | None, color: str = "
         raise ValueError(f"color = {color!r}: must be state or probability")
     region = tuple(region) if region is not None else picture_region(every)
     seen = every.where(every.observed)
-    level = _levels(seen.probability) if color == "probability" else 0.5 * (1 + _signs(seen))
+    if color == "probability":  # Unknown is the middle, and the extremes are: no clamp leaves black grey.
+        low, high = min(seen.probability.min(), 0.499), max(seen.probability.max(), 0.501)
+        level = np.interp(seen.probability, (low, UNKNOWN, high), (0.0, UNKNOWN, 1.0))
+    else:
+        level = np.where(seen.occupied, 1.0, np.where(seen.free, 0.0, 0.5))
     seen = replace(seen, probability=level)
     image, extent = image_of(seen.inside(region), region)
     ax.set_facecolor(STATE_COLORS["unknown"])
@@ -80,11 +78,6 @@ def draw_occupancy(every: Cells, ax: Axes, region: Region | None, color: str = "
     drawn.set_data(image)
     ax.add_image(drawn)
     return framed(ax, region)
-
-
-def _signs(some: Cells) -> Floats:
-    """1 for occupied cells, -1 for free ones, 0 for those of which too little is known."""
-    return np.where(some.occupied, 1.0, np.where(some.free, -1.0, 0.0))
 
 
 class PooledImage(AxesImage):

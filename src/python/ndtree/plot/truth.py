@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How true maps are: over the size of cells, and over their number."""
+"""How true maps are: over the size of cells, over their number, and over the probability that they give."""
 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,6 +16,9 @@ from matplotlib.ticker import PercentFormatter
 from ndtree.plot.figures import Path, Picture, axes_or_new, written
 
 _MARKERS = "osD^vP*X"
+#: Bins of fewer pairs are not drawn: their shares are chance.
+FEWEST_PAIRS = 20
+_PANELS = (("free", "cells called free"), ("occupied", "cells called occupied"))
 
 
 def truth_by_cell_size(comparison: Mapping[str, Any], ax: Axes | None = None, *, of: str = "free") -> Axes:
@@ -112,3 +116,46 @@ def truth_against_cells(
     for ax in panels[len(logs) :]:
         ax.remove()
     return written(figure, path, dpi)
+
+
+def reliability(comparison: Mapping[str, Any], path: Path | None = None) -> Figure:
+    """Draw how often held-out beams end in cells, over how often each map says that they do.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Made with ``calibration=True``.
+    path : str or os.PathLike, optional
+        The picture, in the format of its ending.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Panels for cells called free and occupied, with a line for each map. Marks have an area in proportion
+        to their pairs of a beam and a cell; on the diagonal a map is right.
+    """
+    rows = [row for row in comparison["maps"] if row.get("calibration")]
+    if not rows:
+        raise ValueError(
+            "no calibration: the comparison must be made with calibration=True and scans held out"
+        )
+    figure = Picture(figsize=(9.0, 4.6), layout="constrained")
+    for ax, (key, title) in zip(figure.subplots(1, len(_PANELS)), _PANELS):
+        ax.plot([0.0, 1.0], [0.0, 1.0], color="0.6", linewidth=0.8, zorder=0)
+        for row in rows:
+            of = row["calibration"][key]
+            bins = [one for one in of["bins"] if one["pairs"] >= FEWEST_PAIRS]
+            said, ends, pairs = (
+                np.array([one[name] for one in bins]) for name in ("probability", "ends", "pairs")
+            )
+            error = "" if of["ece"] is None else f", error {of['ece']:.3f}"
+            (line,) = ax.plot(said, ends, linewidth=1.2, label=f"{row['map']}{error}")
+            ax.scatter(said, ends, s=6.0 + 120.0 * pairs / max(pairs.sum(), 1), color=line.get_color())
+        ax.set(
+            title=title, xlabel="probability that a beam ends in the cell", xlim=(0.0, 1.0), ylim=(0.0, 1.0)
+        )
+        ax.set_ylabel("beams held out that did")
+        ax.set_aspect("equal")
+        ax.legend(loc="upper left", frameon=False)
+    figure.suptitle(os.path.basename(comparison["log"]))
+    return written(figure, path, 150)

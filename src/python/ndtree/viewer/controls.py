@@ -51,7 +51,7 @@ class Controls:
                 low, high = (float(edge) for edge in snapshot.region[look.axis])
                 at = 0.5 * (low + high) if look.slice_at is None else look.slice_at
                 low, high = min(low, at), max(high, at)
-                self._at = gui.add_slider("Position [m]", low, high, self._step(snapshot), at)
+                self._at = gui.add_slider("Position [m]", low, high, snapshot.unit / 4, at)
                 self._cut = gui.add_checkbox("Cut away beyond", look.cut)
                 self._plane = gui.add_checkbox("Draw its cells", look.plane)
             inputs += [self._sliced, self._at, self._cut, self._plane]
@@ -62,7 +62,7 @@ class Controls:
             self._plans = gui.add_checkbox("Between two clicks", False)
             self._radius = gui.add_slider("Radius [m]", 0.05, 2.0, 0.05, 0.3)
             low, high = (float(edge) for edge in snapshot.region[2]) if self._dim == 3 else (0.0, 1.0)
-            self._height = gui.add_slider("Height [m]", low, high, self._step(snapshot), 0.5 * (low + high))
+            self._height = gui.add_slider("Height [m]", low, high, snapshot.unit / 4, 0.5 * (low + high))
             self._plans.on_update(lambda _: self._offer_way())
             self._offer_way()
         with gui.add_folder("Cell"):
@@ -70,10 +70,6 @@ class Controls:
         self._snapshot = snapshot
         for each in inputs:
             each.on_update(lambda _: changed())
-
-    @staticmethod
-    def _step(snapshot: Snapshot) -> float:
-        return snapshot.unit / 4
 
     def look(self) -> Look:
         """What the controls ask for."""

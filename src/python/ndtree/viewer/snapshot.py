@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,12 +15,12 @@ from ndtree.cells.lattice import Cells, Floats, Pyramid, frontier, hidden
 from ndtree.cells.regions import found_region, picture_region
 from ndtree.plot import Coloring, coloring
 from ndtree.viewer.look import IN_PLANE, Look, shown_kinds
-from ndtree.viewer.picking import first_on_ray
 
 MAX_LAYERS = 6  # Kept for the next time they are asked for.
 
 _FREE_COLOR = (160, 190, 215)
 _UNKNOWN_COLOR = (240, 140, 40)
+_STATES = {-1: "unknown", 0: "free", 1: "occupied"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,3 +135,35 @@ class Snapshot:
             if number >= 0 and (best is None or enter < best[0]):
                 best = (enter, layer.cells, number)
         return best[1:] if best else None
+
+
+def first_on_ray(lower: Floats, upper: Floats, origin: Floats, direction: Floats) -> tuple[float, int]:
+    """Distance and number of the first box on a ray; -1 for none. Flat boxes are met, too."""
+    if not len(lower):
+        return math.inf, -1
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one, two = (lower - origin) / direction, (upper - origin) / direction
+    inside = (lower <= origin) & (origin <= upper)
+    nan = np.isnan(one) | np.isnan(two)  # Parallel to a face, and in its plane.
+    low = np.where(nan, np.where(inside, -np.inf, np.inf), np.fmin(one, two))
+    high = np.where(nan, np.where(inside, np.inf, -np.inf), np.fmax(one, two))
+    enter, leave = np.maximum(low.max(axis=1), 0.0), high.min(axis=1)
+    met = np.flatnonzero(enter <= leave + 1e-12)
+    if not len(met):
+        return math.inf, -1
+    first = met[np.argmin(enter[met])]
+    return float(enter[first]), int(first)
+
+
+def numbers_of(cells: Cells, number: int) -> str:
+    """A cell's numbers as Markdown."""
+    middle = (cells.lower[number] + 0.5 * cells.size[number]) * cells.unit
+    rows = {
+        "centre": f"({', '.join(f'{c:.3f}' for c in middle)}) m",
+        "size": f"{cells.size[number] * cells.unit:g} m",
+        "state": _STATES[int(cells.state[number])],
+        "probability": f"{cells.probability[number]:.3f}",
+        "hits": f"{cells.hits[number]:,}",
+        "misses": f"{cells.misses[number]:,}",
+    }
+    return "\n".join(["| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows.items())])

@@ -18,8 +18,7 @@ from ndtree.viewer.boxes import drawn_boxes, edges_of
 from ndtree.viewer.controls import Controls
 from ndtree.viewer.frame import Track, draw_frame
 from ndtree.viewer.look import IN_PLANE, KINDS, Look, shown_kinds
-from ndtree.viewer.picking import numbers_of
-from ndtree.viewer.snapshot import Layer, Snapshot
+from ndtree.viewer.snapshot import Layer, Snapshot, numbers_of
 from ndtree.viewer.ways import Ways, place_on_plane
 
 MAX_CLEAR_BOXES = 30_000  # And of those that are seen through, which the page has to sort.

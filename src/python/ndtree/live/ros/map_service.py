@@ -8,7 +8,6 @@ from typing import Any
 
 from ndtree.live.mapper import LiveMapper
 from ndtree.live.passing import Passing
-from ndtree.live.robot import Robot
 from ndtree.live.ros.messages import optional_class
 from ndtree.live.ros.middleware import Level, Middleware
 from ndtree.live.ros.parameters import config_of, in_parameters, layers_of, live_options_of
@@ -18,6 +17,7 @@ from ndtree.live.ros.sinks import CellsSink, ChangesSink, FrontiersSink, GridSin
 from ndtree.live.ros.whereabouts import MAP, Whereabouts
 from ndtree.live.saver import Saver
 from ndtree.live.serving import MapServer, address_of
+from ndtree.live.way import Robot
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.storage import Raw
 

@@ -3,18 +3,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import PoseStamped, Quaternion
+from nav_msgs.msg import Path as WayMessage
 
 from ndtree._native._core import OccupancyMap
+from ndtree.live.localizing import quaternion_of_yaw
 from ndtree.live.mapper import LiveMapper
+from ndtree.live.ros.messages import header
 from ndtree.live.ros.middleware import Level, Middleware
-from ndtree.live.ros.plans import Plans
 from ndtree.live.ros.sinks import GridSink, OctomapSink
+from ndtree.live.routing import Router
 from ndtree.live.slam import scans_beside
 from ndtree.maps.open import open_map
 from ndtree.maps.writers import write
@@ -53,7 +58,7 @@ class Services:
     ) -> None:
         self._node, self._mapper, self._frame = node, mapper, frame
         self._grid, self._octomap = grid, octomap
-        self._plans = Plans(node, mapper)
+        self._router = Router(node.value("plan_unknown"))
 
     def write(self, file: str) -> None:
         """Write the map to a file, and beside it the scans of slam."""
@@ -124,8 +129,30 @@ class Services:
             return None
 
     def plan(self, request: Any) -> Any:
-        """The answer to a nav_msgs/GetPlan."""
-        return self._plans.path(request, self._frame())
+        """What a nav_msgs/GetPlan gets: a way in the map's frame; empty if there is none, and why is said.
+
+        The robot is a ball of `robot_radius`; positions alone count, not orientations.
+        """
+        frame = self._frame()
+        empty = WayMessage(header=header(frame, self._mapper.stamp if self._mapper.has_map else 0.0))
+        try:
+            for name in ("start", "goal"):
+                given = getattr(request, name).header.frame_id
+                if given not in ("", frame):
+                    raise ValueError(f"{name}: is in {given}, expected {frame}")
+            m = self._mapper.snapshot()
+            ends = [
+                np.array([one.pose.position.x, one.pose.position.y, one.pose.position.z])[: m.dim]
+                for one in (request.start, request.goal)
+            ]
+            way = self._router.way(m, *ends, self._node.value("robot_radius"), float(request.tolerance))
+        except (ValueError, RuntimeError) as error:
+            self._node.say(Level.warning, f"get_plan: {error}")
+            return empty
+        if not way:
+            self._node.say(Level.warning, f"get_plan: {way.reason}")
+            return empty
+        return _message(way.points, empty)
 
     def grid(self) -> Any:
         """The grid of the map as it is now; None if nothing is known."""
@@ -135,3 +162,16 @@ class Services:
         except (ValueError, RuntimeError) as error:
             self._node.say(Level.warning, f"get_map: {error}")
             return None
+
+
+def _message(points: Any, path: Any) -> Any:
+    """Each pose looks along the way that follows it."""
+    ahead = np.diff(points, axis=0)
+    for point, way in zip(points, [*ahead, *ahead[-1:]]):
+        pose = PoseStamped(header=path.header)
+        for axis, value in zip("xyz", point):
+            setattr(pose.pose.position, axis, float(value))
+        x, y, z, w = quaternion_of_yaw(math.atan2(way[1], way[0]))
+        pose.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
+        path.poses.append(pose)
+    return path

@@ -19,7 +19,6 @@ from ndtree.live.canvas import GridPart, difference
 from ndtree.live.grid import GridFollower, GroundFollower
 from ndtree.live.outputs import Frontiers, State, cell_points, changed_points
 from ndtree.live.passing import Passing, hide
-from ndtree.live.robot import Robot
 from ndtree.live.ros.messages import (
     cloud_message,
     frontier_message,
@@ -31,6 +30,7 @@ from ndtree.live.ros.messages import (
 )
 from ndtree.live.ros.middleware import Middleware, Publisher
 from ndtree.live.ros.parameters import Layer
+from ndtree.live.way import Robot
 from ndtree.maps.ground import FREE
 from ndtree.maps.writers.rosbag import octomap_nodes
 
