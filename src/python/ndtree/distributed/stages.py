@@ -146,13 +146,6 @@ def _state_name(run: str, number: int, done: int) -> str:
     return f"{run}/work/{number:06d}-{done:09d}.ndt"
 
 
-def _record_from(content: bytes) -> BlockRecord:
-    """Read what `integrate` wrote."""
-    held = json.loads(content)
-    entries = [(tuple(tile), entry) for tile, entry in held["entries"]]
-    return BlockRecord(**{**held, "block": Block.from_json(held["block"]), "entries": entries})
-
-
 def entries_of(record: BlockRecord) -> dict[Tile, TileEntry]:
     """What the manifest says of tiles."""
     found = {}
@@ -314,7 +307,9 @@ def _resumed(storage: Storage, job: Job, task: BlockTask) -> BlockRecord | tuple
     while True:
         names = storage.names(f"{job.run}/work")
         if _record_name(job.run, task.number) in names:
-            return _record_from(storage.read(_record_name(job.run, task.number)))
+            held = json.loads(storage.read(_record_name(job.run, task.number)))
+            held["entries"] = [(tuple(tile), entry) for tile, entry in held["entries"]]
+            return BlockRecord(**{**held, "block": Block.from_json(held["block"])})
         states = [name for name in names if name.startswith(begin) and name.endswith(".ndt")]
         if not states:
             return job.kind.new(), 0

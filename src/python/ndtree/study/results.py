@@ -62,19 +62,19 @@ class StudyTable:
 
     def to_markdown(self) -> str:
         """A table for people, with the figures that say most."""
-        head = ["log", "map", *(name for name, _, _ in _COLUMNS)]
-        lines = [head, ["---", "---", *["--:"] * len(_COLUMNS)]]
-        lines += [[row["log"], row["map"], *_cells(row)] for row in self.rows]
+        head, *lines = self._lines()
+        lines = [head, ["---", "---", *["--:"] * len(_COLUMNS)], *lines]
         return "".join(
             f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in one)} |\n" for one in lines
         )
 
     def __str__(self) -> str:
         """The same, aligned."""
+        return "\n".join(aligned(self._lines(), left=2))
+
+    def _lines(self) -> list[list[str]]:
         head = ["log", "map", *(name for name, _, _ in _COLUMNS)]
-        return "\n".join(
-            aligned([head, *([row["log"], row["map"], *_cells(row)] for row in self.rows)], left=2)
-        )
+        return [head, *([row["log"], row["map"], *_cells(row)] for row in self.rows)]
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:

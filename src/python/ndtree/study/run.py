@@ -101,13 +101,9 @@ def content_hash(path: Path) -> str:
     if not path.is_dir():
         return _file_hash(path, path.stat().st_mtime_ns)
     whole = hashlib.sha256()
-    for file in _files_in(path):
+    for file in sorted(one for one in path.rglob("*") if one.is_file()):
         whole.update(f"{file.relative_to(path)}\0{_file_hash(file, file.stat().st_mtime_ns)}\0".encode())
     return whole.hexdigest()
-
-
-def _files_in(folder: Path) -> Iterator[Path]:
-    yield from sorted(file for file in folder.rglob("*") if file.is_file())
 
 
 @functools.cache

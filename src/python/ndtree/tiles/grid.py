@@ -209,7 +209,7 @@ def nowhere(m: OccupancyMap) -> Floats:
 
 def _thinned(points: Floats, grain: float) -> Floats:
     """Centres of the cells of a grid that hold points."""
-    return (_unique(np.floor(points / grain).astype(np.int64)) + 0.5) * grain
+    return (_counted(np.floor(points / grain).astype(np.int64))[0] + 0.5) * grain
 
 
 def _bounds(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -225,11 +225,6 @@ def _added(crossed: Iterable[tuple[set[Tile], int]]) -> dict[Tile, int]:
         for tile in tiles:
             found[tile] = found.get(tile, 0) + count
     return found
-
-
-def _unique(rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Different rows."""
-    return _counted(rows)[0]
 
 
 def _counted(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

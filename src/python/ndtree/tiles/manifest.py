@@ -186,13 +186,8 @@ def open_manifest(storage: Storage) -> Manifest:
     return Manifest.from_bytes(content, place)
 
 
-def store_map(storage: Storage, m: OccupancyMap, begin: str) -> StoredFile:
-    """Write a map under a name that begins so and ends with its checksum."""
-    return store_bytes(storage, m.to_bytes(), begin)
-
-
 def store_bytes(storage: Storage, content: bytes, begin: str) -> StoredFile:
-    """Write a map file likewise; nothing is written where it is there already."""
+    """Write a map file under a name that begins so and ends with its checksum, unless it is there already."""
     digest = hashlib.sha256(content).hexdigest()
     stored = StoredFile(f"{begin}-{digest[:16]}.ndt", len(content), digest)
     if not storage.has(stored.file):
@@ -202,7 +197,7 @@ def store_bytes(storage: Storage, content: bytes, begin: str) -> StoredFile:
 
 def store_tile(storage: Storage, m: OccupancyMap, tile: Tile, revision: int) -> TileEntry:
     """Write a tile, whose map holds nothing else."""
-    stored = store_map(storage, m, f"{TILES}/{'_'.join(map(str, tile))}")
+    stored = store_bytes(storage, m.to_bytes(), f"{TILES}/{'_'.join(map(str, tile))}")
     bounds = m.bounds()
     return TileEntry(
         stored.file,

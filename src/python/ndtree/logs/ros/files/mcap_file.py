@@ -103,10 +103,13 @@ class McapFile(FileStorage):
         definition = (
             schema.data.decode("utf-8", "replace") if schema.encoding in ("ros1msg", "ros2msg") else ""
         )
+        topic = channel.topic
+        if topic.startswith("rt/") and "::" in name:  # DDS puts it before the name that ROS knows.
+            topic = topic[2:]
         self.connections.append(
             Connection(
                 channel.id,
-                _topic_of(channel.topic, name),
+                topic,
                 known,
                 encoding,
                 definition or None,
@@ -161,8 +164,3 @@ class McapFile(FileStorage):
         data = unpacked(chunk.compression, chunk.data, chunk.uncompressed_size)
         records: list[Any] = self._stream.breakup_chunk(replace(chunk, compression="", data=data))
         return records
-
-
-def _topic_of(name: str, type: str) -> str:
-    """A topic as ROS calls it: DDS puts "rt" before it."""
-    return name[2:] if name.startswith("rt/") and "::" in type else name
