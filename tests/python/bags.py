@@ -20,6 +20,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 KINDS = ("ros1", "sqlite3", "mcap")
 START = 1.7e9  # Of recordings [s].
 LEVEL = [0, 0, 0, 1]  # A quaternion that turns nothing.
+Row = tuple[str, float, Any]  # A topic, the time of recording [s], and a message.
 
 _TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms\n"
 
@@ -68,8 +69,34 @@ class Messages:
         x, y, z, w = (float(value) for value in values)
         return self.of("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
+    def pose(self, position: Any, quaternion: Any = LEVEL) -> Any:
+        return self.of(
+            "geometry_msgs/msg/Pose",
+            position=self.vector(position, "Point"),
+            orientation=self.quaternion(quaternion),
+        )
+
     def tf(self, *transforms: Any) -> Any:
         return self.of("tf2_msgs/msg/TFMessage", transforms=list(transforms))
+
+    def moved(
+        self,
+        stamp: float,
+        parent: str,
+        child: str,
+        position: Any,
+        quaternion: Any = LEVEL,
+        *,
+        at: float | None = None,
+        topic: str = "/tf",
+    ) -> Row:
+        """A transform as `write_bag` takes it; `at` is when it was recorded [s], else at its stamp."""
+        moved = self.transform(stamp, parent, child, position, quaternion)
+        return topic, stamp if at is None else at, self.tf(moved)
+
+    def fixed(self, *transform: Any, at: float | None = None) -> Row:
+        """A transform that holds for ever, as `write_bag` takes it."""
+        return self.moved(*transform, at=at, topic="/tf_static")
 
     def odometry(self, stamp: float, parent: str, child: str, position: Any, quaternion: Any) -> Any:
         return self.of(
@@ -78,11 +105,7 @@ class Messages:
             child_frame_id=child,
             pose=self.of(
                 "geometry_msgs/msg/PoseWithCovariance",
-                pose=self.of(
-                    "geometry_msgs/msg/Pose",
-                    position=self.vector(position, "Point"),
-                    orientation=self.quaternion(quaternion),
-                ),
+                pose=self.pose(position, quaternion),
                 covariance=np.zeros(36),
             ),
             twist=self.of(
@@ -153,6 +176,18 @@ class Messages:
             data=np.frombuffer(bytes(data), dtype=np.uint8), is_dense=False,
         )  # fmt: skip
 
+    def with_times(self, cloud: Any, points: Any, times: Any, name: str = "time") -> Any:
+        """A cloud of points (n, 3) as float32, with a field of times in their own type behind them."""
+        times = np.asarray(times)
+        table = np.zeros(len(points), np.dtype([("xyz", "f4", 3), ("time", times.dtype)]))
+        table["xyz"], table["time"] = points, times
+        code = {"u4": 6, "f4": 7, "f8": 8}[times.dtype.str[1:]]
+        extra = self.of("sensor_msgs/msg/PointField", name=name, offset=12, datatype=code, count=1)
+        return changed(
+            cloud, fields=[*cloud.fields, extra], point_step=table.itemsize, row_step=table.nbytes,
+            data=np.frombuffer(table.tobytes(), np.uint8),
+        )  # fmt: skip
+
     def image(
         self, stamp: float, frame: str, values: Any, encoding: str, *, big: bool = False, padding: int = 0
     ) -> Any:
@@ -187,6 +222,13 @@ class Messages:
 
     def text(self, words: str) -> Any:
         return self.of("std_msgs/msg/String", data=words)
+
+
+def changed(message: Any, **values: Any) -> Any:
+    """A message with other fields."""
+    for name, value in values.items():
+        object.__setattr__(message, name, value)
+    return message
 
 
 def same(one: Any, other: Any) -> bool:

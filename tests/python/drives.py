@@ -69,6 +69,6 @@ def laser_points(message: Any) -> np.ndarray:
 
 def standing(make: Messages, topic: str, messages: list[Any], path: Path, **options: Any) -> list[Any]:
     """Scans of a sensor that stands in the map's origin."""
-    content = [("/tf_static", START, make.tf(make.transform(START, "map", "sensor", [0, 0, 0], LEVEL)))]
+    content = [make.fixed(START, "map", "sensor", [0, 0, 0])]
     content += [(topic, START + 1 + i, message) for i, message in enumerate(messages)]
     return list(read(write_bag(path / "standing", make, content), **options))

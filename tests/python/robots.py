@@ -27,8 +27,7 @@ def office(kind: str, n: int) -> tuple[Messages, Content]:
     """The simulated office as a robot would publish it, at 10 Hz."""
     make: Messages = Messages(kind)
     content: Content = []
-    fixed = make.transform(START - 1, "base", "laser", [0, 0, 0.2], [0, 0, 0, 1])
-    content.append(("/tf_static", START - 1, make.tf(fixed)))
+    content.append(make.fixed(START - 1, "base", "laser", [0, 0, 0.2]))
     for i, scan in enumerate(ndtree.simulate("office", scans=n)):
         stamp, way = START + 0.1 * i, scan.endpoints - scan.origin
         angles = np.unwrap(np.arctan2(way[:, 1], way[:, 0]))
@@ -51,8 +50,7 @@ def apartment(kind: str, n: int) -> tuple[Messages, Content]:
     for i, scan in enumerate(ndtree.simulate("apartment", scans=n)):
         stamp = START + 0.3 * i
         points = (scan.endpoints - scan.origin)[scan.returned if scan.returned is not None else slice(None)]
-        moved = make.transform(stamp, "map", "camera", scan.origin, [0, 0, 0, 1])
-        content.append(("/tf", stamp, make.tf(moved)))
+        content.append(make.moved(stamp, "map", "camera", scan.origin))
         content.append(("/points", stamp + 0.001, make.cloud(stamp, "camera", points[::4])))
     return make, content
 

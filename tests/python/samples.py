@@ -113,15 +113,13 @@ def _bag(kind: str, sensor: str = "laser", *, packed: bool = False) -> Callable[
     def write(folder: Path) -> Path:
         make = Messages(kind)
         content: list[tuple[str, float, Any]] = []
-        mount = make.transform(0, "base", "sensor", (0.1, 0, 0.2), (0, 0, 0, 1))
-        content.append(("/tf_static", 0.0, make.tf(mount)))
+        content.append(make.fixed(0, "base", "sensor", (0.1, 0, 0.2)))
         if sensor == "image":
             info = make.camera_info(0.5, "sensor", (6, 8), (10, 10, 4, 3))
             content.append(("/camera/camera_info", 0.5, info))
         for i in range(8):
             t = 1.0 + 0.1 * i
-            pose = make.transform(t, "odom", "base", (0.1 * i, 0, 0), (0, 0, 0, 1))
-            content.append(("/tf", t, make.tf(pose)))
+            content.append(make.moved(t, "odom", "base", (0.1 * i, 0, 0)))
             if sensor == "laser":
                 message = make.laser(t, "sensor", 2 + np.sin(np.arange(90)))
             elif sensor == "cloud":

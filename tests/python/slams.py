@@ -49,8 +49,7 @@ def bag_of(
     """A recording of a laser whose tf are some poses; `paths` are published after some scans."""
     make: Messages = Messages(kind)
     content: list[tuple[str, float, Any]] = []
-    fixed = make.transform(START - 1, "base", "laser", [*mount[:2], 0.3], yaw(mount[2]))
-    content.append(("/tf_static", START - 1, make.tf(fixed)))
+    content.append(make.fixed(START - 1, "base", "laser", [*mount[:2], 0.3], yaw(mount[2])))
     for i, ((stamp, _, _, beams, returned), (place, turn)) in enumerate(zip(rows, poses)):
         moved = make.transform(stamp, fixed_frame, "base", [*place, 0.0], yaw(turn))
         ranges = np.hypot(*beams.T)
@@ -70,12 +69,7 @@ def path_message(rows: Any, poses: Any, upto: int) -> Any:
     def made(make: Messages) -> Any:
         stamped = []
         for i in range(upto + 1):
-            place = make.of(
-                "geometry_msgs/msg/Point", **dict(zip("xyz", (*(float(x) for x in poses[i][0]), 0.0)))
-            )
-            pose = make.of(
-                "geometry_msgs/msg/Pose", position=place, orientation=make.quaternion(yaw(poses[i][1]))
-            )
+            pose = make.pose((*poses[i][0], 0.0), yaw(poses[i][1]))
             header = make.header(rows[i][0], "map")
             stamped.append(make.of("geometry_msgs/msg/PoseStamped", header=header, pose=pose))
         return make.of("nav_msgs/msg/Path", header=make.header(rows[upto][0], "map"), poses=stamped)

@@ -41,8 +41,7 @@ def write_bag_of_office(folder: Path) -> None:
 
     make = Messages("mcap")
     content: list[Any] = []
-    mount = make.transform(0.0, "base_link", "laser", (0.1, 0.0, 0.3), (0, 0, 0, 1))
-    content.append(("/tf_static", 100.0, make.tf(mount)))
+    content.append(make.fixed(0.0, "base_link", "laser", (0.1, 0.0, 0.3), at=100.0))
     office = ndtree.simulate("office", scans=60)
     angles = np.linspace(-np.pi, np.pi, 360, endpoint=False)
     directions = np.column_stack((np.cos(angles), np.sin(angles)))

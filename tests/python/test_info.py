@@ -27,14 +27,11 @@ LEVEL = (0, 0, 0, 1)
 def bag(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A drive of 200 scans, with a fixed frame that is told once, and a topic that begins late."""
     make = Messages(request.param)
-    content: list[Any] = [
-        ("/tf_static", 100.0, make.tf(make.transform(100.0, "base", "laser", (0, 0, 1), LEVEL)))
-    ]
+    content: list[Any] = [make.fixed(100.0, "base", "laser", (0, 0, 1))]
     for i in range(200):
         t = 100 + 0.1 * i
         for k in range(5):
-            moved = make.transform(t + 0.02 * k, "odom", "base", (0.02 * i, 0, 0), LEVEL)
-            content.append(("/tf", t + 0.02 * k, make.tf(moved)))
+            content.append(make.moved(t + 0.02 * k, "odom", "base", (0.02 * i, 0, 0)))
         content.append(("/scan", t, make.laser(t, "laser", [2.0, 3.0, 4.0])))
         if i > 150:
             content.append(("/late", t, make.cloud(t, "laser", np.ones((5, 3)))))

@@ -95,23 +95,13 @@ def timed_bag(path: Path, pad: Callable[[np.ndarray, np.ndarray], tuple[np.ndarr
     make = Messages("mcap")
     content: list[tuple[str, float, Any]] = []
     for t in np.arange(0, 3, 0.1):
-        moved = make.transform(START + t, "odom", "lidar", [1.5 * t, 0, 0], [0, 0, 0, 1])
-        content.append(("/tf", START + t, make.tf(moved)))
+        content.append(make.moved(START + t, "odom", "lidar", [1.5 * t, 0, 0]))
     turn = np.linspace(0, 2 * np.pi, 100, endpoint=False)
     ring = 4 * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
     for t in np.arange(0.5, 2.5, 0.1):
         points = ring.astype(np.float32)
         points, times = pad(points, np.linspace(0, 0.099, 100))
-        layout = np.dtype([("xyz", "f4", 3), ("t", times.dtype)])
-        table = np.zeros(100, layout)
-        table["xyz"], table["t"] = points, times
-        cloud = make.cloud(START + t, "lidar", points)
-        extra = make.of("sensor_msgs/msg/PointField", name="t", offset=12, datatype=6, count=1)
-        for name, value in {
-            "fields": [*cloud.fields, extra], "point_step": layout.itemsize,
-            "row_step": 100 * layout.itemsize, "data": np.frombuffer(table.tobytes(), np.uint8),
-        }.items():  # fmt: skip
-            object.__setattr__(cloud, name, value)
+        cloud = make.with_times(make.cloud(START + t, "lidar", points), points, times, "t")
         content.append(("/points", START + t, cloud))
     return write_bag(path, make, content)
 

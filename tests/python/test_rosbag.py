@@ -191,7 +191,7 @@ def test_a_laser_that_tilts_is_3d_unless_told(ros2: Messages, tmp_path: Path) ->
     for name, tilt in tilts.items():
         turn = Rotation.from_euler("x", tilt).as_quat()
         content = [
-            ("/tf_static", START, ros2.tf(ros2.transform(START, "odom", "laser", [0, 0, 0], turn))),
+            ros2.fixed(START, "odom", "laser", [0, 0, 0], turn),
             ("/scan", START, ros2.laser(START, "laser", [1, 2, 3])),
         ]
         path = write_bag(tmp_path / name, ros2, content)
@@ -207,9 +207,7 @@ def test_the_way_between_frames_may_lead_down(ros2: Messages, tmp_path: Path) ->
     drive = Drive(planar=True)
     content = drive.transforms(ros2)
     beacon = Rotation.from_euler("z", 1.0)
-    content.insert(
-        0, ("/tf_static", START, ros2.tf(ros2.transform(0, "map", "beacon", [1, 2, 0], beacon.as_quat())))
-    )
+    content.insert(0, ros2.fixed(0, "map", "beacon", [1, 2, 0], beacon.as_quat(), at=START))
     stamp = SCAN_TIMES[2]
     content.append(("/scan", stamp, ros2.laser(stamp, "sensor", [1, 2, 3])))
     (scan,) = read(write_bag(tmp_path / "bag", ros2, content), fixed_frame="beacon")
@@ -221,8 +219,7 @@ def test_transforms_that_are_none_are_passed_over(ros2: Messages, tmp_path: Path
     drive = Drive(planar=True)
     content = drive.transforms(ros2)
     for position, turn in (([np.nan, 0, 0], LEVEL), ([0, 0, 0], [0, 0, 0, 0])):
-        wrong = ros2.transform(START + 0.15, "odom", "base", position, turn)
-        content.append(("/tf", START, ros2.tf(wrong)))
+        content.append(ros2.moved(START + 0.15, "odom", "base", position, turn, at=START))
     content.append(("/scan", START, ros2.laser(START + 0.13, "sensor", [1, 2])))
     (scan,) = read(write_bag(tmp_path / "bag", ros2, content))
     np.testing.assert_allclose(scan.origin, drive.in_map(START + 0.13, np.zeros(3))[:2], atol=1e-6)

@@ -15,7 +15,7 @@ pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
 
-from bags import KINDS, LEVEL, START, Messages, same, write_bag
+from bags import KINDS, START, Messages, changed, same, write_bag
 
 from ndtree.logs import read
 
@@ -25,8 +25,7 @@ STAMPS = np.arange(0, 3, 0.05)
 def drive_content(make: Messages) -> list[tuple[str, float, Any]]:
     content: list[tuple[str, float, Any]] = []
     for i, t in enumerate(STAMPS):
-        moved = make.transform(START + t, "odom", "laser", [t, 0, 0], LEVEL)
-        content.append(("/tf", START + t, make.tf(moved)))
+        content.append(make.moved(START + t, "odom", "laser", [t, 0, 0]))
         content.append(("/scan", START + t, make.laser(START + t, "laser", [1.0 + 0.1 * i, 2.0])))
     return content
 
@@ -144,7 +143,7 @@ def test_a_single_file_of_ros2_and_a_bag_without_its_ending(tmp_path: Path) -> N
     for kind in KINDS:
         make = Messages(kind)
         content = [
-            ("/tf_static", START, make.tf(make.transform(START, "odom", "laser", [0, 0, 0], LEVEL))),
+            make.fixed(START, "odom", "laser", [0, 0, 0]),
             ("/scan", START, make.laser(START, "laser", [1, 2, 3])),
         ]
         path = write_bag(tmp_path / kind, make, content)
@@ -228,12 +227,9 @@ def test_a_bag_of_another_writer(tmp_path: Path) -> None:
 def test_a_bag_is_read_message_by_message(ros2: Messages, tmp_path: Path) -> None:
     """The most memory in use while a bag is read is that of a few of its clouds."""
     points = np.zeros((3000, 4), dtype=np.float32)
-    cloud = ros2.cloud(START, "sensor", points[:1])
-    for name, value in {
-        "width": 3000, "row_step": 48_000, "data": points.view(np.uint8).ravel()
-    }.items():  # fmt: skip
-        object.__setattr__(cloud, name, value)
-    content = [("/tf_static", START, ros2.tf(ros2.transform(START, "map", "sensor", [0, 0, 0], LEVEL)))]
+    one = ros2.cloud(START, "sensor", points[:1])
+    cloud = changed(one, width=3000, row_step=48_000, data=points.view(np.uint8).ravel())
+    content = [ros2.fixed(START, "map", "sensor", [0, 0, 0])]
     content += [("/points", START + 1 + i, cloud) for i in range(400)]
     log = read(write_bag(tmp_path / "bag", Messages("sqlite3"), content))
     list(zip(range(3), log))

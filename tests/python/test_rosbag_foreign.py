@@ -15,7 +15,7 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("typer")
 
-from bags import START, Messages, write_bag
+from bags import START, Messages, changed, write_bag
 
 from ndtree.cli.commands.messages import in_words
 from ndtree.logs import contents, read
@@ -29,12 +29,6 @@ CAMERA = (100.0, 110.0, 1.0, 0.5)
 
 def placed(make: Messages, frame: str) -> tuple[str, float, Any]:
     return "/tf", START, make.tf(make.transform(START, "map", frame, [0, 0, 0], [0, 0, 0, 1]))
-
-
-def changed(message: Any, **values: Any) -> Any:
-    for name, value in values.items():
-        object.__setattr__(message, name, value)
-    return message
 
 
 # --- Clouds -----------------------------------------------------------------------------------------
@@ -223,8 +217,7 @@ def drive(make: Messages, path: Path, begins: float, first: float | None = None)
     for number in range(20):
         t = begins + 0.1 * number
         stamp = first if first is not None and not number else t
-        moved = make.transform(stamp, "odom", "laser", [0.1 * number, 0, 0], [0, 0, 0, 1])
-        content.append(("/tf", START + 0.1 * number, make.tf(moved)))
+        content.append(make.moved(stamp, "odom", "laser", [0.1 * number, 0, 0], at=START + 0.1 * number))
         for side in (-1.0, 1.0):
             laser = make.laser(stamp, "laser", np.full(30, 4 + 0.1 * side))
             content.append(("/scan", START + 0.1 * number, laser))

@@ -27,11 +27,7 @@ def place(t: float) -> np.ndarray:
 
 
 def moved(parent: str, child: str, begin: float = 0.0) -> list[tuple[str, float, Any]]:
-    return [
-        ("/tf", START + t, MAKE.tf(MAKE.transform(START + t, parent, child, place(t), LEVEL)))
-        for t in STAMPS
-        if t >= begin
-    ]
+    return [MAKE.moved(START + t, parent, child, place(t)) for t in STAMPS if t >= begin]
 
 
 def fixed(parent: str, child: str) -> tuple[str, float, Any]:
@@ -91,18 +87,10 @@ def test_the_frame_that_a_registered_cloud_was_seen_from_may_be_said(tmp_path: P
 
 def test_points_in_a_fixed_frame_were_moved_there_before(tmp_path: Path) -> None:
     """Whatever times of their own they have, all of a cloud go into the map by the pose of its stamp."""
-    layout = np.dtype([("xyz", "f4", 3), ("time", "f4")])
-    table = np.zeros(len(POINTS), layout)
-    table["xyz"], table["time"] = POINTS, [0, 0.05, 0.1]
-    time = MAKE.of("sensor_msgs/msg/PointField", name="time", offset=12, datatype=7, count=1)
     timed = clouds("odom")[:-2]
     for _, _, cloud in timed:
-        object.__setattr__(cloud, "fields", [*cloud.fields, time])
-        object.__setattr__(cloud, "data", np.frombuffer(table.tobytes(), np.uint8))
-    drift = [
-        ("/tf", START + t, MAKE.tf(MAKE.transform(START + t, "map", "odom", [t, 0, 0], LEVEL)))
-        for t in STAMPS
-    ]
+        MAKE.with_times(cloud, POINTS, np.array([0, 0.05, 0.1], np.float32))
+    drift = [MAKE.moved(START + t, "map", "odom", [t, 0, 0]) for t in STAMPS]
     log = log_of(tmp_path, moved("odom", "base_link"), drift, timed)
     assert "poses in map" in log.uses
     for scan, t in zip(log, STAMPS):
@@ -144,7 +132,7 @@ def test_without_tf_the_odometry_that_knows_the_sensors_base_counts(tmp_path: Pa
 
 
 def test_a_map_that_is_known_too_late_is_told_of(tmp_path: Path) -> None:
-    late = [("/tf", one[1], MAKE.tf(MAKE.transform(one[1], "map", "odom", [i, 0, 0], LEVEL)))
+    late = [MAKE.moved(one[1], "map", "odom", [i, 0, 0])
             for i, one in enumerate(moved("", "", 1.5))]  # fmt: skip
     parts = [moved("odom", "base_link"), fixed("base_link", "laser"), scans("laser"), late]
     log = log_of(tmp_path, *parts)

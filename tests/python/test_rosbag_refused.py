@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
-from bags import LEVEL, START, Messages, write_bag
+from bags import LEVEL, START, Messages, changed, write_bag
 from drives import SCAN_TIMES, Drive, standing
 from rosbags.typesys import get_types_from_msg
 
@@ -75,7 +75,7 @@ def test_scans_in_a_gap_of_the_transforms_are_left_out(ros2: Messages, tmp_path:
 
 def test_damaged_messages_are_named_or_passed_over(make: Messages, tmp_path: Path) -> None:
     good = make.laser(START, "sensor", [1, 2, 3])
-    content = [("/tf_static", START, make.tf(make.transform(START, "map", "sensor", [0, 0, 0], LEVEL)))]
+    content = [make.fixed(START, "map", "sensor", [0, 0, 0])]
     content += [("/scan", START + i, good) for i in range(4)]
     content.insert(3, ("/scan", START + 1.5, ("sensor_msgs/msg/LaserScan", b"\0\1\0\0rubbish")))
     content.insert(3, ("/scan", START + 1.2, make.text("not a scan")))
@@ -125,7 +125,7 @@ def test_damaged_bags_are_named(make: Messages, tmp_path: Path) -> None:
 
 def test_damage_in_the_middle_keeps_what_was_read(tmp_path: Path) -> None:
     make = Messages("ros1")
-    content = [("/tf_static", START, make.tf(make.transform(START, "map", "sensor", [0, 0, 0], LEVEL)))]
+    content = [make.fixed(START, "map", "sensor", [0, 0, 0])]
     ranges = np.random.default_rng(1).uniform(1, 7, (100, 9000))
     content += [("/scan", START + i, make.laser(START + i, "sensor", row)) for i, row in enumerate(ranges)]
     path = write_bag(tmp_path / "bag", make, content, packed=True)
@@ -237,14 +237,11 @@ def test_clouds_that_contradict_themselves(
     cloud = ros2.cloud(START, "sensor", np.ones((2, 3)))
     if "width" in change:
         change = {**change, "row_step": 1440}
-    for name, value in change.items():
-        object.__setattr__(cloud, name, value)
     with pytest.raises(ValueError, match=f"/points: message 0: {message}"):
-        standing(ros2, "/points", [cloud], tmp_path)
+        standing(ros2, "/points", [changed(cloud, **change)], tmp_path)
 
 
 def test_images_that_contradict_themselves(ros2: Messages, tmp_path: Path) -> None:
-    image = ros2.image(START, "sensor", np.ones((4, 5)), "16UC1")
-    object.__setattr__(image, "height", 40)
+    image = changed(ros2.image(START, "sensor", np.ones((4, 5)), "16UC1"), height=40)
     with pytest.raises(ValueError, match="the image has 40 bytes, expected 400 for 40 rows of 10 bytes"):
         standing(ros2, "/depth", [image], tmp_path, camera="1,1,1,1")

@@ -37,11 +37,7 @@ def pose_message(make: Messages, kind: str, t: float) -> Any:
     place, turn = at(t)
     if kind == "TransformStamped":
         return make.transform(START + t, "world", "", place, turn.as_quat())
-    pose = make.of(
-        "geometry_msgs/msg/Pose",
-        position=make.vector(place, "Point"),
-        orientation=make.quaternion(turn.as_quat()),
-    )
+    pose = make.pose(place, turn.as_quat())
     header = make.header(START + t, "world")
     if kind == "Odometry":
         return make.odometry(START + t, "world", "", place, turn.as_quat())
@@ -109,10 +105,8 @@ def test_mounts_are_read_as_urdf_says() -> None:
 def test_a_sensor_that_hangs_nowhere_is_named_and_mounted(ros2: Messages, tmp_path: Path) -> None:
     content: list[tuple[str, float, Any]] = []
     for t in STAMPS:
-        moved = ros2.transform(START + t, "odom", "base_link", [t, 0, 0], LEVEL)
-        content.append(("/tf", START + t, ros2.tf(moved)))
-    fixed = ros2.transform(START, "base_link", "horn", [0.5, 0, 0.3], LEVEL)
-    content.append(("/tf_static", START, ros2.tf(fixed)))
+        content.append(ros2.moved(START + t, "odom", "base_link", [t, 0, 0]))
+    content.append(ros2.fixed(START, "base_link", "horn", [0.5, 0, 0.3]))
     content.append(("/scan", START + 1, ros2.laser(START + 1, "laser", [1.0, 2.0])))
     path = write_bag(tmp_path / "bag", ros2, content)
     with pytest.raises(
@@ -138,10 +132,8 @@ def test_without_a_usual_frame_the_root_of_the_tree_is_fixed(ros2: Messages, tmp
     content.append(("/scan", START + 1, ros2.laser(START + 1, "/base", [1.0, 2.0])))
     assert read(write_bag(tmp_path / "bag", ros2, content)).fixed_frame == "odom_combined"
     # A map that is known only at the end is of no use where odometry knows every scan.
-    content.append(("/tf", START, ros2.tf(ros2.transform(START + 2.9, "map", "odom", [0, 0, 0], LEVEL))))
-    content.append(
-        ("/tf_static", START, ros2.tf(ros2.transform(START, "odom", "odom_combined", [0, 0, 0], LEVEL)))
-    )
+    content.append(ros2.moved(START + 2.9, "map", "odom", [0, 0, 0], at=START))
+    content.append(ros2.fixed(START, "odom", "odom_combined", [0, 0, 0]))
     assert read(write_bag(tmp_path / "late", ros2, content)).fixed_frame == "odom"
 
 
@@ -150,11 +142,9 @@ def test_a_mount_that_was_said_only_once_holds(ros2: Messages, tmp_path: Path) -
     for turns in (False, True):
         content: list[tuple[str, float, Any]] = []
         for t in STAMPS:
-            moved = ros2.transform(START + t, "odom", "base", [t, 0, 0], LEVEL)
-            content.append(("/tf", START + t, ros2.tf(moved)))
+            content.append(ros2.moved(START + t, "odom", "base", [t, 0, 0]))
         for t in (0.0, 0.3):
-            at_t = ros2.transform(START + t, "base", "laser", [0.2, t if turns else 0, 0], LEVEL)
-            content.append(("/tf", START + t, ros2.tf(at_t)))
+            content.append(ros2.moved(START + t, "base", "laser", [0.2, t if turns else 0, 0]))
         for t in (0.1, 1.0, 2.0, 2.5):
             content.append(("/scan", START + t, ros2.laser(START + t, "laser", [1.0, 2.0])))
         log = read(write_bag(tmp_path / str(turns), ros2, sorted(content, key=lambda one: one[1])))
@@ -180,8 +170,7 @@ def test_a_sensor_that_stands_still(ros2: Messages, tmp_path: Path) -> None:
 def test_several_sensors_come_in_the_order_of_time(ros2: Messages, tmp_path: Path) -> None:
     content: list[tuple[str, float, Any]] = []
     for name, x in (("front", 0.3), ("rear", -0.3)):
-        fixed = ros2.transform(START, "odom", name, [x, 0, 0], LEVEL)
-        content.append(("/tf_static", START, ros2.tf(fixed)))
+        content.append(ros2.fixed(START, "odom", name, [x, 0, 0]))
     for i in range(10):
         content.append(("/front", START + i, ros2.laser(START + 0.1 * i, "front", [1.0, 2.0])))
         content.append(("/rear", START + i, ros2.laser(START + 0.1 * i - 0.05, "rear", [1.0, 2.0, 3.0])))

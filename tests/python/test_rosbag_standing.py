@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("rosbags")
 
-from bags import LEVEL, START, Messages, write_bag
+from bags import START, Messages, write_bag
 from calling import cli
 
 from ndtree.logs.ros.messages.beams import Beams
@@ -121,7 +121,7 @@ def bag(path: Path, way: Any, transforms: bool) -> Path:
             angle_min=-np.radians(135), angle_increment=np.radians(1.0),
         )  # fmt: skip
         if transforms:
-            content.append(("/tf", t, make.tf(make.transform(t, "odom", "laser", [0, 0, 0], LEVEL))))
+            content.append(make.moved(t, "odom", "laser", [0, 0, 0]))
         content.append(("/scan", t, laser))
     return write_bag(path, make, content)
 

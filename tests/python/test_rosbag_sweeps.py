@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
-from bags import LEVEL, START, Messages, write_bag
+from bags import START, Messages, write_bag
 from scipy.spatial import transform as spatial
 
 from ndtree.logs import read
@@ -57,9 +57,7 @@ def sweeps(
     for t in np.arange(0, 6.5, 0.02):
         x, y, yaw = where(t)
         turn = Rotation.from_euler("z", yaw).as_quat()
-        content.append(
-            ("/tf", START + t, make.tf(make.transform(START + t, "odom", "laser", [x, y, 0], turn)))
-        )
+        content.append(make.moved(START + t, "odom", "laser", [x, y, 0], turn))
     angles = -np.pi + 2 * np.pi / beams * np.arange(beams)
     for begin in np.arange(0.2, 6, 0.1):
         times = begin + sweep / beams * np.arange(beams)
@@ -118,8 +116,7 @@ def test_another_sensor_in_the_topic_does_not_confuse_the_times(ros2: Messages, 
 def test_a_fast_sensor_has_an_origin_for_each_beam(ros2: Messages, tmp_path: Path) -> None:
     content: list[tuple[str, float, Any]] = []
     for t in np.arange(0, 2, 0.1):
-        moved = ros2.transform(START + t, "odom", "laser", [10 * t, 0, 0], LEVEL)
-        content.append(("/tf", START + t, ros2.tf(moved)))
+        content.append(ros2.moved(START + t, "odom", "laser", [10 * t, 0, 0]))
     laser = ros2.laser(START + 1, "laser", [1.0] * 11, time_increment=0.01)
     path = write_bag(tmp_path / "bag", ros2, [*content, ("/scan", START + 1, laser)])
     (scan,) = read(path)
@@ -142,20 +139,10 @@ def test_a_fast_sensor_has_an_origin_for_each_beam(ros2: Messages, tmp_path: Pat
 def test_clouds_with_times_of_any_unit(ros2: Messages, kind: str, times: Any, tmp_path: Path) -> None:
     content: list[tuple[str, float, Any]] = []
     for t in np.arange(0, 2, 0.1):
-        moved = ros2.transform(START + t, "odom", "lidar", [10 * t, 0, 0], LEVEL)
-        content.append(("/tf", START + t, ros2.tf(moved)))
+        content.append(ros2.moved(START + t, "odom", "lidar", [10 * t, 0, 0]))
     since = np.array([0.0, 0.025, 0.1])
-    layout = np.dtype([("xyz", "f4", 3), ("time", kind)])
-    table = np.zeros(3, layout)
-    table["xyz"], table["time"] = POINTS, times(since)
-    cloud = ros2.cloud(START + 1, "lidar", POINTS)
-    code = {"u4": 6, "f4": 7, "f8": 8}[kind]
-    extra = ros2.of("sensor_msgs/msg/PointField", name="time", offset=12, datatype=code, count=1)
-    for name, value in {
-        "fields": [*cloud.fields, extra], "point_step": layout.itemsize, "row_step": 3 * layout.itemsize,
-        "data": np.frombuffer(table.tobytes(), np.uint8),
-    }.items():  # fmt: skip
-        object.__setattr__(cloud, name, value)
+    plain = ros2.cloud(START + 1, "lidar", POINTS)
+    cloud = ros2.with_times(plain, POINTS, times(since).astype(kind))
     (scan,) = read(write_bag(tmp_path / "bag", ros2, [*content, ("/points", START + 1, cloud)]))
     expected = POINTS + np.stack([10 + 10 * since, np.zeros(3), np.zeros(3)], axis=1)
     np.testing.assert_allclose(scan.endpoints, expected, atol=2e-4)
@@ -186,10 +173,7 @@ def test_the_mount_is_found_where_the_map_is_sharpest(
     for t in np.arange(0, 14, 0.02):
         bx, by, turn = body(t)
         quaternion = Rotation.from_euler("z", turn).as_quat()
-        pose = ros2.of(
-            "geometry_msgs/msg/Pose",
-            position=ros2.vector([bx, by, 0], "Point"), orientation=ros2.quaternion(quaternion),
-        )  # fmt: skip
+        pose = ros2.pose([bx, by, 0], quaternion)
         message = ros2.of("geometry_msgs/msg/PoseStamped", header=ros2.header(START + t, "world"), pose=pose)
         content.append(("/pose", START + t, message))
     for t in np.arange(0.5, 13.5, 0.1):
