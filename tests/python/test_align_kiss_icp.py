@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from calling import cli
+from conftest import turned
 
 import ndtree
 from ndtree.alignment import align_by_kiss_icp
@@ -81,12 +82,8 @@ def round_trip() -> np.ndarray:
     poses = []
     for side, (begin, end) in enumerate(zip(corners[:-1], corners[1:])):
         for i in range(int(np.linalg.norm(end - begin))):
-            pose = np.eye(4)
-            yaw = side * np.pi / 2
-            pose[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-            pose[:2, 3] = begin + i * (end - begin) / np.linalg.norm(end - begin)
-            pose[2, 3] = 1.5
-            poses.append(pose)
+            at = begin + i * (end - begin) / np.linalg.norm(end - begin)
+            poses.append(turned(3, side * np.pi / 2, (*at, 1.5)))
     return np.array(poses)
 
 

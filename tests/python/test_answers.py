@@ -11,7 +11,7 @@ from typing import Any, Callable
 
 import numpy as np
 import pytest
-from conftest import room_scan
+from conftest import room_scan, with_room
 
 import ndtree
 from ndtree._native import _core, results
@@ -20,11 +20,7 @@ KINDS = {"adaptive": ndtree.AdaptiveMap, "fixed": ndtree.FixedMap}
 
 
 def mapped(dim: int, kind: str = "adaptive") -> Any:
-    m = KINDS[kind](dim=dim)
-    for seed in range(4):
-        points, origin = room_scan(dim, seed)
-        m.insert(points, origin)
-    return m
+    return with_room(KINDS[kind](dim=dim), 4)
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from conftest import room_scan
+from conftest import room_scan, with_room
 
 import ndtree
 from ndtree._errors import located, spelled
@@ -251,8 +251,7 @@ def test_extreme_bounds_survive_merging_and_a_file(bound):
     m = ndtree.AdaptiveMap(
         dim=2, log_odds_min=-bound, log_odds_max=bound, probability_min=1e-6, probability_max=1 - 1e-6
     )
-    for seed in range(40):
-        m.insert(*room_scan(2, seed))
+    with_room(m, 40)
     assert m.stats().merges > 0
     assert ndtree.from_bytes(m.to_bytes()).to_bytes() == m.to_bytes()
     assert np.abs(m.leaves().log_odds).max() <= np.float32(bound)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import room_scan
+from conftest import room_scan, with_room
 
 import ndtree
 from ndtree._lazy import install_of
@@ -22,9 +22,7 @@ BOX = 2.4  # The rooms are within [-BOX, BOX).
 
 def room(dim: int, branching: int = 2, scans: int = 3) -> ndtree.AdaptiveMap:
     m = ndtree.AdaptiveMap(dim=dim, branching=branching, min_cell_size=0.1, max_cell_size=1.6)
-    for seed in range(scans):
-        m.insert(*room_scan(dim, seed, 500))
-    return m
+    return with_room(m, scans, 500)
 
 
 @pytest.fixture(scope="module")

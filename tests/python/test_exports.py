@@ -8,17 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import room_scan
+from conftest import with_room
 
 import ndtree
 
 
 def room(dim: int, branching: int = 2, cls: type = ndtree.AdaptiveMap) -> Any:
     size = {"cell_size": 0.1} if cls is ndtree.FixedMap else {"min_cell_size": 0.1, "max_cell_size": 1.6}
-    m = cls(dim=dim, branching=branching, **size)
-    for seed in range(3):
-        m.insert(*room_scan(dim, seed, 500))
-    return m
+    return with_room(cls(dim=dim, branching=branching, **size), 3, 500)
 
 
 def centres(lower: np.ndarray, shape: tuple[int, ...], cell_size: float) -> np.ndarray:

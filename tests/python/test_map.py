@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from conftest import room_scan
+from conftest import room_scan, with_room
 
 import ndtree
 from ndtree._native import _core
@@ -24,11 +24,7 @@ def make(kind: str, branching: int, dim: int) -> ndtree.OccupancyMap:
 @pytest.fixture(params=["adaptive", "fixed"])
 def filled(request, shape) -> ndtree.OccupancyMap:
     branching, dim = shape
-    m = make(request.param, branching, dim)
-    for seed in range(5):
-        points, origin = room_scan(dim, seed)
-        m.insert(points, origin)
-    return m
+    return with_room(make(request.param, branching, dim), 5)
 
 
 def test_counts_of_leaves_are_those_of_the_leaves():
@@ -37,8 +33,7 @@ def test_counts_of_leaves_are_those_of_the_leaves():
         kind = {"fixed": ndtree.FixedMap, "octomap": ndtree.OctoMap}.get(refinement, ndtree.AdaptiveMap)
         m = kind(dim=2, **({"refinement": refinement} if kind is ndtree.AdaptiveMap else {}))
         assert not _core.leaf_counts(m)
-        for seed in range(20):
-            m.insert(*room_scan(2, seed))
+        with_room(m, 20)
         leaves = m.leaves()
         sizes = np.unique(leaves.size[leaves.observed])
         assert len(sizes) > (kind is ndtree.AdaptiveMap)

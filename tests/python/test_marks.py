@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import turned
 
 import ndtree
 
@@ -39,14 +40,6 @@ def room(request: Any) -> Any:
     ways = RNG.normal(size=(1500, m.dim))
     m.insert(2.0 * ways / np.abs(ways).max(axis=1, keepdims=True), np.full(m.dim, 0.31))
     return m
-
-
-def turned(dim: int, angle: float, position: Any) -> np.ndarray:
-    pose = np.eye(dim + 1)
-    c, s = np.cos(angle), np.sin(angle)
-    pose[:2, :2] = [[c, -s], [s, c]]
-    pose[:dim, dim] = position
-    return pose
 
 
 def test_wrong_calls_change_nothing(room: Any) -> None:

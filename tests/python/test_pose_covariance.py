@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import turned
 
 import ndtree
 from ndtree.base.scan import Scan
@@ -106,10 +107,7 @@ def test_what_is_no_covariance_is_refused(name: str) -> None:
 def test_a_history_keeps_what_the_covariance_said_when_scans_move(dim: int) -> None:
     rng = np.random.default_rng(6)
     history, plain = ndtree.ScanHistory(dim=dim), ndtree.ScanHistory(dim=dim)
-    angle = 0.7
-    pose = np.eye(dim + 1)
-    pose[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
-    pose[:dim, dim] = rng.normal(size=dim)
+    pose = turned(dim, 0.7, rng.normal(size=dim))
     points, _ = scans(dim, 1)[0]
     c = covariance(rng, dim)
     history.insert(1, points, pose, pose_covariance=c)
@@ -233,7 +231,7 @@ MOUNT = np.array([0.4, 0.1, 0.2])
 def bag(folder: Path, size: Any, kind: str = "mcap", of: str = "Odometry") -> Path:
     """A laser on a robot whose poses have a covariance that depends on the time."""
     make = Messages(kind)
-    content = [("/tf_static", START, make.tf(make.transform(START, "base_link", "laser", MOUNT, LEVEL)))]
+    content = [make.fixed(START, "base_link", "laser", MOUNT)]
     for t in STAMPS:
         odometry = make.odometry(START + t, "map", "base_link", (0.5 * t, 0, 0), LEVEL)
         pose = make.of(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import room_scan
+from conftest import room_scan, turned, with_room
 
 import ndtree
 from ndtree._native import _core
@@ -19,23 +19,7 @@ from ndtree.tiles.storage import storage_of
 BODY = ndtree.Sphere(0.1)
 
 
-def room(dim: int) -> ndtree.OccupancyMap:
-    m = ndtree.AdaptiveMap(dim=dim)
-    for seed in range(3):
-        m.insert(*room_scan(dim, seed))
-    return m
-
-
-ROOMS = {dim: room(dim) for dim in (2, 3)}
-
-
-def turned(dim: int, angle: float, shift: list[float]) -> np.ndarray:
-    pose = np.eye(dim + 1)
-    pose[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    pose[:dim, dim] = shift
-    return pose
-
-
+ROOMS = {dim: with_room(ndtree.AdaptiveMap(dim=dim), 3) for dim in (2, 3)}
 CALLS: dict[str, Callable[[ndtree.OccupancyMap, Any], Any]] = {
     "transformed": lambda m, pose: m.transformed(pose),
     "collides": lambda m, pose: m.collides(BODY, np.asarray(pose)[None]),

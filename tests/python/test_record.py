@@ -16,7 +16,7 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("rich")
 
 from calling import cli
-from conftest import room_scan
+from conftest import room_log, room_scan
 from PIL import Image, ImageSequence
 
 import ndtree
@@ -109,12 +109,7 @@ def test_wrong_films_are_refused(tmp_path: Path, monkeypatch: Any) -> None:
 
 
 def test_map_records_and_the_map_is_the_same(tmp_path: Path) -> None:
-    log = tmp_path / "log.txt"
-    with open(log, "w") as file:
-        for seed in range(8):
-            points, origin = room_scan(2, seed, beams=60)
-            for x, y in points:
-                file.write(f"{origin[0]} {origin[1]} {x} {y} 1\n")
+    log = room_log(tmp_path / "log.txt", 8)
     film, one, two = tmp_path / "film.gif", tmp_path / "one.ndt", tmp_path / "two.ndt"
     done = cli("map", log, "-o", one, "--record", film, "--record-every", "4")
     assert done.exit_code == 0, done.output

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("rich")
 
 from calling import cli
+from conftest import text_log
 
 import ndtree
 from ndtree.maps.open import is_map
@@ -27,17 +28,11 @@ def run(*arguments: object, status: int = 0) -> str:
     return done.output
 
 
-def write(path: Path, seed: int) -> Path:
-    with open(path, "w") as file:
-        for scan in ndtree.simulate("office", seed=seed, scans=12):
-            for end, returned in zip(scan.endpoints, scan.returned):
-                file.write(f"{scan.origin[0]} {scan.origin[1]} {end[0]} {end[1]} {int(returned)}\n")
-    return path
-
-
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write(tmp_path_factory.mktemp("logs") / "office.txt", 2)
+    return text_log(
+        tmp_path_factory.mktemp("logs") / "office.txt", ndtree.simulate("office", seed=2, scans=12)
+    )
 
 
 def test_map_in_tiles_is_the_map_in_a_file(log: Path, tmp_path: Path) -> None:
@@ -71,7 +66,7 @@ def test_map_in_tiles_goes_on(log: Path, tmp_path: Path) -> None:
 
 
 def test_a_fleet_is_mapped_as_one_machine_would(log: Path, tmp_path: Path) -> None:
-    other = write(tmp_path / "other.txt", 3)
+    other = text_log(tmp_path / "other.txt", ndtree.simulate("office", seed=3, scans=12))
     figures = tmp_path / "a.json"
     run("fleet", log, other, "-o", tmp_path / "a.tiles", *OPTIONS, "--workers", 2, "--json", figures)
     m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, max_cell_size=0.8, range_sigma=0.02)
