@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import re
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -386,134 +387,94 @@ def camera_of_model(number: int) -> Callable[[bytes], bytes]:
     return lambda content: content[:12] + struct.pack("<i", number) + content[16:]
 
 
-def only(folder: Path, count: int) -> Path:
-    path = bal(folder, world())
-    path.write_text("\n".join(path.read_text().split("\n")[:count]))
-    return path
+def first(count: int) -> Callable[[bytes], bytes]:
+    """The first lines alone."""
+    return lambda content: b"\n".join(content.split(b"\n")[:count])
 
 
-T, B = colmap_text, colmap_binary
+Change = Callable[[bytes], bytes]
+#: By the writer and the file that is changed: what errors say of the file after its name.
+CHANGED: dict[tuple[Callable[[Path, World], Path], str], dict[str, tuple[Change, str]]] = {
+    (colmap_text, "cameras.txt"): {
+        "unknown model": (
+            replaced("SIMPLE_RADIAL", "MAGIC"),
+            "line 2: found model 'MAGIC', expected SIMPLE_PINHOLE, PINHOLE",
+        ),
+        "too few parameters": (
+            replaced("SIMPLE_RADIAL", "OPENCV"),
+            "line 2: found 4 parameters, OPENCV has 8",
+        ),
+        "camera of words": (line(3, "a b c"), "line 3: expected CAMERA_ID"),
+        "no focal length": (
+            line(2, "9 PINHOLE 640 480 0 100 320 240"),
+            "line 2: found a focal length of 0 px, expected one > 0",
+        ),
+    },
+    (colmap_text, "images.txt"): {
+        "pose of words": (line(2, "1 a b c d 0 0 0 9 n.jpg"), "line 2: expected IMAGE_ID QW QX"),
+        "no rotation": (line(2, "1 0 0 0 0.5 0 0 0 9 n.jpg"), "line 2: quaternion .* has length 0.5"),
+        "pose not finite": (line(2, "1 1 0 0 0 nan 0 0 9 n.jpg"), "line 2: found a pose that is not finite"),
+        "features of words": (line(3, "1 2 x"), "line 3: found 3 fields"),
+        "images cut off": (first(4), "behind line 4: cut off, expected a line of X Y POINT3D_ID"),
+    },
+    (colmap_text, "points3D.txt"): {
+        "point of words": (line(4, "1 2 x 3"), "line 4: expected POINT3D"),
+        "point not finite": (line(4, "986 2 inf 3"), ".*is not finite"),
+        "point twice": (line(4, "993 2 3 3"), "point 993 is there twice"),
+    },
+    (colmap_binary, "cameras.bin"): {
+        "model 77": (camera_of_model(77), "camera 1 of 5: found model 77"),
+        "more cameras": (lambda c: c + b"\0", "behind camera 5 of 5: more by"),
+    },
+    (colmap_binary, "images.bin"): {
+        "images.bin cut off": (cut(0.5), "image 3 of 5: the file is cut off"),
+        "huge number of images": (
+            lambda c: struct.pack("<Q", 1 << 60) + c[8:],
+            r"\d+ bytes for 1152921504606846976 images, expected at least",
+        ),
+        "huge number of features": (
+            lambda c: c[:84] + struct.pack("<Q", 1 << 50) + c[92:],
+            "image 1 of 5: the file is cut off",
+        ),
+    },
+    (bundler, ""): {
+        "other version": (replaced("v0.3", "v0.4"), "line 1: found '# Bundle file v0.4', expec"),
+        "bundle cut off": (first(50), "behind line 50: cut off, expected point 7 of 40: its position"),
+        "camera short": (line(8, "1 2"), "line 8: expected camera 2 of 6: f k1 k2"),
+        "camera negative": (line(8, "-1 0 0"), ".*camera 2 of 6: found a focal length of -1 px"),
+        "camera no rotation": (line(9, "5 5 5"), "cameras: pose 0: .* is not a rotation"),
+        "sizes of words": (line(2, "a b"), "line 2: expected the numbers of cameras and"),
+        "views short": (line(35, "2 1 2 3 4"), "line 35: expected point 1 of 40: a number of v"),
+        "view of no camera": (line(35, "1 6 2 3 4"), "line 35: expected point 1 of 40: cameras of 0 to"),
+        "view of the blind": (line(35, "1 0 2 3 4"), "line 35: point 1 of 40: camera 0 has no f"),
+    },
+    (bal, ""): {
+        "bal cut in observations": (first(20), "behind line 20: cut off, expected more observ"),
+        "bal with more": (lambda text: text + b"1\n", ".*found more numbers of cameras and points"),
+        "bal of words": (line(9, "0 3 x 1"), "line 9: expected camera, point, x, y"),
+        "bal camera": (line(9, "5 3 1 1"), "line 9: expected a camera of 0 to 4 and a point of 0 to 39"),
+        "bal parameter": (lambda text: text[:-4] + b"x\n", ".*expected only numbers"),
+        "bal not finite": (
+            lambda text: b"\n".join([*text.split(b"\n")[:-2], b"nan"]),
+            "number 164 of the cameras and points is not finite",
+        ),
+    },
+    (bal_bz2, ""): {"bz2 cut off": (cut(0.8), "the bzip2 stream is cut off")},
+}
 BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
-    "unknown model": (
-        changed(T, "cameras.txt", replaced("SIMPLE_RADIAL", "MAGIC")),
-        r"cameras\.txt: line 2: found model 'MAGIC', expected SIMPLE_PINHOLE, PINHOLE",
-    ),
-    "too few parameters": (
-        changed(T, "cameras.txt", replaced("SIMPLE_RADIAL", "OPENCV")),
-        r"cameras\.txt: line 2: found 4 parameters, OPENCV has 8",
-    ),
-    "camera of words": (
-        changed(T, "cameras.txt", line(3, "a b c")),
-        r"cameras\.txt: line 3: expected CAMERA_ID",
-    ),
-    "no focal length": (
-        changed(T, "cameras.txt", line(2, "9 PINHOLE 640 480 0 100 320 240")),
-        r"cameras\.txt: line 2: found a focal length of 0 px, expected one > 0",
-    ),
     "camera missing": (
-        changed(T, "cameras.txt", line(2, "")),
+        changed(colmap_text, "cameras.txt", line(2, "")),
         r"images\.txt: line 2: camera 9 is not in .*cameras\.txt",
     ),
-    "pose of words": (
-        changed(T, "images.txt", line(2, "1 a b c d 0 0 0 9 n.jpg")),
-        r"images\.txt: line 2: expected IMAGE_ID QW QX",
-    ),
-    "no rotation": (
-        changed(T, "images.txt", line(2, "1 0 0 0 0.5 0 0 0 9 n.jpg")),
-        r"images\.txt: line 2: quaternion .* has length 0.5",
-    ),
-    "pose not finite": (
-        changed(T, "images.txt", line(2, "1 1 0 0 0 nan 0 0 9 n.jpg")),
-        r"images\.txt: line 2: found a pose that is not finite",
-    ),
-    "features of words": (changed(T, "images.txt", line(3, "1 2 x")), r"images\.txt: line 3: found 3 fields"),
-    "images cut off": (
-        changed(T, "images.txt", lambda text: b"\n".join(text.split(b"\n")[:4])),
-        r"images\.txt: "
-        r"behind line 4: cut off, expected a line of X Y POINT3D_ID",
-    ),
     "point missing": (
-        changed(T, "points3D.txt", line(5, "")),
+        changed(colmap_text, "points3D.txt", line(5, "")),
         r"images\.txt: line \d: point \d+ is not in .*points3D\.txt",
     ),
-    "point of words": (
-        changed(T, "points3D.txt", line(4, "1 2 x 3")),
-        r"points3D\.txt: line 4: expected POINT3D",
-    ),
-    "point not finite": (
-        changed(T, "points3D.txt", line(4, "986 2 inf 3")),
-        r"points3D\.txt: .*is not finite",
-    ),
-    "point twice": (
-        changed(T, "points3D.txt", line(4, "993 2 3 3")),
-        r"points3D\.txt: point 993 is there twice",
-    ),
-    "model 77": (
-        changed(B, "cameras.bin", camera_of_model(77)),
-        r"cameras\.bin: camera 1 of 5: found model 77",
-    ),
-    "more cameras": (
-        changed(B, "cameras.bin", lambda c: c + b"\0"),
-        r"cameras\.bin: behind camera 5 of 5: more by",
-    ),
-    "images.bin cut off": (
-        changed(B, "images.bin", cut(0.5)),
-        r"images\.bin: image 3 of 5: the file is cut off",
-    ),
-    "huge number of images": (
-        changed(B, "images.bin", lambda c: struct.pack("<Q", 1 << 60) + c[8:]),
-        r"images\.bin: \d+ bytes for 1152921504606846976 images, expected at least",
-    ),
-    "huge number of features": (
-        changed(B, "images.bin", lambda c: c[:84] + struct.pack("<Q", 1 << 50) + c[92:]),
-        r"images\.bin: image 1 of 5: the file is cut off",
-    ),
-    "other version": (
-        changed(bundler, "", replaced("v0.3", "v0.4")),
-        "line 1: found '# Bundle file v0.4', expec",
-    ),
-    "bundle cut off": (
-        changed(bundler, "", lambda text: b"\n".join(text.split(b"\n")[:50])),
-        "behind line 50: cut off, expected point 7 of 40: its position",
-    ),
-    "camera short": (changed(bundler, "", line(8, "1 2")), "line 8: expected camera 2 of 6: f k1 k2"),
-    "camera negative": (
-        changed(bundler, "", line(8, "-1 0 0")),
-        "camera 2 of 6: found a focal length of -1 px",
-    ),
-    "camera no rotation": (changed(bundler, "", line(9, "5 5 5")), "cameras: pose 0: .* is not a rotation"),
-    "sizes of words": (changed(bundler, "", line(2, "a b")), "line 2: expected the numbers of cameras and"),
-    "views short": (
-        changed(bundler, "", line(35, "2 1 2 3 4")),
-        "line 35: expected point 1 of 40: a number of v",
-    ),
-    "view of no camera": (
-        changed(bundler, "", line(35, "1 6 2 3 4")),
-        "line 35: expected point 1 of 40: cameras of 0 to",
-    ),
-    "view of the blind": (
-        changed(bundler, "", line(35, "1 0 2 3 4")),
-        "line 35: point 1 of 40: camera 0 has no f",
-    ),
-    "bal cut in observations": (
-        lambda folder: only(folder, 20),
-        "behind line 20: cut off, expected more observ",
-    ),
-    "bal with more": (
-        changed(bal, "", lambda text: text + b"1\n"),
-        "found more numbers of cameras and points",
-    ),
-    "bal of words": (changed(bal, "", line(9, "0 3 x 1")), "line 9: expected camera, point, x, y"),
-    "bal camera": (
-        changed(bal, "", line(9, "5 3 1 1")),
-        "line 9: expected a camera of 0 to 4 and a point of 0 to 39",
-    ),
-    "bal parameter": (changed(bal, "", lambda text: text[:-4] + b"x\n"), "expected only numbers"),
-    "bal not finite": (
-        changed(bal, "", lambda text: b"\n".join([*text.split(b"\n")[:-2], b"nan"])),
-        "number 164 of the cameras and points is not finite",
-    ),
-    "bz2 cut off": (changed(bal_bz2, "", cut(0.8)), "the bzip2 stream is cut off"),
+    **{
+        case: (changed(write, name, change), f"{re.escape(name)}: {message}")
+        for (write, name), cases in CHANGED.items()
+        for case, (change, message) in cases.items()
+    },
 }
 
 
