@@ -27,6 +27,13 @@ def recordings() -> Path:
     return folder
 
 
+def there(path: Path) -> Path:
+    """A recording; the test is skipped where it is not there."""
+    if not path.exists():
+        pytest.skip(f"{path} is not there")
+    return path
+
+
 @pytest.fixture(params=SHAPES, ids=lambda shape: f"N{shape[0]}D{shape[1]}")
 def shape(request: pytest.FixtureRequest) -> tuple[int, int]:
     return request.param

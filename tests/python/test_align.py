@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from calling import cli as run
+from conftest import there
 
 import ndtree
 from ndtree.alignment.aligned_log import moved
@@ -350,9 +351,7 @@ def test_the_command_writes_poses_map_and_picture(tmp_path, office):
 
 def test_a_real_drive_fits_relations_that_people_measured(recordings):
     """The first minutes of ACES, and those of its relations that lie in them."""
-    folder = recordings / "laser2d_raw_aces"
-    if not folder.is_dir():
-        pytest.skip(f"no {folder}")
+    folder = there(recordings / "laser2d_raw_aces")
     found = ndtree.align(ndtree.read(folder / "aces.clf.bz2").select(stop=240))
     rows = np.loadtxt(folder / "aces.relations")
     rows = rows[rows[:, :2].max(axis=1) < found.stamps[-1]]

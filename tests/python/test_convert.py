@@ -90,7 +90,7 @@ def test_images_are_read_by_others_and_back_cell_by_cell(
 
 
 def write_image(folder: Path, pixels: np.ndarray, **entries: Any) -> Path:
-    pil = pytest.importorskip("PIL.Image")
+    pil, _ = pytest.importorskip("PIL.Image"), pytest.importorskip("yaml")
     pil.fromarray(pixels).save(folder / "map.png")
     about = {"image": "map.png", "resolution": 0.5, "origin": [0, 0, 0], "negate": 0, **entries}
     lines = [f"{key}: {value}" for key, value in about.items() if value is not None]
@@ -113,7 +113,6 @@ def write_image(folder: Path, pixels: np.ndarray, **entries: Any) -> Path:
 def test_foreign_images_are_read_by_their_own_rules(
     tmp_path: Path, entries: dict[str, Any], expected: list[int]
 ) -> None:
-    pytest.importorskip("yaml")
     pixels = np.array([[0, 19, 100, 205, 206, 255]], dtype=np.uint8)
     opened = open_map(write_image(tmp_path, pixels, **entries))
     centres = np.array([[0.25 + 0.5 * i, 0.25] for i in range(6)])
@@ -138,7 +137,6 @@ def nav2_state(pixel: list[int], mode: str, has_alpha: bool) -> int:
 @pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
 @pytest.mark.parametrize("kind", ["RGBA", "LA", "L with a transparent grey", "RGB", "P"])
 def test_pixels_with_an_alpha_channel_are_read_as_nav2_does(tmp_path: Path, mode: str, kind: str) -> None:
-    pytest.importorskip("yaml")
     image_module = pytest.importorskip("PIL.Image")
     random = np.random.default_rng(4)
     pixels = random.choice([0, 1, 60, 64, 100, 128, 205, 254, 255], (40, 30, 4)).astype(np.uint8)
@@ -168,7 +166,6 @@ def test_pixels_with_an_alpha_channel_are_read_as_nav2_does(tmp_path: Path, mode
 @pytest.mark.parametrize("size, origin", [(0.05, -0.025), (0.03, -15.1), (0.1, 1234.55), (0.05, -10.0249999)])
 def test_moving_to_whole_pixels_loses_and_doubles_none(tmp_path: Path, size: float, origin: float) -> None:
     """Half a pixel away, too, where rounding of single cells would go to either side."""
-    pytest.importorskip("yaml")
     pixels = np.where(np.indices((37, 41)).sum(axis=0) % 2, 0, 254).astype(np.uint8)
     path = write_image(tmp_path, pixels, origin=f"[{origin}, {-origin}, 0]", resolution=size)
     leaves = open_map(path).resampled().leaves()
@@ -177,7 +174,6 @@ def test_moving_to_whole_pixels_loses_and_doubles_none(tmp_path: Path, size: flo
 
 
 def test_the_grey_of_unknown_that_is_free_is_counted(tmp_path: Path) -> None:
-    pytest.importorskip("yaml")
     pixels = np.array([[0, 205, 205, 254]], dtype=np.uint8)
     opened = open_map(write_image(tmp_path, pixels, free_thresh=0.25))
     assert opened.state(np.array([[0.75, 0.25]])).tolist() == [0]
@@ -188,7 +184,6 @@ def test_the_grey_of_unknown_that_is_free_is_counted(tmp_path: Path) -> None:
 
 
 def test_an_image_of_unknown_pixels_is_an_empty_map(tmp_path: Path) -> None:
-    pytest.importorskip("yaml")
     grey = np.full((3, 3), 205, dtype=np.uint8)
     ndtree.convert(write_image(tmp_path, grey, origin="[0.013, 0, 0]"), tmp_path / "map.ndt")
     assert ndtree.load(tmp_path / "map.ndt").stats().observed_leaves == 0
@@ -198,7 +193,6 @@ def test_an_image_of_unknown_pixels_is_an_empty_map(tmp_path: Path) -> None:
 @pytest.mark.parametrize("mode, count", [("trinary", 0), ("scale", 3), ("raw", 2)])
 def test_costs_between_the_thresholds_are_counted(mode: str, count: int, tmp_path: Path) -> None:
     """Of raw pixels those above 100 are unknown to nav2, too."""
-    pytest.importorskip("yaml")
     pixels = np.array([[0, 30, 50, 100, 101, 200, 254, 255]], dtype=np.uint8)
     path = write_image(tmp_path, pixels, mode=mode, occupied_thresh=0.65, free_thresh=0.1)
     notes = [note for note in open_map(path).notes if "in nav2 a cost" in note]
@@ -206,7 +200,6 @@ def test_costs_between_the_thresholds_are_counted(mode: str, count: int, tmp_pat
 
 
 def test_origins_between_pixels_are_kept_until_they_are_sampled(tmp_path: Path) -> None:
-    pytest.importorskip("yaml")
     random = np.random.default_rng(1)
     pixels = random.choice(np.array([0, 205, 254], dtype=np.uint8), (20, 30))
     path = write_image(tmp_path, pixels, origin="[-3.21, 4.56, 0.0]", resolution=0.2)
@@ -250,7 +243,6 @@ def test_origins_between_pixels_are_kept_until_they_are_sampled(tmp_path: Path) 
     ],
 )
 def test_damaged_yaml_is_refused(tmp_path: Path, entries: dict[str, Any], message: str) -> None:
-    pytest.importorskip("yaml")
     path = write_image(tmp_path, np.zeros((2, 2), dtype=np.uint8), **entries)
     with pytest.raises((ValueError, FileNotFoundError), match=message):
         open_map(path)

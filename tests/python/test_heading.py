@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import there
 from typer.testing import CliRunner
 
 import ndtree
@@ -75,12 +76,6 @@ def test_what_tells_too_little_says_nothing(office: list[Scan]) -> None:
     assert heading_drift(pairs_of([office[:4]] * 30)) is None
     assert heading_drift(pairs_of([[scan] for scan in office[:9]])) is None
     assert heading_drift(pairs_of([[Scan(np.empty((0, 2)), np.zeros(2))] * 4] * 20)) is None
-
-
-def there(path: Path) -> Path:
-    if not path.exists():
-        pytest.skip(f"{path} is not there")
-    return path
 
 
 @pytest.mark.parametrize("name", ["aces", "csail"])

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import there
 from numpy.typing import NDArray
 
 import ndtree
@@ -257,9 +258,7 @@ def test_a_map_that_calls_a_wall_free_gets_a_large_bound() -> None:
 
 @pytest.mark.parametrize("name", ["laser2d_intel", "laser2d_belgioioso"])
 def test_certificates_hold_on_recordings(name: str) -> None:
-    path = DATA / name / f"{name}.npz"
-    if not path.exists():
-        pytest.skip(f"{path} is not there; $NDTREE_DATA names the folder of recordings")
+    path = there(DATA / name / f"{name}.npz")
     scans = [scan.returned_only() for scan in ndtree.read(path)]
     mapped, held_out = split(scans, 5)
     m = map_of("adaptive", mapped)

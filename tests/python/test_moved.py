@@ -14,6 +14,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from calling import cli as run
+from conftest import there
 
 import ndtree
 from ndtree.evaluation.moved import MovedPoints, moved_scores
@@ -468,9 +469,7 @@ def test_wrong_calls_end_with_one_line(log, tmp_path):
 
 
 def test_people_before_a_real_camera(recordings, tmp_path):
-    log = recordings / "kinect2_gallery_p1" / "kinect2_gallery_p1.npz"
-    if not log.is_file():
-        pytest.skip(f"{log}: is not there")
+    log = there(recordings / "kinect2_gallery_p1" / "kinect2_gallery_p1.npz")
     result = run("clean", log, "-o", tmp_path / "clean.npz", "--json", tmp_path / "figures.json")
     assert result.exit_code == 0, result.output
     scores = json.loads((tmp_path / "figures.json").read_text())["scores"]

@@ -11,16 +11,14 @@ import pytest
 pytest.importorskip("rosbags")
 
 from calling import cli
+from conftest import there
 
 import ndtree
 
 
 @pytest.fixture(scope="module")
 def bags(recordings: Path) -> Path:
-    folder = recordings / "bags"
-    if not folder.is_dir():
-        pytest.skip(f"no bags: {folder} is not there")
-    return folder
+    return there(recordings / "bags")
 
 
 def mapped(path: Path, target: Path, *options: str) -> tuple[str, str, int]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import there
 
 import ndtree
 from ndtree.base.scan import Scan
@@ -86,16 +87,12 @@ def test_what_shows_no_place_twice_says_nothing(office: list[Scan]) -> None:
 
 @pytest.mark.parametrize("name", ["intel", "freiburg_079", "mrpt_sena", "orebro", "belgioioso"])
 def test_recordings_with_good_poses_are_not_told_of(name: str, recordings: Path) -> None:
-    path = recordings / f"laser2d_{name}" / f"laser2d_{name}.npz"
-    if not path.is_file():
-        pytest.skip(f"no {path}")
+    path = there(recordings / f"laser2d_{name}" / f"laser2d_{name}.npz")
     assert drift(spread(ndtree.read(path))[0]) is None
 
 
 def test_the_first_look_at_odometry_tells_of_it(recordings: Path) -> None:
-    path = recordings / "laser2d_raw_fr079" / "fr079.clf.bz2"
-    if not path.is_file():
-        pytest.skip(f"no {path}")
+    path = there(recordings / "laser2d_raw_fr079" / "fr079.clf.bz2")
     look = first_look(ndtree.read(path))
     assert look.drift is not None and look.drift.error > 0.5
     assert look.figures()["drift"] == look.drift.error

@@ -26,6 +26,7 @@ pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
 from bags import START, Messages, write_bag
+from conftest import there
 from robots import PATIENCE, Processes, apartment, check_office, check_services, grid_like, mapped, office
 from slams import bag_of, drifted, path_message
 from slams import office as driven
@@ -215,9 +216,7 @@ REAL = {
 
 @pytest.mark.parametrize("name", REAL)
 def test_real_bags_are_mapped_as_from_a_recording(name: str, recordings: Path, tmp_path: Path) -> None:
-    bag, (options, scans) = recordings / "bags" / name, REAL[name]
-    if not bag.exists():
-        pytest.skip(f"no such bag: {bag}")
+    bag, (options, scans) = there(recordings / "bags" / name), REAL[name]
     (tmp_path / "bag").symlink_to(bag)
     options = {"range_sigma": 0.02, "no_return": "ignore", **options}
     received = published(bag, tmp_path, 2.0, scans, **options)
