@@ -23,7 +23,7 @@ pytest.importorskip("rich")
 pytest.importorskip("matplotlib")
 
 from calling import cli as run
-from conftest import arrays_of
+from conftest import arrays_of, text_log
 
 import ndtree
 
@@ -38,12 +38,9 @@ def plain(text: str) -> str:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A text log of a simulated office."""
-    path = tmp_path_factory.mktemp("logs") / "office.txt"
-    with open(path, "w") as file:
-        for scan in ndtree.simulate("office", seed=2, scans=20):
-            for end, returned in zip(scan.endpoints, scan.returned):
-                file.write(f"{scan.origin[0]} {scan.origin[1]} {end[0]} {end[1]} {int(returned)}\n")
-    return path
+    return text_log(
+        tmp_path_factory.mktemp("logs") / "office.txt", ndtree.simulate("office", seed=2, scans=20)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -250,7 +247,7 @@ def test_a_bag_is_listed_and_mapped(tmp_path: Path) -> None:
     from bags import Messages, write_bag
 
     make = Messages("mcap")
-    content = [("/tf_static", 1.0, make.tf(make.transform(0, "odom", "laser", [1, 2, 0], [0, 0, 0, 1])))]
+    content = [make.fixed(0, "odom", "laser", [1, 2, 0], at=1.0)]
     content += [("/scan", 1.0 + i, make.laser(1.0 + i, "laser", [1, 2, np.inf])) for i in range(4)]
     content += [("/rear", 2.0, make.laser(2.0, "away", [1, 2]))]
     bag = write_bag(tmp_path / "bag", make, content)

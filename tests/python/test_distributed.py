@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import turned
 
 import ndtree
 from ndtree import distributed
@@ -312,17 +313,12 @@ def test_scans_come_back_as_they_were_stored(tmp_path):
                 np.testing.assert_array_equal(was, now)
 
 
-def turned(angle: float, x: float, y: float) -> np.ndarray:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, x], [s, c, y], [0.0, 0.0, 1.0]])
-
-
 def test_new_poses_map_what_they_touch_anew(tmp_path):
     url = tmp_path / "a"
     first = distributed.map(fleet(), url, engine="local", like=make_map(), **OPTIONS)
     untouched = open_tiles(url).manifest.tiles
-    poses = {"bob": {3: turned(0.01, 0.05, -0.1), 4: turned(0.02, 0.1, -0.1)}}
-    for more in ({}, {"ann": {0: turned(0.5, -30.0, 40.0)}}, {"bob": {3: np.eye(3)}}):
+    poses = {"bob": {3: turned(2, 0.01, (0.05, -0.1)), 4: turned(2, 0.02, (0.1, -0.1))}}
+    for more in ({}, {"ann": {0: turned(2, 0.5, (-30.0, 40.0))}}, {"bob": {3: np.eye(3)}}):
         poses = {log: {**poses.get(log, {}), **more.get(log, {})} for log in {**poses, **more}}
         report = distributed.remap(url, poses, engine="local")
         logs = {

@@ -18,6 +18,7 @@ pytest.importorskip("rosbags")
 
 from bags import KINDS, START, Messages, write_bag
 from calling import cli
+from conftest import there
 from drives import Drive
 
 import ndtree
@@ -36,7 +37,7 @@ SETTINGS = Config.of(no_return="free")
 PATIENCE = 60.0
 
 
-def same_as_map(log: Path, folder: Path, *options: str) -> Any:
+def same_as_map(log: Path, folder: Path, *options: object) -> Any:
     """Whether a recording that is played makes the map of `ndtree map`, by the same options."""
     one, other = folder / "live.ndt", folder / "map.ndt"
     lived = cli("live", log, "-o", one, "--rate", 0, *options)
@@ -99,9 +100,7 @@ REAL = {
 
 @pytest.mark.parametrize("name", REAL)
 def test_real_bags_give_the_map_of_the_recording(name: str, recordings: Path, tmp_path: Path) -> None:
-    bag = recordings / "bags" / name
-    if not bag.exists():
-        pytest.skip(f"no such bag: {bag}")
+    bag = there(recordings / "bags" / name)
     same_as_map(bag, tmp_path, "--range-sigma", "0.02", "--no-return", "ignore", *REAL[name])
 
 

@@ -17,6 +17,7 @@ pytest.importorskip("scipy")
 from bags import KINDS, START, Messages, write_bag
 from calling import cli
 from slams import bag_of, drifted, office, path_message, yaw
+from test_live import same_as_map
 
 import ndtree
 from ndtree._errors import key
@@ -30,19 +31,6 @@ from ndtree.tuning.config import Config
 
 PATIENCE = 60.0
 FIXED = ["--range-sigma", "0.02", "--no-return", "free", "--sweep", "said"]
-
-
-def same_as_map(log: Path, folder: Path, *options: object) -> str:
-    """That a recording that is played makes the map of `ndtree map`; what the command says."""
-    one, other = folder / "live.ndt", folder / "map.ndt"
-    for path in (one, other):
-        path.unlink(missing_ok=True)
-    lived = cli("live", log, "-o", one, "--rate", 0, *options)
-    assert lived.exit_code == 0, lived.stderr
-    mapped = cli("map", log, "-o", other, *options)
-    assert mapped.exit_code == 0, mapped.stderr
-    assert one.read_bytes() == other.read_bytes()
-    return str(lived.stdout)
 
 
 #: Half the edge of a room, one of whose walls swallows beams but where they meet it nearly at right angles:
@@ -67,8 +55,7 @@ def robot(
     """A laser that stands for a while and then drives on a circle; odometry may begin later."""
     make, generator = Messages(kind), np.random.default_rng(4)
     content: list[tuple[str, float, Any]] = []
-    mount = make.transform(START - 1, "base", "laser", [0.1, 0, 0.3], yaw(0.0))
-    content.append(("/tf_static", START - 1, make.tf(mount)))
+    content.append(make.fixed(START - 1, "base", "laser", [0.1, 0, 0.3], yaw(0.0)))
 
     def pose(at: float) -> tuple[np.ndarray, float]:
         moves = max(at - stands, 0.0)
@@ -76,8 +63,9 @@ def robot(
 
     for at in np.arange(first_pose, lasts, 0.05):
         place, turn = pose(at)
-        moved = make.transform(START + at, "odom", "base", [*place, 0.0], yaw(turn))
-        content.append(("/tf", START + at + 0.002, make.tf(moved)))
+        content.append(
+            make.moved(START + at, "odom", "base", [*place, 0.0], yaw(turn), at=START + at + 0.002)
+        )
     for at in np.arange(0.0, lasts - 0.2, rate):
         place, turn = pose(at)
         sensor = place + 0.1 * np.array([math.cos(turn), math.sin(turn)])
@@ -90,7 +78,7 @@ def robot(
 @pytest.mark.parametrize("kind", KINDS)
 def test_walls_are_not_erased_by_what_two_seconds_say(kind: str, tmp_path: Path) -> None:
     bag = robot(tmp_path, kind, stands=3.0, rate=0.04)
-    said = same_as_map(bag, tmp_path)
+    said = same_as_map(bag, tmp_path).stdout
     assert "decided again after " in said and " mapped again" in said and "--no-return ignore" in said, said
     m = ndtree.load(tmp_path / "live.ndt")
     wall = np.stack([np.linspace(-2, 3, 60), np.full(60, ROOM)], axis=1)
@@ -101,7 +89,7 @@ def test_walls_are_not_erased_by_what_two_seconds_say(kind: str, tmp_path: Path)
 def test_odometry_that_comes_later_is_no_standing_robot(tmp_path: Path) -> None:
     """Laser first, odometry 1.2 s later while the robot stands, and it drives after 2.6 s."""
     bag = robot(tmp_path, "mcap", stands=2.6, first_pose=1.2)
-    said = same_as_map(bag, tmp_path, *FIXED)
+    said = same_as_map(bag, tmp_path, *FIXED).stdout
     assert "12 left out (before the first pose)" in said and "taken for fixed" not in said
     intake = MessagesIntake(str(bag), Config.of(range_sigma=0.02, no_return="free", sweep="said"))
     with open_bag(str(bag)) as opened:
@@ -205,8 +193,7 @@ def slam_bag(folder: Path, *, jumps: bool) -> Path:
             content.append((raw.connection.topic, received, opened.decoded(raw)))
     for i, row in enumerate(rows):
         place = [0.0, 0.0, 0.0] if i < N // 2 else [0.3, -0.1, 0.0]
-        moved = make.transform(row[0], "map", "odom", place, yaw(0.0))
-        content.append(("/tf", row[0] + 0.0005, make.tf(moved)))
+        content.append(make.moved(row[0], "map", "odom", place, yaw(0.0), at=row[0] + 0.0005))
     content.sort(key=lambda row: row[1])
     return write_bag(folder / "jumps", make, content)
 

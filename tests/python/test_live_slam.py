@@ -17,6 +17,7 @@ pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
 from calling import cli as run
+from conftest import turned
 from slams import bag_of, drifted
 from slams import office as driven
 from test_align import Drifting
@@ -120,12 +121,7 @@ def test_the_map_is_that_of_the_last_poses(drive: Drive) -> None:
     assert said["verdict"] == "sure" and said["doubts"] == [] and said["loops"] > 3
     for one, scan, odometry in zip(told, drive.scans, drive.odometry):
         assert one.stamp == scan.stamp and not one.is_lost
-        at = np.eye(3)
-        at[:2, :2] = [
-            [math.cos(odometry[2]), -math.sin(odometry[2])],
-            [math.sin(odometry[2]), math.cos(odometry[2])],
-        ]
-        at[:2, 2] = odometry[:2]
+        at = turned(2, odometry[2], odometry[:2])
         np.testing.assert_allclose(one.map_odometry @ at, one.pose, atol=1e-9)
 
 
