@@ -55,10 +55,7 @@ _CLICK = next(one for one in typer.BadParameter.__mro__ if one.__name__ == "Clic
 app = typer.Typer(
     name="ndtree",
     cls=Group,
-    help="Occupancy maps whose cells adapt to what is measured.",
-    epilog="Exit status: 0 done, 1 the input is bad, 2 the call is wrong, 130 after Ctrl-C.",
     pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help", "--help-all"]},
 )
 
@@ -70,7 +67,7 @@ def command(name: str, *, epilog: str) -> Callable[[Callable[..., None]], Callab
     """Makes a function the command of this name; its module is loaded when the command is called."""
 
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
-        alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="rich")
+        alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
         alone.command(name, epilog=epilog)(function)
         _LOADED[name] = typer.main.get_command(alone)
         return function
