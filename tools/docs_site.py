@@ -293,6 +293,7 @@ _ANSWERS = {
     "map": "where space is free, occupied, unknown; poses are exact",
     "no_return": "whether beams without return are free",
     "noise": "the noise of ranges",
+    "setup": "a map from a wrong mount, clock or scale",
     "align": "the poses of a drive",
     "slam": "the poses of a drive, scan by scan",
     "match": "one scan's pose in a map, and its covariance",
