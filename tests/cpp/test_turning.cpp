@@ -9,6 +9,7 @@
 
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/planning/turning.hpp"
+#include "ndtree/query/nearest.hpp"
 #include "random.hpp"
 #include "refusals.hpp"
 
@@ -149,6 +150,54 @@ TEST(Turning, RandomWorldsAreCrossedFree) {
   EXPECT_GT(found, 10);
 }
 
+/// Turns in place that posts leave hardly room for: where two turns are free for certain, one may not be.
+TEST(Turning, TurnsInPlaceBetweenPosts) {
+  Random random(413);
+  int found = 0;
+  for (int round = 0; round < 150; ++round) {
+    Map map = free_square(3.0);
+    for (int k = 0; k < 8; ++k) {
+      const double angle = random.uniform(-kPi, kPi);
+      const Vector<2> post = 0.55 * Vector<2>(std::cos(angle), std::sin(angle));
+      map.mark(Box<2>{post, post + Vector<2>(0.02, 0.02)}, CellState::occupied);
+    }
+    const double reach =
+        distance_to_occupied(map, Vector<2>(0.0, 0.0)).value() - random.uniform(0.004, 0.009);
+    const Body<2> body = plank(std::sqrt(reach * reach - 0.07 * 0.07), 0.07);
+    const double yaw = random.uniform(-kPi, kPi);
+    const Path<3> path = plan_turning(map, {0.0, 0.0, yaw}, {0.0, 0.0, yaw + random.uniform(-3.0, 3.0)}, body,
+                                      {}, 10.0, 4 << random.integer(0, 4));
+    if (path.status != PathStatus::found) continue;
+    ++found;
+    expect_free(map, body, path);
+    EXPECT_FALSE(first_blocked_turning(Planner<Map>(map, body), path.points).has_value());
+  }
+  EXPECT_GT(found, 100);
+}
+
+/// Poses that were wrapped, or written and read again, are those that were planned.
+TEST(Turning, RoundingIsNoMotion) {
+  Map map = free_square(3.0);
+  map.mark(Box<2>{{1.0, 0.5}, {1.2, 0.7}}, CellState::occupied);
+  const Planner<Map> planner(map, plank(0.4, 0.1));
+  Random random(414);
+  for (int round = 0; round < 100; ++round) {
+    const double yaw = kPi * random.integer(-2, 2);
+    const auto rounded = [&](Vector<3> pose) {
+      for (int a = 0; a < 3; ++a) pose[a] += random.uniform(-1e-10, 1e-10);
+      return pose;
+    };
+    const Vector<3> first(-1.0, 0.0, yaw);
+    const Vector<3> second(1.1, 0.0, yaw + 2.0 * kPi * random.integer(-1, 1));
+    EXPECT_EQ(first_blocked_turning(planner, {rounded(first), rounded(second)}), std::nullopt);
+    const Vector<3> third(1.1, 0.0, second[2] + 0.2);
+    EXPECT_EQ(first_blocked_turning(planner, {rounded(first), rounded(second), rounded(third)}),
+              std::nullopt);
+    for (const Vector<3>& wrong : {Vector<3>(0.0, 0.0, yaw + 1e-4), Vector<3>(-1.0 + 1e-4, 0.0, yaw + 1e-4)})
+      EXPECT_NE(refusal_by([&] { (void)first_blocked_turning(planner, {first, wrong}); }), "accepted");
+  }
+}
+
 /// Beside the door that only a turned plank fits through, a window that was not seen.
 TEST(Turning, UnknownSpaceCosts) {
   Map map = free_square(4.0);
@@ -205,7 +254,8 @@ TEST(Turning, SaysWhatIsWrong) {
   const auto refusal = [&](const Vector<3>& pose) {
     return refusal_by([&] { (void)first_blocked_turning(planner, {Vector<3>(0.0, 0.0, 0.0), pose}); });
   };
-  EXPECT_EQ(refusal({1.0, 0.0, 1.0}), "points[1]: moves and turns at once, expected one of both");
+  EXPECT_EQ(refusal({1.0, 0.0, 1.0}),
+            "points[1]: moves by 1.0 m and turns by 1.0 rad at once, expected one of both");
   EXPECT_EQ(refusal({0.0, 0.0, std::nan("")}), "points[1]: yaw must be finite");
 }
 

@@ -366,8 +366,10 @@ class Planner {
                           detail::obstacle_in_words(seen_, tested_, point, unknown());
     if (auto nearest = detail::nearest_place(*space_, Vector<D>(point / unit()))) {
       *nearest *= unit();
-      message += "; the nearest place where it fits is " + describe_number((*nearest - point).norm()) +
-                 " m away, at " + describe_point(*nearest);
+      const double step = 0.01 * unit();
+      message += "; the nearest place where it fits is " +
+                 describe_number(step * std::ceil((*nearest - point).norm() / step)) + " m away, at " +
+                 describe_point(*nearest);
     } else {
       message += "; it fits nowhere";
     }

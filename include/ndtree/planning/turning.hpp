@@ -51,12 +51,24 @@ template <class Map>
 
 namespace detail {
 
-/// Whether a body meets an obstacle on the way from one pose x, y and yaw to another, in which it either
-/// moves or turns.
+inline constexpr double kTurn = 2.0 * 3.14159265358979323846;  // [rad]
+
+/// How a body gets from one pose x, y and yaw to the next. @param same that no point of a body with this
+/// reach moves farther by what is no motion but rounding [m].
+enum class Motion { moves, turns, both };
+[[nodiscard]] inline Motion motion_between(const Vector<3>& from, const Vector<3>& to, double reach,
+                                           double same) {
+  const bool stays = (to - from).head<2>().norm() <= same;
+  if (stays && to[2] != from[2]) return Motion::turns;
+  return stays || reach * std::abs(std::remainder(to[2] - from[2], kTurn)) <= same ? Motion::moves
+                                                                                   : Motion::both;
+}
+
+/// Whether a body meets an obstacle in a motion that is not both.
 template <class Map>
 [[nodiscard]] bool motion_collides(const Map& map, const Body<2>& body, const Vector<3>& from,
-                                   const Vector<3>& to, UnknownSpace unknown) {
-  if (from[2] != to[2]) return turn_collides(map, body, from.head<2>(), from[2], to[2], unknown);
+                                   const Vector<3>& to, Motion motion, UnknownSpace unknown) {
+  if (motion == Motion::turns) return turn_collides(map, body, from.head<2>(), from[2], to[2], unknown);
   return sweep_collides(map, turned(body, from[2]), Vector<2>(from.head<2>()), Vector<2>(to.head<2>()),
                         unknown);
 }
@@ -64,7 +76,8 @@ template <class Map>
 }  // namespace detail
 
 /// The first segment between poses x, y [m] and yaw [rad] in which a planner's body, kept away from
-/// obstacles, meets one of the planner's map; none if there is none.
+/// obstacles, meets one of the planner's map; none if there is none. Motions below kOnBorder of a smallest
+/// cell are rounding; so yaw may be wrapped where the body moves. It turns the way that the numbers go.
 /// @throws std::invalid_argument if a pose is not finite, or a segment both moves and turns.
 template <class Map>
 [[nodiscard]] std::optional<std::size_t> first_blocked_turning(const Planner<Map>& planner,
@@ -72,23 +85,27 @@ template <class Map>
   std::vector<Vector<2>> places;
   for (const Vector<3>& pose : poses) places.emplace_back(pose.head<2>());
   planner.require_places(places, "points");
-  const auto refuse = [](std::size_t i, const char* why) {
+  const auto refuse = [](std::size_t i, const std::string& why) {
     throw std::invalid_argument("points[" + std::to_string(i) + "]: " + why);
   };
+  const Body<2> body = inflated(planner.body(), planner.options().clearance);
+  const double same = kOnBorder * planner.map().tree().geometry().unit();
+  std::vector<detail::Motion> motions;
   for (std::size_t i = 0; i < poses.size(); ++i) {
     if (!std::isfinite(poses[i][2])) refuse(i, "yaw must be finite");
-    if (i > 0 && poses[i][2] != poses[i - 1][2] && places[i] != places[i - 1])
-      refuse(i, "moves and turns at once, expected one of both");
+    if (i == 0) continue;
+    motions.push_back(detail::motion_between(poses[i - 1], poses[i], reach_of(body), same));
+    if (motions.back() == detail::Motion::both)
+      refuse(i, "moves by " + describe_number((places[i] - places[i - 1]).norm()) + " m and turns by " +
+                    describe_number(poses[i][2] - poses[i - 1][2]) + " rad at once, expected one of both");
   }
-  const Body<2> body = inflated(planner.body(), planner.options().clearance);
-  for (std::size_t i = 0; i + 1 < poses.size(); ++i)
-    if (detail::motion_collides(planner.map(), body, poses[i], poses[i + 1], planner.unknown())) return i;
+  for (std::size_t i = 0; i < motions.size(); ++i)
+    if (detail::motion_collides(planner.map(), body, poses[i], poses[i + 1], motions[i], planner.unknown()))
+      return i;
   return std::nullopt;
 }
 
 namespace detail {
-
-inline constexpr double kTurn = 2.0 * 3.14159265358979323846;  // [rad]
 
 /// Largest ball around the origin in one of the parts of a body; of radius 0 if the origin is in none.
 template <int D>
@@ -125,7 +142,7 @@ class TurningSpace {
     std::unique_ptr<Planner<Map>> planner;
   };
 
-  /// @param body kept away from obstacles, at heading 0.
+  /// @param body kept away from obstacles, and a little more, at heading 0.
   TurningSpace(const Map& map, std::vector<Layer>& layers, const Body<2>& body, UnknownSpace unknown)
       : map_(map),
         layers_(layers),
@@ -150,9 +167,12 @@ class TurningSpace {
                                       const Vector<2>& to, std::optional<Vector<2>>&) const {
     const double angle = layers_[layer_of(from_cell)].angle;
     const double turn = turn_between(angle, layers_[layer_of(cell)].angle);
-    if (turn_collides(map_, body_, Vector<2>(to * unit_), angle, angle + turn, unknown_))
-      return std::numeric_limits<double>::infinity();
+    if (!can_turn(Vector<2>(to * unit_), angle, angle + turn)) return std::numeric_limits<double>::infinity();
     return (to - from).norm() + reach_ * std::abs(turn);
+  }
+  /// At a place [m].
+  [[nodiscard]] bool can_turn(const Vector<2>& at, double from, double to) const {
+    return !turn_collides(map_, body_, at, from, to, unknown_);
   }
   template <class Visit>
   void for_each_beside(const Cell& cell, const Visit& visit) {
@@ -199,7 +219,11 @@ template <class Map>
 class TurningSearch {
  public:
   TurningSearch(const Map& map, const Body<2>& body, const PlannerOptions& options, int headings)
-      : map_(map), body_(body), kept_away_(inflated(body, options.clearance)), options_(options) {
+      : map_(map),
+        body_(body),
+        kept_away_(inflated(body, options.clearance)),
+        tested_(inflated(kept_away_, kOnBorder * map.tree().geometry().unit())),
+        options_(options) {
     options_.validate();
     if (headings < 4 || headings > 256)
       throw std::invalid_argument("headings = " + std::to_string(headings) + ": must be 4 to 256");
@@ -228,14 +252,14 @@ class TurningSearch {
     path.status = guide.run(in_ball(from, ball), in_ball(to, ball), start.head<2>() / unit, deadline);
     path.expanded = guide.expanded();
     if (path.status == PathStatus::found) {
-      TurningSpace<Map> space(map_, layers_, kept_away_, first.unknown());
+      TurningSpace<Map> space(map_, layers_, tested_, first.unknown());
       PathSearch<TurningSpace<Map>, CoarseGuide<Map>> search(space, options_.unknown_cost, options_.greed,
                                                              &guide);
       for (const auto& anchor : from) search.add_start(TurningSpace<Map>::in_layer(anchor, 0));
       for (const auto& anchor : to) search.add_goal(TurningSpace<Map>::in_layer(anchor, goal_layer_));
       path.status = search.run(goal.head<2>() / unit, deadline);
       path.expanded += search.expanded();
-      if (path.status == PathStatus::found) take(search, start, goal, path);
+      if (path.status == PathStatus::found) take(search, space, start, goal, path);
     }
     if (path.status != PathStatus::found)
       path.reason =
@@ -281,7 +305,8 @@ class TurningSearch {
 
   /// Pulls the ways between turns tight, and tests all of it once more.
   template <class Search>
-  void take(const Search& search, const Vector<3>& start, const Vector<3>& goal, Path<3>& path) {
+  void take(const Search& search, const TurningSpace<Map>& space, const Vector<3>& start,
+            const Vector<3>& goal, Path<3>& path) {
     const double unit = map_.tree().geometry().unit();
     std::vector<std::pair<Vector<2>, std::size_t>> nodes;
     search.for_each_back([&](const Vector<2>& point, const PlaceCell<2>& cell) {
@@ -294,7 +319,7 @@ class TurningSearch {
     double yaw = start[2];
     const auto end_run = [&] {
       layers_[layer].planner->pull_tight(run);
-      for (const Vector<2>& point : run) add(path.points, {point[0], point[1], yaw});
+      for (const Vector<2>& point : run) add(path.points, {point[0], point[1], yaw}, space);
     };
     for (const auto& [point, next] : nodes) {
       if (point != run.back()) run.push_back(point);
@@ -307,15 +332,18 @@ class TurningSearch {
     end_run();
     finish(path);
   }
-  /// Turns at one place become one, as long as they are less than half a turn.
-  static void add(std::vector<Vector<3>>& poses, const Vector<3>& pose) {
+  /// Turns at one place become one that is less than half a turn, where it is free, too: for certain, as what
+  /// turn_collides() adds to the body is not the same in all turns.
+  static void add(std::vector<Vector<3>>& poses, const Vector<3>& pose, const TurningSpace<Map>& space) {
     const auto same_place = [&](const Vector<3>& other) { return other.head<2>() == pose.head<2>(); };
     if (!poses.empty() && poses.back() == pose) return;
     const std::size_t n = poses.size();
     if (n >= 2 && same_place(poses[n - 1]) && same_place(poses[n - 2])) {
       const double first = poses[n - 1][2] - poses[n - 2][2];
       const double both = pose[2] - poses[n - 2][2];
-      if (first * (both - first) > 0.0 && std::abs(both) < 3.0) poses.pop_back();
+      if (first * (both - first) > 0.0 && std::abs(both) < 3.0 &&
+          space.can_turn(pose.head<2>(), poses[n - 2][2], pose[2]))
+        poses.pop_back();
     }
     poses.push_back(pose);
   }
@@ -327,7 +355,7 @@ class TurningSearch {
       const Vector<3>& a = path.points[i];
       const Vector<3>& b = path.points[i + 1];
       const bool turns = a[2] != b[2];
-      if (motion_collides(map_, kept_away_, a, b, unknown))
+      if (motion_collides(map_, kept_away_, a, b, turns ? Motion::turns : Motion::moves, unknown))
         throw std::logic_error("a segment of the path collides: please report this map");
       path.length += (b - a).head<2>().norm();
       for (int k = 0; k <= (turns ? kLooks : 0); ++k)
@@ -342,6 +370,7 @@ class TurningSearch {
   const Map& map_;
   const Body<2>& body_;
   Body<2> kept_away_;
+  Body<2> tested_;  // A little more, as a Planner's.
   PlannerOptions options_;
   int headings_;
   std::vector<Layer> layers_;
