@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import ndtree
+from ndtree.evaluation import exploring
 from ndtree.evaluation.exploring import explore
 
 
@@ -143,6 +144,20 @@ def test_a_robot_that_noise_shuts_in_goes_back() -> None:
     seen = explore("office", "nearest", start=432, max_looks=60)
     assert not seen.done and len(seen.way) == 60 and seen.volume[-1] > seen.volume[29] + 10.0
     assert (seen.track[2:] == seen.track[:-2]).all(axis=1).any(), "it turned round"
+
+
+@pytest.mark.parametrize("strategy", ["information", "nearest", "random"])
+def test_a_robot_that_is_shut_in_from_the_start_is_not_done(strategy, monkeypatch, tmp_path, capsys) -> None:
+    """It fits nowhere by what it sees: no place is left, but nothing was explored."""
+    pytest.importorskip("typer")
+    from calling import cli
+
+    laser = exploring.ROBOTS["office"].sensor
+    monkeypatch.setitem(exploring.ROBOTS, "office", exploring.Robot(laser, laser, radius=3.0))
+    seen = explore("office", strategy)
+    assert seen.shut_in and not seen.done and len(seen.way) == 1
+    result = cli("explore", "office", "--strategy", strategy)
+    assert "nothing can be reached from here" in result.output + capsys.readouterr().out
 
 
 def test_the_command_says_what_each_strategy_took(tmp_path, capsys) -> None:

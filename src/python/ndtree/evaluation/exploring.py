@@ -62,6 +62,7 @@ class Exploration:
     `volume` (n,) float64: Free or occupied after it [m^dim].
     `seconds` (n,) float64: Of computing, to insert it and to decide where to go next.
     `done`: Nothing was left to look at.
+    `shut_in`: No place could be reached from where it was, nor from anywhere on its track.
     """
 
     map: _core.AdaptiveMap
@@ -70,6 +71,7 @@ class Exploration:
     volume: Array
     seconds: Array
     done: bool
+    shut_in: bool
 
     def way_to(self, volume: float) -> float:
         """Driven until that much was seen [m]; inf if it never was."""
@@ -132,10 +134,9 @@ class _Explorer:
         return self._ways_from_track(places, reaches_one=False)
 
     def backs_out(self, places: Array) -> bool:
-        """Whether noise shut it in, so that no place can be reached, and it went back to where one can."""
-        driven = len(self.track)
-        self._ways_from_track(places, reaches_one=True)
-        return len(self.track) > driven
+        """Where noise shut it in, so that no place can be reached, it goes back to where one can.
+        Whether there is one."""
+        return bool(np.isfinite(self._ways_from_track(places, reaches_one=True)).any())
 
     def _ways_from_track(self, places: Array, *, reaches_one: bool) -> Array:
         """From the last point of its track where nothing is, and whence a place can be reached, if that is
@@ -293,6 +294,7 @@ def explore(
         empty.mark(_core.Sphere(2.0 * ROBOTS[world].radius, origin), "free")
     ways, volumes, seconds = [], [], []
     goal: Array | None = None
+    shut_in = False
     for looks in range(max_looks):
         begin = time.perf_counter()
         robot.look()
@@ -300,8 +302,11 @@ def explore(
         volumes.append(robot.volume())
         places = robot.places()
         goal = STRATEGIES[strategy](robot, places)
-        if goal is None and robot.backs_out(places):
-            goal = STRATEGIES[strategy](robot, places)
+        if goal is None:
+            driven = len(robot.track)
+            shut_in = not robot.backs_out(places)
+            if len(robot.track) > driven:
+                goal = STRATEGIES[strategy](robot, places)
         seconds.append(time.perf_counter() - begin)
         if progress is not None:
             progress("scans taken", looks + 1, max_looks)
@@ -309,4 +314,5 @@ def explore(
             break
         robot.drive(goal)
     track, figures = np.array(robot.track), (np.array(each) for each in (ways, volumes, seconds))
-    return Exploration(robot.map, track, *figures, done=goal is None)
+    done = goal is None and not shut_in
+    return Exploration(robot.map, track, *figures, done, shut_in)

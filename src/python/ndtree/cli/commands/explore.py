@@ -105,6 +105,7 @@ def _figures(done: dict[str, Exploration]) -> dict[str, dict[str, Any]]:
             "volume": float(each.volume[-1]),
             "seconds": float(each.seconds.sum()),
             "done": each.done,
+            "shut_in": each.shut_in,
         }
     return figures
 
@@ -118,7 +119,8 @@ def _print(world: str, figures: dict[str, dict[str, Any]]) -> None:
         way = "never" if row["way_to_95_percent"] is None else f"{row['way_to_95_percent']:.1f} m"
         print(
             f"{name:<12} {way:>12} {row['way']:>8.1f} m {row['looks']:>6} {row['volume']:>7.1f} {unit} "
-            f"{row['seconds']:>7.1f} s" + ("" if row["done"] else ", not done")
+            f"{row['seconds']:>7.1f} s"
+            + (", nothing can be reached from here" if row["shut_in"] else "" if row["done"] else ", not done")
         )
 
 
