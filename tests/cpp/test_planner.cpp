@@ -452,6 +452,44 @@ TYPED_TEST(Planning, PossiblePlacesAreAllThatAreFreeSomewhere) {
   EXPECT_GT(free, 300);
   EXPECT_GT(blocked, 300);
 }
+/// Bodies that are larger than the cubes of places that are looked at once, where most are blocked.
+TEST(Planning, LargeBodiesFitWhereTheyMeetNothing) {
+  using Map = AdaptiveMap<2, 2>;
+  Random random(415);
+  int free = 0;
+  int blocked = 0;
+  for (int round = 0; round < 9; ++round) {
+    MapOptions options;
+    options.min_cell_size = kUnit;
+    options.max_cell_size = 16.0 * kUnit;
+    Map map(options);
+    map.mark(Box<2>{{-24.0, -24.0}, {24.0, 24.0}}, CellState::free);
+    for (int k = 0; k < 3; ++k) {
+      const Vector<2> corner = random_point<2>(random, 20.0);
+      map.mark(Box<2>{corner, corner + Vector<2>(0.3, 0.3)}, CellState::occupied);
+    }
+    const double turn = random.uniform(-3.0, 3.0);
+    Eigen::Matrix2d axes;
+    axes << std::cos(turn), -std::sin(turn), std::sin(turn), std::cos(turn);
+    const Vector<2> at = random_point<2>(random, 3.0);
+    const Body<2> body = round % 3 == 0   ? Body<2>{Capsule<2>{at, at, 9.0}}
+                         : round % 3 == 1 ? Body<2>{Capsule<2>{at, Vector<2>(-at), 8.0}}
+                                          : Body<2>{OrientedBox<2>{at, {7.0, 10.0}, axes}};
+    const bool is_free_unknown = random.chance(0.5);
+    const UnknownSpace unknown = is_free_unknown ? UnknownSpace::free : UnknownSpace::occupied;
+    FreeSpace<Map> centres(map, body, is_free_unknown ? 1.0 : kInfinity, {{-16.0, -16.0}, {16.0, 16.0}},
+                           detail::Touches::from_centre);
+    for_each_place<2>(centres.limits(), [&](const Lattice<2>& place) {
+      const Vector<2> centre(kUnit * (static_cast<double>(place[0]) + 0.5),
+                             kUnit * (static_cast<double>(place[1]) + 0.5));
+      const bool is_free = !collides_at(map, body, centre, unknown);
+      ASSERT_EQ(centres.cell_at(place).passage != Passage::blocked, is_free);
+      (is_free ? free : blocked)++;
+    });
+  }
+  EXPECT_GT(free, 300);
+  EXPECT_GT(blocked, 300);
+}
 /// A wall at x in [0, kUnit) with a gap of a width around y = 0, which lies anywhere between borders of
 /// cells.
 template <class Map>
@@ -586,6 +624,10 @@ TEST(Planning, SaysWhatIsWrong) {
   wrong.clearance = -1.0;
   EXPECT_THROW((Planner<AdaptiveMap<2, 2>>(map, body, wrong)), std::invalid_argument);
   EXPECT_THROW((Planner<AdaptiveMap<2, 2>>(map, Body<2>{})), std::invalid_argument);
+  wrong.clearance = 1e9;
+  EXPECT_EQ(refusal_by([&] { (void)Planner<AdaptiveMap<2, 2>>(map, body, wrong); }),
+            "body: with its clearance it reaches 1e+09 m: with cells of 0.25 m at most 4096.0 m can be "
+            "planned for");
 }
 
 }  // namespace

@@ -47,6 +47,9 @@ class PlaceFinder {
       const double middle = 0.5 * (inside.lower[axis] + inside.upper[axis]) / geometry.unit();
       inside_lower_[a] = static_cast<std::int64_t>(std::floor(middle));
       inside_upper_[a] = static_cast<std::int64_t>(std::ceil(middle));
+      const double half = half_cube_in(body.front()) / geometry.unit();
+      core_lower_[a] = static_cast<std::int64_t>(std::ceil(middle - half));
+      core_upper_[a] = static_cast<std::int64_t>(std::floor(middle + half));
     }
   }
   PlaceFinder(const PlaceFinder&) = delete;
@@ -70,7 +73,8 @@ class PlaceFinder {
   [[nodiscard]] std::optional<Passage> passage_of(const CellIndex<D>& index) const {
     const LatticeBox<D> places = box_of(index);
     bool is_within = true;
-    LatticeBox<D> touched, inside;
+    LatticeBox<D> touched, inside, covered;  // Covered by the body wherever it stands.
+    bool covers = true;
     for (std::size_t a = 0; a < D; ++a) {
       if (places.lower[a] >= limits_.upper[a] || places.upper[a] <= limits_.lower[a]) return Passage::blocked;
       is_within = is_within && places.lower[a] >= limits_.lower[a] && places.upper[a] <= limits_.upper[a];
@@ -78,6 +82,13 @@ class PlaceFinder {
       touched.upper[a] = places.upper[a] + stencil_.upper()[a];
       inside.lower[a] = places.lower[a] + inside_lower_[a];
       inside.upper[a] = places.upper[a] + inside_upper_[a];
+      covered.lower[a] = places.upper[a] + core_lower_[a];
+      covered.upper[a] = places.lower[a] + core_upper_[a];
+      covers = covers && covered.lower[a] < covered.upper[a];
+    }
+    if (covers) {
+      const Contents core = contents_of(covered);
+      if (core.occupied || (core.unknown && unknown_blocks_)) return Passage::blocked;
     }
     const Contents all = contents_of(touched);
     if (!is_within) return std::nullopt;
@@ -117,6 +128,13 @@ class PlaceFinder {
  private:
   using Place = typename Brick::Place;
   using Ref = typename Map::Tree::ConstRef;
+  /// Half the edge of the largest cube along the axes in a part, around the middle of its bounds.
+  [[nodiscard]] static double half_cube_in(const BodyPart<D>& part) {
+    if (const auto* const capsule = std::get_if<Capsule<D>>(&part))
+      return capsule->radius / std::sqrt(double{D});
+    const auto& box = std::get<OrientedBox<D>>(part);
+    return (box.half_size.array() / box.axes.cwiseAbs().colwise().sum().transpose().array()).minCoeff();
+  }
   /// What a box of the map contains.
   struct Contents {
     bool occupied = false;
@@ -236,6 +254,7 @@ class PlaceFinder {
   bool unknown_costs_;
   LatticeBox<D> limits_;
   Lattice<D> inside_lower_, inside_upper_;  // Cells from a place to some point in the body.
+  Lattice<D> core_lower_, core_upper_;      // And to a cube in it.
 };
 
 }  // namespace detail

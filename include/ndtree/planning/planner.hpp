@@ -48,6 +48,12 @@ class Planner {
     kept_away_ = inflated(body_, options_.clearance);
     tested_ = inflated(kept_away_, kOnBorder * unit());
     reach_ = reach_of(body_);
+    const double most = unit() * static_cast<double>(kMostReach);
+    if (!(reach_ + options_.clearance <= most))
+      throw std::invalid_argument("body: with its clearance it reaches " +
+                                  describe_number(reach_ + options_.clearance) + " m: with cells of " +
+                                  describe_number(unit()) + " m at most " + describe_number(most) +
+                                  " m can be planned for");
     asked_ = {Vector<D>::Constant(0.0), Vector<D>::Constant(0.0)};
     rebuild(around(seen_));
   }
@@ -375,7 +381,9 @@ class Planner {
     }
     throw std::invalid_argument(message);
   }
-  static constexpr double kWorthGap = 0.015;    // Longer than the coarse way, that gaps are looked for.
+  static constexpr double kWorthGap = 0.015;  // Longer than the coarse way, that gaps are looked for.
+  static constexpr int kMostReach =
+      1 << (30 / D - 1);                        // Smallest cells: obstacles around are at most 2^30 bits.
   static constexpr std::size_t kFewCells = 64;  // More than the guide's, at which a search is misled by it.
   static constexpr std::size_t kAllCells = ~std::size_t{0};
 
