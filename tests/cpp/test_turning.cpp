@@ -251,6 +251,11 @@ TEST(Turning, SaysWhatIsWrong) {
             std::string::npos);
   EXPECT_EQ(message({1.7, 1.7, kPi}, {}, 16).find("start"), 0u);
   const Planner<Map> planner(map, body);
+  EXPECT_EQ(first_blocked_turning(planner, {Vector<3>(0.0, 0.0, 0.0)}), std::nullopt);
+  EXPECT_EQ(first_blocked_turning(planner, {Vector<3>(1.8, 0.0, 0.0)}), 0u);
+  EXPECT_EQ(planner.first_blocked({Vector<2>(0.0, 0.0)}), std::nullopt);
+  EXPECT_EQ(planner.first_blocked({Vector<2>(1.8, 0.0)}), 0u);
+  EXPECT_EQ(planner.first_blocked({}), std::nullopt);
   const auto refusal = [&](const Vector<3>& pose) {
     return refusal_by([&] { (void)first_blocked_turning(planner, {Vector<3>(0.0, 0.0, 0.0), pose}); });
   };

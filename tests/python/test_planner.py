@@ -206,7 +206,7 @@ def test_what_is_wrong_with_a_call_is_said() -> None:
         with pytest.raises(ValueError, match=rf"{name}\[1\] = \(1\.0, nan\): must be finite"):
             question()
     for poses, error in (
-        ([[1, 1, 0], [1, 1.1, 0.1]], r"points\[1\]: moves and turns at once"),
+        ([[1, 1, 0], [1, 1.1, 0.1]], r"points\[1\]: moves by 0.1 m and turns by 0.1 rad at once"),
         ([[1, 1, 0], [1, 1, np.nan]], r"points\[1\]: yaw must be finite"),
     ):
         with pytest.raises(ValueError, match=error):

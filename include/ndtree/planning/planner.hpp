@@ -124,11 +124,12 @@ class Planner {
     return costs;
   }
   /// The first segment of a path in which the body meets an obstacle of the map as it is now; none if there
-  /// is none. @throws std::invalid_argument if a point is not finite.
+  /// is none. One point alone is a segment. @throws std::invalid_argument if a point is not finite.
   [[nodiscard]] std::optional<std::size_t> first_blocked(const std::vector<Vector<D>>& points) const {
     require_places(points, "points");
-    for (std::size_t i = 0; i + 1 < points.size(); ++i)
-      if (sweep_collides(seen_, kept_away_, points[i], points[i + 1], unknown())) return i;
+    const std::size_t last = points.empty() ? 0 : points.size() - 1;
+    for (std::size_t i = 0; i < std::min(points.size(), std::max<std::size_t>(last, 1)); ++i)
+      if (sweep_collides(seen_, kept_away_, points[i], points[std::min(i + 1, last)], unknown())) return i;
     return std::nullopt;
   }
   /// Convex sets of places around the segments of a path, from which the body meets no obstacle, see

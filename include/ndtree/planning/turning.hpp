@@ -90,7 +90,7 @@ template <class Map>
   };
   const Body<2> body = inflated(planner.body(), planner.options().clearance);
   const double same = kOnBorder * planner.map().tree().geometry().unit();
-  std::vector<detail::Motion> motions;
+  std::vector<detail::Motion> motions(poses.size() == 1, detail::Motion::moves);
   for (std::size_t i = 0; i < poses.size(); ++i) {
     if (!std::isfinite(poses[i][2])) refuse(i, "yaw must be finite");
     if (i == 0) continue;
@@ -100,7 +100,8 @@ template <class Map>
                     describe_number(poses[i][2] - poses[i - 1][2]) + " rad at once, expected one of both");
   }
   for (std::size_t i = 0; i < motions.size(); ++i)
-    if (detail::motion_collides(planner.map(), body, poses[i], poses[i + 1], motions[i], planner.unknown()))
+    if (detail::motion_collides(planner.map(), body, poses[i], poses[std::min(i + 1, poses.size() - 1)],
+                                motions[i], planner.unknown()))
       return i;
   return std::nullopt;
 }
