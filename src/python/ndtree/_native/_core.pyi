@@ -2244,7 +2244,8 @@ class Planner:
         Parameters
         ----------
         points : (n, dim) array of float
-            Of a path, straight between them [m]; in the plane also (n, 3): poses of a body that turns.
+            Of a path, straight between them [m]; in the plane also (n, 3): poses of a body that turns the way that the
+            numbers of its yaw go. One point alone is a segment.
 
         Returns
         -------

@@ -117,10 +117,12 @@ def _print(world: str, figures: dict[str, dict[str, Any]]) -> None:
     )
     for name, row in figures.items():
         way = "never" if row["way_to_95_percent"] is None else f"{row['way_to_95_percent']:.1f} m"
+        end = "" if row["done"] else ", not done"
+        if row["shut_in"]:
+            end = ", nothing can be reached from here"
         print(
             f"{name:<12} {way:>12} {row['way']:>8.1f} m {row['looks']:>6} {row['volume']:>7.1f} {unit} "
-            f"{row['seconds']:>7.1f} s"
-            + (", nothing can be reached from here" if row["shut_in"] else "" if row["done"] else ", not done")
+            f"{row['seconds']:>7.1f} s{end}"
         )
 
 
