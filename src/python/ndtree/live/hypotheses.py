@@ -62,6 +62,7 @@ class ScanEvidence:
     def __init__(self, m: OccupancyMap) -> None:
         self._map = m
         self._sigma = math.hypot(0.5 * m.min_cell_size, m.options["range_sigma"])
+        self._deep = m.min_cell_size  # A cell's surface is anywhere in it, for all beams that it ends.
         self._begin = 2.0 * m.min_cell_size  # The sensor's own cell may be unknown.
 
     def of(self, pose: Floats, ends: Floats) -> Evidence:
@@ -80,7 +81,7 @@ class ScanEvidence:
         first = np.minimum(first, np.minimum(np.roll(first, 1), np.roll(first, -1)))
         is_known = np.isfinite(last)
         last = np.maximum(last, np.maximum(np.roll(last, 1), np.roll(last, -1)))
-        before, through = np.maximum(first - ranges, 0.0), np.maximum(ranges - last, 0.0)
+        before, through = np.maximum(first - ranges, 0.0), np.maximum(ranges - last - self._deep, 0.0)
         near = np.exp(-0.5 * np.square(np.maximum(before, through) / self._sigma))
         least = np.where(before > 0.0, BEFORE, THROUGH)
         likely = least + (1.0 - least) * near
