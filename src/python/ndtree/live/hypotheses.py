@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ndtree._native._core import OccupancyMap
 
@@ -27,9 +27,11 @@ THROUGH, BEFORE, UNKNOWN = 0.02, 0.05, 0.5
 NOT_HERE = math.log(UNKNOWN)
 #: End points on one piece of surface of this size err alike, and count once [m].
 PIECE = 0.2
-#: How often odometry slips far or a robot is carried, for one scan; and what a normal distribution has beyond
-#: three standard deviations.
-UNSEEN, BEYOND = math.exp(-7.5), 0.0027
+#: Poses as far from each other are of different places [m, rad]; and odometry slips at once no farther than this.
+APART, SLIP = (0.5, 0.35), (2.0, 0.5)
+#: How often, in a scan, odometry slips or a robot is carried; and what a normal distribution has beyond three
+#: standard deviations.
+SLIPS, CARRIED, BEYOND = math.exp(-7.5), math.exp(-9.0), 0.0027
 #: Standard deviations of one pose that is found twice, from the grid's steps [m, m, rad].
 SAME = 0.02, 0.02, 0.015
 
@@ -101,6 +103,33 @@ def motion_between(one: Floats, other: Floats) -> Floats:
     return np.array([*(other - one)[:2, 2], math.atan2(turn[1, 0], turn[0, 0])])
 
 
+@dataclass(frozen=True)
+class Prior:
+    """Where a robot that was tracked may be: as odometry says; or it slipped, or was carried anywhere.
+
+    `map_odometry` (3, 3) float64: Of the pose that odometry says, with
+    `covariance` (3, 3) float64: of x, y and yaw in the map.
+    `extent` (2,) float64: Of the map [m].
+    """
+
+    map_odometry: Floats
+    covariance: Floats
+    extent: Floats
+
+    def of(self, other: Floats, at: Floats) -> float:
+        """Logarithm for the place that another odometry's frame in the map is of, with odometry at a pose."""
+        away = motion_between(self.map_odometry @ at, other @ at)
+        told = math.exp(-0.5 * float(away @ np.linalg.solve(self.covariance, away)))
+        is_near = math.hypot(away[0], away[1]) < SLIP[0] and abs(away[2]) < SLIP[1]
+        slipped = SLIPS / _places((2.0 * SLIP[0], 2.0 * SLIP[0]), 2.0 * SLIP[1]) if is_near else 0.0
+        return math.log(told + slipped + CARRIED / _places(self.extent, 2.0 * math.pi))
+
+
+def _places(extent: ArrayLike, turn: float) -> float:
+    """How many different places there are in a box of an extent (2,) [m] and a range of yaws [rad]."""
+    return float(np.prod(np.asarray(extent) / APART[0])) * turn / APART[1]
+
+
 @dataclass
 class Viewpoint:
     """Scans from about one place, which say the same: they count as one.
@@ -139,9 +168,14 @@ class Hypothesis:
     ways: int = 0
 
     @property
-    def weight(self) -> float:
+    def likely(self) -> float:
         """Log-likelihood of all viewpoints."""
-        return self.prior + sum(float(np.mean(one)) for one in self.seen)
+        return sum(float(np.mean(one)) for one in self.seen)
+
+    @property
+    def weight(self) -> float:
+        """The same with its prior: of the posterior, but for a constant."""
+        return self.prior + self.likely
 
     def slides(self, ways: int) -> None:
         """Note on how many axes a scan fits elsewhere, too."""
@@ -155,7 +189,7 @@ class Hypothesis:
         then it may be anywhere in the map, `extent` (2,) [m] large. Three standard deviations hold as much
         of that as of a normal distribution.
         """
-        unseen = -math.expm1(-self.untold * UNSEEN)
+        unseen = -math.expm1(-self.untold * SLIPS)
         half = 0.5 * max(0.0, 1.0 - BEYOND / unseen) if self.untold else 0.0
         told = (self.covariance if covariance is None else covariance).copy()
         for way in np.linalg.eigh(self.covariance[:2, :2])[1].T[2 - self.ways :]:  # Where it is least sure.
@@ -166,8 +200,8 @@ class Hypothesis:
         """(3,): from this one's pose to another one's, with odometry at a pose; along the map's axes."""
         return motion_between(self.map_odometry @ at, other.map_odometry @ at)
 
-    def is_same(self, other: Hypothesis, at: Floats, extent: Floats) -> bool:
-        """Whether another one is within three standard deviations of what is told, at an odometry."""
+    def is_same(self, other: Hypothesis, at: Floats) -> bool:
+        """Whether another one is within three standard deviations of the matches, at an odometry."""
         away = self.away(other, at)
-        both = self.told_covariance(extent) + other.covariance + np.diag(np.square(SAME))
+        both = self.covariance + other.covariance + np.diag(np.square(SAME))
         return float(away @ np.linalg.solve(both, away)) < 9.0
