@@ -122,9 +122,9 @@ class Follower:
         return [np.append(way, 0.0) for way in axes.T[variances > SPREAD**2]]
 
     def prior(self, one: Hypothesis, extent: Floats, at: Floats) -> Prior:
-        """Where odometry and what no scan would have told leave a hypothesis, in a map of an extent [m]."""
+        """Where a hypothesis may be before a scan, in a map of an extent [m]."""
         spread = np.diag(np.square(GUESS)) if one.matched is None else self.predicted(one, at)
-        return Prior(one.map_odometry, one.told_covariance(extent, spread), extent)
+        return Prior(one.map_odometry, spread, extent, 1 + one.untold)
 
     def predicted(self, one: Hypothesis, at: Floats) -> Floats:
         """The covariance of where odometry has the sensor, by that of the last match."""

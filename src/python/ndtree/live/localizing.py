@@ -26,12 +26,12 @@ from ndtree._native._core import Matcher, OccupancyMap
 from ndtree.live.following import GUESS, LEAST, WIDEST, Follower, inverse, matrix_of
 from ndtree.live.hypotheses import (
     NOT_HERE,
-    SLIP,
     Evidence,
     Floats,
     Hypothesis,
     Prior,
     Viewpoint,
+    leads,
     pieces_of,
 )
 
@@ -204,7 +204,7 @@ class Localizer:
         elif said and (narrowed or self._is_odd(said[0][2], said[0][1].score)):
             self._viewpoints = [Viewpoint(at, ends, said[0][2].pieces)]
             self._told.prior = self._prior_of(self._told, at)
-            self._told.seen = [[said[0][2].total]]
+            self._told.see(said[0][2], is_new=True)
             self._rests = 0 if narrowed or self._told.failed else self._rests
         if self._viewpoints and self._may_ask():
             said += self._ask(ends, at)
@@ -212,10 +212,16 @@ class Localizer:
         if not said:
             self._hypotheses = []
             return None
-        best, match, evidence = max(said, key=lambda one: one[0].weight)
-        self._hypotheses = [one for one, _, _ in said if one.weight >= best.weight - FORGETS]
-        others = [one.weight for one in self._hypotheses if one is not best]
-        lead = best.weight - max(others, default=-math.inf)
+        likelier = leads([one for one, _, _ in said])
+        first = int(likelier.min(axis=1).argmax())
+        best, match, evidence = said[first]
+        elsewhere = [
+            float(by)
+            for (one, _, _), by in zip(said, likelier[first])
+            if not best.tells(one, at, self._extent)
+        ]
+        lead = min(elsewhere, default=math.inf)
+        self._hypotheses = [one for (one, _, _), by in zip(said, likelier[first]) if by <= FORGETS]
         self._judge(best, lead, self._is_odd(evidence, match.score))
         if best.failed == 0 and not self.is_lost and lead >= CERTAIN and best is self._told:
             self._usual.append((evidence.mean, match.score))
@@ -234,9 +240,9 @@ class Localizer:
         elif lead < DOUBTS:
             self._lose()
         elif best is not self._told:
-            if best.failed == 0 and lead >= CERTAIN and self._is_near(best):
+            if best.failed == 0 and (lead >= CERTAIN and self._is_near(best)):
                 self._settle(best)
-            else:
+            elif not self._told.tells(best, self._follower.before, self._extent):
                 self._lose()
         elif self._viewpoints and best.failed == 0 and lead >= CERTAIN and not is_odd:
             self._settle(best)
@@ -252,21 +258,21 @@ class Localizer:
 
     def _is_found(self, one: Hypothesis) -> bool:
         """Whether enough was seen from where a hypothesis has the lost robot."""
-        count = sum(len(seen) for seen in one.seen)
+        count = sum(one.scans)
         pieces = [view.pieces for view in self._viewpoints]
         least = CERTAIN if self._usual else ANYWHERE
         if one.failed or one.untold or count <= FINDS or one.likely < NOT_HERE * sum(pieces) + least:
             return False
         if self._usual:
             return True
-        means = [float(np.mean(seen)) / max(many, 1) for seen, many in zip(one.seen, pieces)]
+        means = [float(seen.sum()) / max(many, 1) for seen, many in zip(one.seen, pieces)]
         if one.likely < KNOWN * sum(pieces) or means[-1] < KNOWN:
             return False
         return len(means) >= VIEWPOINTS or (count >= STANDS and min(means) >= WELL)
 
     def _settle(self, one: Hypothesis) -> None:
         """One is left."""
-        one.prior, one.seen = 0.0, []
+        one.prior, one.seen, one.scans = 0.0, [], []
         self._hypotheses, self._viewpoints = [one], []
         self._told = one
 
@@ -306,13 +312,11 @@ class Localizer:
             self._viewpoints.append(Viewpoint(at, ends, pieces_of(ends)))
             self._rests = 0 if self.is_lost else self._rests
         for one, evidence in said:
-            if is_new:
-                one.seen.append([])
-            one.seen[-1].append(evidence.total)
+            one.see(evidence, is_new=is_new)
         if len(self._viewpoints) > MOST:
             del self._viewpoints[0]
             for one, _ in said:
-                del one.seen[0]
+                del one.seen[0], one.scans[0]
 
     def _may_ask(self) -> bool:
         """Whether it is time to look for others."""
@@ -330,11 +334,10 @@ class Localizer:
             evidence = self._follower.evidence.of(match.pose, ends)
             if not self._fits(evidence) or evidence.known < LEAST_KNOWN:
                 continue
-            one.seen = [
-                [self._follower.evidence.of(one.map_odometry @ view.odometry, view.ends).total]
-                for view in self._viewpoints
-            ]
-            one.seen[-1] = [evidence.total]
+            for view in self._viewpoints[:-1]:
+                before = self._follower.evidence.of(one.map_odometry @ view.odometry, view.ends)
+                one.see(before, is_new=True)
+            one.see(evidence, is_new=True)
             one.prior = self._prior_of(one, at)
             new.append((one, match, evidence))
         self._rested = min(2 * self._rested + 1, RESTS) if not new else 1
@@ -345,7 +348,7 @@ class Localizer:
         """Matches near the last pose, and in all of the map."""
         few = ends[:: _stride(ends, LOST)]
         near = self._told.map_odometry @ at
-        window = (SLIP[0], SLIP[0], SLIP[1])
+        window = (2.0 * WIDEST[0], 2.0 * WIDEST[0], WIDEST[1])
         found = []
         if self._hypotheses:
             found.append(self._follower.match(ends, near, WIDEST))
