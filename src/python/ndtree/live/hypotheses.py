@@ -71,7 +71,8 @@ class ScanEvidence:
     def __init__(self, m: OccupancyMap) -> None:
         self._map = m
         self._sigma = math.hypot(0.5 * m.min_cell_size, m.options["range_sigma"])
-        self._deep = m.min_cell_size  # A cell's surface is anywhere in it, for all beams that it ends.
+        # For all beams that a cell ends alike, its surface is anywhere in it, or just before it.
+        self._deep = m.min_cell_size
         self._begin = 2.0 * m.min_cell_size  # The sensor's own cell may be unknown.
 
     def of(self, pose: Floats, ends: Floats) -> Evidence:
@@ -91,7 +92,8 @@ class ScanEvidence:
         first = np.minimum(first, np.minimum(np.roll(first, 1), np.roll(first, -1)))
         is_known = np.isfinite(last)
         last = np.maximum(last, np.maximum(np.roll(last, 1), np.roll(last, -1)))
-        before, through = np.maximum(first - ranges, 0.0), np.maximum(ranges - last - self._deep, 0.0)
+        before = np.maximum(first - ranges - 0.5 * self._deep, 0.0)
+        through = np.maximum(ranges - last - self._deep, 0.0)
         near = np.exp(-0.5 * np.square(np.maximum(before, through) / self._sigma))
         least = np.where(before > 0.0, BEFORE, THROUGH)
         likely = least + (1.0 - least) * near
@@ -189,7 +191,7 @@ class Hypothesis:
 
     @property
     def weight(self) -> float:
-        """The same with its prior: of the posterior, but for a constant."""
+        """Logarithm of the posterior, but for a constant."""
         return self.prior + self.likely
 
     def see(self, evidence: Evidence, *, is_new: bool) -> None:
@@ -225,7 +227,7 @@ class Hypothesis:
         return motion_between(self.map_odometry @ at, other.map_odometry @ at)
 
     def tells(self, other: Hypothesis, at: Floats, extent: Floats) -> bool:
-        """Whether another one is within three standard deviations of what is told, or does not fit beside it."""
+        """Whether another one is within three standard deviations of what is told, or near, unfit."""
         away = self.away(other, at)
         if other.failed and math.hypot(away[0], away[1]) < APART[0] and abs(away[2]) < APART[1]:
             return True
@@ -242,9 +244,9 @@ class Hypothesis:
 def leads(hypotheses: Sequence[Hypothesis]) -> Floats:
     """(n, n): logarithms of how much likelier each hypothesis is than each other one.
 
-    Glass, people and gaps in the map make beams say too much. So a difference D of the evidence counts in full
-    only against a hypothesis. For it, where few bearings say all of it, chance may: with the sum V of its
-    squares over bearings, it is no more than D^2 / 2V, by which a mean of D is likelier than one of 0.
+    Because of glass, people and gaps in the map, evidence is not calibrated. A difference D of it counts in
+    full only against a hypothesis. For it, where few bearings make all of it, chance may: with the sum V of
+    its squares over bearings, it is no more than D^2 / 2V, by which a mean of D is likelier than one of 0.
     """
     seen = np.array([np.concatenate(one.seen) if one.seen else np.zeros(0) for one in hypotheses])
     prior, total, products = np.array([one.prior for one in hypotheses]), seen.sum(axis=1), seen @ seen.T

@@ -4,9 +4,10 @@
 Strategy: hypotheses, each a normal distribution of the pose. Odometry moves them and widens them by its
 noise; `Matcher` searches a window around each, and gives the next posterior: what scans do not tell, as the
 way along a corridor, keeps odometry's mean, and a variance that grows with the way. `ScanEvidence` compares
-the beams with where the map ends them, and weighs hypotheses. While one is left, and scans fit it as those
-before did, that is where the robot is. A scan that fits clearly worse asks for others: near, and in all of
-the map. A pose is told again when one explains all that was seen since then, and no other does nearly.
+the beams with where the map ends them, and `leads` weighs hypotheses by that and by how a robot moves. While
+one is left, and scans fit it as those before did, that is where the robot is. A scan that fits clearly worse,
+or tells a place that odometry had left open, asks for others: near, and in all of the map. A pose is told
+again when one explains all that was seen since then, and none that is elsewhere does nearly.
 
 Invariants: a pose is told only while the robot is not lost; the same scans give the same poses. Cost: some
 milliseconds a scan while it is tracked, and for a lost one what `Matcher` takes for the map.
@@ -35,6 +36,8 @@ from ndtree.live.hypotheses import (
     pieces_of,
 )
 
+#: A hypothesis, a scan's match near it, and what the scan says for it.
+_Said = tuple[Hypothesis, Any, Evidence]
 #: The frame of odometry, unless another is said: scans are placed in it, and found in the map.
 ODOMETRY = "odom"
 #: A scan with fewer points says nothing.
@@ -190,7 +193,7 @@ class Localizer:
 
     def _weigh(self, ends: Floats, at: Floats) -> Any:
         """Move all hypotheses to where the scan has them, look for others, judge; the likeliest's match."""
-        said: list[tuple[Hypothesis, Any, Evidence]] = []
+        said: list[_Said] = []
         narrowed = False
         if not self.is_lost and not self._viewpoints:
             self._prior = self._follower.prior(self._told, self._extent, at)
@@ -323,12 +326,12 @@ class Localizer:
         self._rests -= 1
         return self._rests < 0
 
-    def _ask(self, ends: Floats, at: Floats) -> list[tuple[Hypothesis, Any, Evidence]]:
+    def _ask(self, ends: Floats, at: Floats) -> list[_Said]:
         """Other hypotheses, near and in all of the map, that explain the scan."""
-        new: list[tuple[Hypothesis, Any, Evidence]] = []
+        new: list[_Said] = []
         for match in self._others(ends, at):
             one = Hypothesis(match.pose @ inverse(at), np.asarray(match.covariance), at, untold=1)
-            known = [*(other for other in self._hypotheses if not other.failed), *(other for other, _, _ in new)]
+            known = [other for other in self._hypotheses if not other.failed] + [other for other, _, _ in new]
             if any(other.is_same(one, at) for other in known):
                 continue
             evidence = self._follower.evidence.of(match.pose, ends)
@@ -383,9 +386,9 @@ def quaternion_of_yaw(yaw: float) -> tuple[float, float, float, float]:
     return 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)
 
 
-def _apart(said: list[tuple[Hypothesis, Any, Evidence]], at: Floats) -> list[tuple[Hypothesis, Any, Evidence]]:
+def _apart(said: list[_Said], at: Floats) -> list[_Said]:
     """Of hypotheses that scans moved to one pose the likeliest."""
-    kept: list[tuple[Hypothesis, Any, Evidence]] = []
+    kept: list[_Said] = []
     for one in sorted(said, key=lambda one: -one[0].weight):
         if not any(other.is_same(one[0], at) for other, _, _ in kept):
             kept.append(one)
