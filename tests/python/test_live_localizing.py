@@ -206,7 +206,7 @@ def test_a_carried_one_is_not_told_where_the_room_looks_alike() -> None:
     assert len(told_wrong) <= 5 and far[-1] < 0.1
 
 
-@pytest.mark.parametrize("period", [0.9, 1.3, 1.96, 2.6])
+@pytest.mark.parametrize("period", [1.3, 2.6])
 def test_no_pilaster_is_taken_for_the_next_one(period: float) -> None:
     """Equal ones at equal distances, ends out of sight, odometry that slips by two thirds of that at once."""
     walls = []
