@@ -304,7 +304,7 @@ class MessagesIntake(PosedIntake):
 
         def place() -> Scan:
             follower.asked(measured.topic, last)
-            return log.completed(reader.scan(measured))
+            return log.completed(reader.scan(measured), log.limit())
 
         found = self._posed(measured.topic, Times(first, last, until), give_up, place, figures)
         if self._selected is None or not isinstance(found, Scan):
@@ -334,5 +334,6 @@ def _ways_of(log: RosbagLog, config: Config) -> Any:
         name: (place.fixed_frame, place.frame, place.is_own, place.observer, place.origin, place.moving())
         for name, place in log.plan.places.items()
     }
-    how = config.options, config.max_range, config.no_return, log.rules.zero_is, log.dim
+    is_cut_off = log.limit() is not None
+    how = config.options, config.max_range, config.no_return, log.rules.zero_is, is_cut_off, log.dim
     return log.uses, places, log.plan.sweeps, log.plan.covariances.are_used, how

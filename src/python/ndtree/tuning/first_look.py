@@ -20,11 +20,13 @@ from ndtree.base.typing import MapOptions
 from ndtree.evaluation.no_returns import NoReturns, judge
 from ndtree.evaluation.sampling import skipping_unmappable, some_of, spread
 from ndtree.logs.core.log import Log, require_log
+from ndtree.logs.core.rules import UNSEARCHED
 from ndtree.logs.core.silence import CutOff, CutOffSearch
 from ndtree.tuning.agreement import Disagreement, disagreement
 from ndtree.tuning.calibration import range_noise
 from ndtree.tuning.heading import HeadingDrift, heading_drift
 from ndtree.tuning.pairs import Jump, false_jump, pairs_of
+from ndtree.tuning.range_end import range_end
 from ndtree.tuning.revisits import Drift, drift
 from ndtree.tuning.setup_error import SetupError, setup_error
 
@@ -64,7 +66,9 @@ class FirstLook:
     cut_off : float or None
         The log's largest range, where readings are taken for beams without return [m].
     limit : CutOff or None
-        The same with its tolerance, of a log that is no join of several.
+        The same with its tolerance; None of a join of several logs, each of which has its own.
+    unsure_end : str or None
+        Which readings at the end of the ranges may be beams without return as well.
     zeros : int
         Beams with a range of 0.
     disagreement : Disagreement or None
@@ -93,6 +97,7 @@ class FirstLook:
     sample: list[Scan] = field(repr=False, compare=False)
     cut_off: float | None = None
     limit: CutOff | None = None
+    unsure_end: str | None = None
     zeros: int = 0
     disagreement: Disagreement | None = None
     drift: Drift | None = None
@@ -204,6 +209,7 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         sample=sample,
         cut_off=looked.cut_off,
         limit=looked.limit,
+        unsure_end=looked.unsure_end,
         zeros=round(looked.times * looked.zeros),
         disagreement=disagreement(matched),
         drift=drift(runs) if log.dim == 2 else None,
@@ -241,6 +247,14 @@ class _Looked:
             cut = (lambda scan: scan) if limit is None else limit.applied
             self.runs = [[some_of(cut(scan)) for scan in run] for run in self.runs]
         self.cut_off = log.cut_off if search is None else None if self.limit is None else self.limit.at
+        self.unsure_end: str | None = None
+        is_open = self.limit is None and log.rules.cut_off is UNSEARCHED
+        end = range_end([scan for run in self.runs for scan in run]) if is_open else None
+        if end is not None and end.is_empty:
+            self.limit, self.cut_off = end.limit, end.limit.at
+            self.runs = [[end.limit.applied(scan) for scan in run] for run in self.runs]
+        elif end is not None:
+            self.unsure_end = str(end)
         #: Of the scans, how many times as many there are as were decoded.
         self.times = self.scans / decoded if decoded else 1.0
 

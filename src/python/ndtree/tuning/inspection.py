@@ -22,6 +22,8 @@ BEYOND_MEMORY = "beams are so long that there is not enough memory, expected ran
 
 #: Of a log's beams, from which share on it is said what a range of 0 was taken for.
 _FEW_ZEROS = 0.01
+#: Of the largest range: what is so near to it is called equal.
+_NOISY = 1e-3
 
 
 @checked
@@ -67,7 +69,8 @@ def inspect(
     choose_sigma = (
         with_sigma and log.has_sensor and not {"range_sigma", "range_sigma_quadratic"} & options.keys()
     )
-    choose_no_return = given.no_return == AUTO and log.knows_no_returns
+    may_end = log.has_sensor and log.rules.cut_off is UNSEARCHED
+    choose_no_return = given.no_return == AUTO and (log.knows_no_returns or may_end)
     if given.no_return == AUTO:
         values["no_return"] = Decision("free", USUAL, "the log has no such beams, or tells what they mean")
     if not (choose_sigma or choose_no_return):
@@ -75,6 +78,7 @@ def inspect(
     decides = choose_no_return and log.may_be_zero and log.rules.zero_is is None
     may_be_cut_off = log.may_be_cut_off and log.rules.cut_off is UNSEARCHED
     look = first_look(log.ruled(zero_is=NO_ECHO) if decides else log, progress=progress)
+    choose_no_return = choose_no_return and (log.knows_no_returns or look.limit is not None)
     zeros = min(1.0, look.zeros / look.beams) if look.beams else 0.0
     if decides:
         says_nothing = look.no_returns.choice == "ignore" or not zeros
@@ -119,7 +123,12 @@ def _said(
             f"if that is wrong: {key('zero_is')} {other}"
         )
     if look.cut_off is not None:
-        lines.append(f"readings of {look.cut_off:.4g} m, the log's largest range, are beams without return")
+        noise = 0.0 if look.limit is None else look.limit.tolerance
+        least = f"{look.cut_off - noise:.4g} to " if noise > _NOISY * look.cut_off else ""
+        lines.append(
+            f"readings of {least}{look.cut_off:.4g} m, the log's largest range, are beams without return"
+        )
+    lines += [look.unsure_end] if look.unsure_end else []
     return list(map(Text, lines if look.doubt is None else [*lines, look.doubt]))
 
 
@@ -164,7 +173,8 @@ def prospect_of(log: Log, given: Config | None = None, *, progress: Progress | N
     look = config.look
     if look is None and log.has_sensor:  # Nothing had to be decided.
         look = first_look(log, progress=progress)
-        config = replace(config, notes=(*config.notes, *([] if look.doubt is None else [Text(look.doubt)])))
+        more = [Text(one) for one in (look.unsure_end, look.doubt) if one]
+        config = replace(config, notes=(*config.notes, *more))
     try:
         cost = None if look is None else look.cost()
     except MemoryError:

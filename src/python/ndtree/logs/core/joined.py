@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import Log, Skipped
+from ndtree.logs.core.rules import UNSEARCHED
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -38,7 +40,7 @@ class JoinedLog(Log):
         self._logs = tuple(logs)
         self.format = ", ".join(dict.fromkeys(log.format for log in logs))
         self.uses = "; ".join(f"{log.name}: {log.uses}" for log in logs if log.uses)
-        self.rules = first.rules
+        self.rules = replace(first.rules, cut_off=UNSEARCHED)
         self.knows_no_returns = any(log.knows_no_returns for log in logs)
         self.is_depth_camera = all(log.is_depth_camera for log in logs)
         self.has_sensor = any(log.has_sensor for log in logs)
@@ -46,9 +48,9 @@ class JoinedLog(Log):
         self._at = 0
 
     def ruled(self, **changes: Any) -> Self:
-        """Of all logs; each keeps the end of its own ranges."""
-        changes.pop("cut_off", None)
+        """Of all logs; each keeps the end of its own ranges, beside one of all."""
         other = super().ruled(**changes)
+        changes.pop("cut_off", None)
         other._logs = tuple(log.ruled(**changes) for log in self._logs)
         return other
 
@@ -60,7 +62,8 @@ class JoinedLog(Log):
     @property
     def cut_off(self) -> float | None:
         """The largest of all logs."""
-        return max((limit for log in self._logs if (limit := log.cut_off) is not None), default=None)
+        found = [super().cut_off, *(log.cut_off for log in self._logs)]
+        return max((limit for limit in found if limit is not None), default=None)
 
     @property
     def share_read(self) -> float | None:

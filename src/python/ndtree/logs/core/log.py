@@ -167,7 +167,7 @@ class Log(ABC):
 
     def __iter__(self) -> Iterator[Scan]:
         self._begin()
-        limit = self.limit() if self.may_be_cut_off else None
+        limit = self.limit()
         try:
             with readable(self.path, f"cannot be read as a {self.format} log"):
                 for scan in self._scans():
@@ -193,10 +193,10 @@ class Log(ABC):
 
     def limit(self) -> CutOff | None:
         """Where its ranges end; without a rule the log is read once for it, whatever is damaged."""
-        if not self.may_be_cut_off:
-            return None
         if self.rules.cut_off is not UNSEARCHED:
             return self.rules.cut_off
+        if not self.may_be_cut_off:
+            return None
         if not self._found:
             self._found.append(self._search())
         return self._found[0]
@@ -218,7 +218,7 @@ class Log(ABC):
     @property
     def cut_off(self) -> float | None:
         """The log's largest range [m], if readings there are taken for beams that met nothing."""
-        limit = self.limit() if self.may_be_cut_off else None
+        limit = self.limit()
         return None if limit is None else limit.at
 
     @property
@@ -426,6 +426,10 @@ class DerivedLog(Log):
         other = super().ruled(**changes)
         other._log = self._log.ruled(**changes)
         return other
+
+    def completed(self, scan: Scan, limit: CutOff | None = None) -> Scan:
+        """The scan itself: the other log has done it."""
+        return scan
 
     # As of the other log, which has applied the limit to its scans, too.
     name = property(attrgetter("_log.name"))

@@ -68,6 +68,35 @@ def noise_below_alone(below: NDArray[np.floating[Any]], farthest: float) -> floa
     return _reach_of_half_a_bell(below[:n], _BESIDE / 2)
 
 
+def noise_around(below: NDArray[np.float64]) -> tuple[float, float]:
+    """Where a bell around a largest range ends, and its standard deviation [m]; 0 and 0 if there is none.
+
+    Nothing is just below it. A surface that stays as far away makes one, too.
+    `below` (ndarray, (n,)): Distances of readings from the largest of all [m].
+    """
+    below = np.sort(below)
+    n, before = 2 * LEAST_NOISY, 0
+    middle = sigma = 0.0
+    while before != n <= len(below):  # From its upper end down, until it ends.
+        before = n
+        middle = float(np.median(below[:n]))
+        sigma = float(np.median(np.abs(below[:n] - middle))) / _HALF
+        if sigma < 10**-_MOST_DECIMALS:  # Most are in one step.
+            sigma = float(below[:n].std())
+        n, beyond = (int(np.searchsorted(below, middle + k * _ALL * sigma, side="right")) for k in (1, 2))
+        n = max(beyond if beyond > (1 + _BESIDE) * n else n, before)
+    if n != before:
+        return 0.0, 0.0
+    middle, sigma = float(below[:n].mean()), float(below[:n].std())
+    if not sigma > 0:
+        return 0.0, 0.0
+    values, counts = np.unique(np.round(below[:n], _MOST_DECIMALS), return_counts=True)  # In whole steps.
+    shares = [0.5 + 0.5 * math.erf(v) for v in ((values - middle) / (math.sqrt(2) * sigma)).tolist()]
+    apart = np.abs(shares - (np.cumsum(counts) - counts / 2) / n).max()
+    is_bell = apart < max(_KOLMOGOROV / math.sqrt(n), _BESIDE / 2)
+    return (middle + _ALL * sigma, sigma) if is_bell else (0.0, 0.0)
+
+
 def _reach_of_half_a_bell(noisy: NDArray[np.float64], beside: float) -> float:
     """How far sorted distances reach if they are half a bell [m], but for shares of `beside`; else 0."""
     n = len(noisy)
@@ -88,7 +117,7 @@ class CutOff:
 
     def applied(self, scan: Scan) -> Scan:
         """The scan, in which readings there did not return if there are several."""
-        there = _ranges(scan) >= self.at - max(self.tolerance, _exact(scan))
+        there = ranges_of(scan) >= self.at - max(self.tolerance, _exact(scan))
         if np.count_nonzero(there) < LEAST_CUT_OFF:
             return scan
         return replace(scan, returned=scan.did_return & ~there)
@@ -116,7 +145,7 @@ class CutOffSearch:
             self.is_said = True
         if self.is_said:
             return
-        ranges = _ranges(scan)
+        ranges = ranges_of(scan)
         farthest = float(ranges.max(initial=-1.0))
         if farthest <= 0:
             return
@@ -149,7 +178,7 @@ class CutOffSearch:
         return CutOff(self._largest, self._tolerance) if self._there > self._below else None
 
 
-def _ranges(scan: Scan) -> NDArray[np.float64]:
+def ranges_of(scan: Scan) -> NDArray[np.float64]:
     """Of the beams that returned [m]; -1 for the others."""
     way = scan.endpoints - scan.origin
     ranges = np.sqrt(np.einsum("ij,ij->i", way, way, dtype=np.float64))

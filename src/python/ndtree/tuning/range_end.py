@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Readings around a log's largest range: no echo, if beams of other scans pass where they end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ndtree._errors import Text, key
+from ndtree._native import _core
+from ndtree.base.scan import Scan
+from ndtree.evaluation.sampling import skipping_unmappable
+from ndtree.logs.core.silence import (
+    LEAST_NOISY,
+    NOISE_REACH,
+    CutOff,
+    CutOffSearch,
+    noise_around,
+    ranges_of,
+)
+
+#: Cells that are surely smaller than what is asked about them [m]: of points from one place.
+_LEAST_CELL = 0.01
+
+
+@dataclass(frozen=True)
+class RangeEnd:
+    """Many readings at a sample's largest range, or around it.
+
+    `is_empty`: More of their end points than not are where other scans saw that nothing is. Else a surface
+        that stays as far away, such as a pipe, would look the same.
+    """
+
+    limit: CutOff
+    is_empty: bool
+
+    def __str__(self) -> str:
+        least = self.limit.at - self.limit.tolerance
+        return Text(
+            f"readings from {least:.4g} to {self.limit.at:.4g} m, the log's largest range, are taken for "
+            "surfaces: its poses cannot tell whether something is there. If nothing is: "
+            f"{key('max_range')} {least:.3g}"
+        )
+
+
+def range_end(sample: list[Scan]) -> RangeEnd | None:
+    """The peak at the end of the ranges of a sample's returned beams; None without one."""
+    if not any(len(scan) for scan in sample):
+        return None
+    limit, sigma = _peak(sample)
+    if limit is None:
+        return None
+    if sum(int((ranges_of(scan) >= limit.at - limit.tolerance).sum()) for scan in sample) < LEAST_NOISY:
+        return None
+    returned = _in_their_plane([replace(scan.returned_only(), range_sigma=None) for scan in sample])
+    return RangeEnd(limit, any(_are_passed(returned, limit, cell, sigma) for cell in _cells(limit, sigma)))
+
+
+def _peak(sample: list[Scan]) -> tuple[CutOff | None, float]:
+    """The end of the ranges and the standard deviation of its noise [m]."""
+    search = CutOffSearch(says_itself=False, least_scans=2)
+    for scan in sample:
+        search.add(scan)
+    found = search.found()
+    if found is not None:
+        return found, found.tolerance / 4
+    ranges = np.concatenate([ranges_of(scan) for scan in sample])
+    largest = float(ranges.max())
+    if not largest > 0:
+        return None, 0.0
+    reach, sigma = noise_around(largest - ranges[ranges >= (1 - NOISE_REACH) * largest])
+    return (CutOff(largest, reach) if 0 < reach <= NOISE_REACH * largest else None), sigma
+
+
+def _cells(limit: CutOff, sigma: float) -> Iterator[float]:
+    """Sizes in which it is asked: beams far apart tell of none that is smaller than their distance."""
+    cell = max(2 * sigma, _LEAST_CELL)
+    while cell <= NOISE_REACH * limit.at:
+        yield cell
+        cell *= 2
+
+
+def _in_their_plane(scans: list[Scan]) -> list[Scan]:
+    """Scans of one horizontal plane in two dimensions; others as they are."""
+    heights = np.concatenate(
+        [part.reshape(-1, part.shape[-1]) for s in scans for part in (s.endpoints, s.origin)]
+    )
+    if heights.shape[1] == 2 or np.ptp(heights[:, 2]) > _LEAST_CELL:
+        return scans
+    return [replace(s, endpoints=s.endpoints[:, :2], origin=s.origin[..., :2]) for s in scans]
+
+
+def _are_passed(sample: list[Scan], limit: CutOff, cell: float, sigma: float) -> bool:
+    """Whether most end points at a limit are, in cells of a size, where other scans saw nothing."""
+    least = limit.at - limit.tolerance
+    ends = np.concatenate([scan.endpoints[ranges_of(scan) >= least] for scan in sample]).astype(np.float64)
+    evidence = _core.MovedEvidence(dim=ends.shape[1], cell_size=cell, range_sigma=max(sigma, _LEAST_CELL / 2))
+    for use in (evidence.add, evidence.look):
+        for scan in sample:
+            with skipping_unmappable():
+                use(scan.endpoints, scan.origin)
+    return bool(np.median(evidence.probability(ends)) > 0.5)

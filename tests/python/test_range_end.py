@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Noise around the largest range is no echo where other scans see that nothing is there, and only there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ndtree
+from ndtree.base.scan import Scan
+from ndtree.logs.core.log import Log
+
+LIMIT = 5.0
+Floats = np.ndarray[Any, Any]
+Poses = list[tuple[float, float, float]]
+Segments = list[tuple[float, float, float, float]]
+
+
+def box(x: float, y: float, half: float) -> Segments:
+    left, right, low, high = x - half, x + half, y - half, y + half
+    return [
+        (left, low, right, low),
+        (right, low, right, high),
+        (right, high, left, high),
+        (left, high, left, low),
+    ]
+
+
+def exact(segments: Segments, circle: float, pose: tuple[float, float, float], angles: Floats) -> Floats:
+    """Ranges to segments and to a circle around (0, 0) with this radius; +inf to nothing."""
+    origin, way = np.array(pose[:2]), np.stack([np.cos(pose[2] + angles), np.sin(pose[2] + angles)], axis=1)
+    found = np.full(len(angles), np.inf)
+    for x0, y0, x1, y1 in segments:
+        edge, to = np.array([x1 - x0, y1 - y0]), np.array([x0, y0]) - origin
+        with np.errstate(divide="ignore", invalid="ignore"):
+            across = way[:, 0] * edge[1] - way[:, 1] * edge[0]
+            at = (to[0] * edge[1] - to[1] * edge[0]) / across
+            along = (to[0] * way[:, 1] - to[1] * way[:, 0]) / across
+        found = np.where((at > 0) & (along >= 0) & (along <= 1), np.minimum(found, at), found)
+    if circle:
+        middle = way @ origin
+        found = np.minimum(found, -middle + np.sqrt(middle**2 - origin @ origin + circle**2))
+    return found
+
+
+class Drive:
+    """Ranges of a laser with noise on all of them, also where nothing was hit."""
+
+    def __init__(
+        self, rng: np.random.Generator, segments: Segments, poses: Poses, angles: Floats,
+        *, circle: float = 0.0, sigma: float = 0.02, jitter: float = 0.0, is_closed: bool = False,
+    ) -> None:  # fmt: skip
+        self.poses, self.angles = poses, angles
+        true = np.array([exact(segments, circle, pose, angles) for pose in poses])
+        self.is_silent = np.zeros(true.shape, dtype=bool) if is_closed else true > LIMIT
+        self.ranges = np.where(self.is_silent, LIMIT, true) + rng.normal(0, sigma, true.shape)
+        self.told = [(x + rng.normal(0, jitter), y + rng.normal(0, jitter), yaw) for x, y, yaw in poses]
+
+    def ends(self, i: int) -> Floats:
+        x, y, yaw = self.told[i]
+        way = np.stack([np.cos(yaw + self.angles), np.sin(yaw + self.angles)], axis=1)
+        return np.array([x, y]) + self.ranges[i][:, None] * way
+
+    def npz(self, folder: Path) -> Path:
+        scans = range(len(self.told))
+        np.savez(
+            folder / "a.npz",
+            origins=np.array(self.told)[:, :2],
+            points=np.concatenate([self.ends(i) for i in scans]),
+            offsets=np.cumsum([0, *(len(self.angles) for _ in scans)]),
+        )
+        return folder / "a.npz"
+
+    def carmen(self, folder: Path) -> Path:
+        """Angles are as there: half a turn, or a whole one."""
+        lines = []
+        for i, (x, y, yaw) in enumerate(self.told):
+            numbers = " ".join(f"{value:.3f}" for value in self.ranges[i])
+            step = self.angles[1] - self.angles[0]
+            head = f"ROBOTLASER1 0 {self.angles[0]:.6f} {step * len(self.angles):.6f} {step:.6f} 81.9 0.01 0"
+            pose = f"{x:.6f} {y:.6f} {yaw:.6f}"
+            lines.append(f"{head} {len(self.angles)} {numbers} 0 {pose} {pose} 0 0 0 0 0 {i}.0 host {i}.0\n")
+        (folder / "a.log").write_text("".join(lines))
+        return folder / "a.log"
+
+    def clouds(self, folder: Path) -> Path:
+        bags = pytest.importorskip("bags")
+        make, content = bags.Messages("mcap"), []
+        for i, (x, y, yaw) in enumerate(self.told):
+            stamp = bags.START + 0.1 * i
+            way = np.stack([np.cos(self.angles), np.sin(self.angles), np.zeros(len(self.angles))], axis=1)
+            turn = [0, 0, math.sin(yaw / 2), math.cos(yaw / 2)]
+            transform = make.transform(stamp, "map", "lidar", [x, y, 0], turn)
+            content += [("/tf", stamp, make.tf(transform))]
+            content += [("/points", stamp, make.cloud(stamp, "lidar", self.ranges[i][:, None] * way))]
+        return Path(bags.write_bag(folder / "bag", make, content))
+
+
+def line(length: float, count: int = 60) -> Poses:
+    return [(x, 0.0, 0.0) for x in np.linspace(0, length, count)]
+
+
+def turns(radius: float, count: int = 60) -> Poses:
+    return [(radius * math.cos(a), radius * math.sin(a), a) for a in np.linspace(0, 6, count)]
+
+
+AROUND = np.linspace(-math.pi, math.pi, 360, endpoint=False)
+SIDES = np.concatenate([np.linspace(-0.1, 0.1, 15) + side * math.pi / 2 for side in (-1, 1)])
+
+
+def field(rng: np.random.Generator) -> Segments:
+    return [
+        one
+        for _ in range(6)
+        for one in box(rng.uniform(-3, 13), rng.choice([-1, 1]) * rng.uniform(1.5, 6), rng.uniform(0.2, 0.6))
+    ]
+
+
+def silent(log: Iterable[Scan]) -> Floats:
+    return np.stack([~scan.did_return for scan in log])
+
+
+def looked(path: Path, **given: Any) -> tuple[Log, ndtree.Config]:
+    config = ndtree.inspect(path, **given)
+    return config.read(path), config
+
+
+@pytest.mark.parametrize(
+    "kind, jitter, seed",
+    [("npz", 0.0, 0), ("carmen", 0.0, 1), ("clouds", 0.0, 2), ("carmen", 0.03, 3), ("clouds", 0.03, 4)],
+)
+def test_a_circle_around_the_robot_is_open_space(kind: str, jitter: float, seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    poses = [line(10), line(3), turns(4)][seed % 3]
+    drive = Drive(rng, field(rng), poses, AROUND, sigma=rng.uniform(0.01, 0.03), jitter=jitter)
+    log, config = looked(getattr(drive, kind)(tmp_path))
+    found = silent(log)
+    assert (
+        drive.is_silent.mean() > 0.5 and np.count_nonzero(drive.is_silent & ~found) <= 2 + found.size // 5000
+    )
+    near = found & ~drive.is_silent
+    assert not near[drive.ranges < LIMIT - 0.4].any(), "walls nearer than the noise reaches are kept"
+    assert any("are beams without return" in note for note in config.notes)
+    assert jitter or config.no_return == "free"
+    m = config.new_map(log.dim)
+    for scan in log:
+        config.usable(scan).insert_into(m, max_range=config.max_range)
+    ends = np.concatenate([drive.ends(i)[drive.is_silent[i]] for i in range(len(poses))])
+    if log.dim == 3:
+        ends = np.column_stack([ends, np.zeros(len(ends))])
+    assert np.mean(m.state(ends) == 1) < 0.02
+
+
+@pytest.mark.parametrize("where", ["corridor", "round", "about", "wall", "standing", "turning"])
+@pytest.mark.parametrize("kind, seed", [("npz", 0), ("clouds", 1)])
+def test_surfaces_that_stay_as_far_away_are_kept(where: str, kind: str, seed: int, tmp_path: Path) -> None:
+    """Along the middle of a corridor or in that of a round room; with a word where no other scan looks."""
+    rng = np.random.default_rng(100 + seed)
+    long = [(-50.0, side * LIMIT, 60.0, side * LIMIT) for side in (-1, 1)]
+    drive = {
+        "corridor": lambda: Drive(rng, long, line(12), SIDES, jitter=0.03, is_closed=True),
+        "round": lambda: Drive(rng, [], turns(0.0), AROUND, circle=LIMIT, is_closed=True),
+        "about": lambda: Drive(rng, [], turns(0.5), AROUND, circle=LIMIT, is_closed=True),
+        "wall": lambda: Drive(rng, long[1:], line(20, 200), np.array([math.pi / 2]), is_closed=True),
+        "standing": lambda: Drive(rng, field(rng), line(0.0), AROUND),
+        "turning": lambda: Drive(rng, field(rng), turns(0.0), AROUND),
+    }[where]()
+    log, config = looked(getattr(drive, kind)(tmp_path))
+    assert not silent(log).any() and log.cut_off is None
+    if where in ("standing", "turning"):
+        assert any("cannot tell whether something is there" in note for note in config.notes)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_pipe_around_a_profiler_is_kept(seed: int, tmp_path: Path) -> None:
+    rng, angle = np.random.default_rng(200 + seed), np.linspace(-math.pi, math.pi, 54, endpoint=False)
+    scans, points = 200, []
+    for x in np.linspace(0, 10, scans):
+        tilt, ranges = rng.normal(0, 0.02), 1.0 + rng.normal(0, 0.004, len(angle))
+        way = np.stack([-np.sin(tilt) * np.cos(angle), np.cos(tilt) * np.cos(angle), np.sin(angle)], axis=1)
+        points.append(np.array([x, 0, 0]) + ranges[:, None] * way)
+    origins = np.stack([np.linspace(0, 10, scans), np.zeros(scans), np.zeros(scans)], axis=1)
+    path = tmp_path / "pipe.npz"
+    np.savez(path, origins=origins, points=np.concatenate(points), offsets=54 * np.arange(scans + 1))
+    log, config = looked(path)
+    assert not silent(log).any() and any("cannot tell" in note for note in config.notes)
+
+
+@pytest.mark.parametrize("kind", ["npz", "clouds"])
+def test_it_is_looked_for_if_all_else_is_given(kind: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    drive = Drive(rng, field(rng), line(10), AROUND)
+    log, _ = looked(getattr(drive, kind)(tmp_path), range_sigma=0.02)
+    assert silent(log).mean() > 0.5
+
+
+def test_a_join_of_logs_obeys_it_too(tmp_path: Path) -> None:
+    from ndtree.logs.core.joined import JoinedLog
+
+    logs = []
+    for seed in (8, 9):
+        rng = np.random.default_rng(seed)
+        (tmp_path / str(seed)).mkdir()
+        logs.append(ndtree.read(Drive(rng, field(rng), line(10), AROUND).clouds(tmp_path / str(seed))))
+    joined = JoinedLog(logs)
+    config = ndtree.inspect(joined)
+    assert silent(config.ruled(joined)).mean() > 0.5 and config.no_return == "free"
