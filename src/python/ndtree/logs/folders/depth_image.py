@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -24,6 +23,7 @@ ENDINGS = (".png", ".pgm")
 #: More pixels are no depth camera's.
 _MOST_PIXELS = 1 << 25
 _PGM_HEADER = 1 << 12
+_PNG = b"\x89PNG\r\n\x1a\n"
 _GAP = rb"(?:\s|#[^\n]*\n)+"
 _PGM = re.compile(rb"P5" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})\s")
 PIXEL_STRIDE = ReaderOption("pixel_stride", int, "Use each n-th row and column of depth images.")
@@ -143,20 +143,18 @@ def load_png(path: str) -> NDArray[np.unsignedinteger[Any]]:
     Raises ImportError if Pillow is not there; ValueError if it is no such image, or damaged.
     """
     with needs("depth images in PNG need Pillow", "clouds"):
-        from PIL import Image, UnidentifiedImageError
+        from PIL.PngImagePlugin import PngImageFile
     expected = "expected a PNG of one channel of 16 bits"
     with open_regular(path) as file:
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-                opened = Image.open(file, formats=["PNG"])
-            with opened as image:
+            if file.read(len(_PNG)) != _PNG:
+                raise ValueError(f"{path}: not a PNG, {expected}")
+            file.seek(0)
+            with PngImageFile(file) as image:
                 _check_size(path, *image.size)
                 # Pillow names 16 bits "I;16", and before version 10.3 widened them to "I".
                 if image.mode not in ("I;16", "I;16B", "I"):
                     raise ValueError(f"{path}: found an image of mode {image.mode}, {expected}")
                 return np.asarray(image).astype(np.uint16)
-        except UnidentifiedImageError:
-            raise ValueError(f"{path}: not a PNG, {expected}") from None
         except (OSError, SyntaxError, EOFError) as error:
             raise ValueError(f"{path}: the PNG is damaged ({error}), expected a whole one") from None

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -192,13 +191,13 @@ def _quick(columns: Columns, lines: list[bytes]) -> Floats | None:
     if columns.decimal_comma:
         lines = [line.replace(b",", b".") for line in lines]
     lines = [_QUOTED.sub(rb"\1", line) if b'"' in line else line for line in lines]
+    if not any(line.strip() for line in lines):
+        return None
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            found = np.loadtxt(
-                lines, delimiter=delimiter, usecols=columns.xyz, comments=None, ndmin=2, dtype=np.float64
-            )
-    except (ValueError, IndexError, UserWarning):
+        found = np.loadtxt(
+            lines, delimiter=delimiter, usecols=columns.xyz, comments=None, ndmin=2, dtype=np.float64
+        )
+    except (ValueError, IndexError):
         return None
     return found if len(found) == len(lines) else None
 

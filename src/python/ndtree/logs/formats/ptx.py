@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from itertools import islice
 
@@ -118,11 +117,11 @@ def _header(file: PlainFile, lines: Iterator[bytes]) -> tuple[int, Pose, bool] |
 
 def _table(lines: list[bytes], width: int) -> Floats | None:
     """(n, width) numbers of some lines; None where they are others."""
+    if not any(line.strip() for line in lines):
+        return None
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            table = np.loadtxt(lines, comments=None, ndmin=2, dtype=np.float64)
-    except (ValueError, UserWarning):
+        table = np.loadtxt(lines, comments=None, ndmin=2, dtype=np.float64)
+    except ValueError:
         return None
     return table if table.shape == (len(lines), width) else None
 
