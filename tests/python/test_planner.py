@@ -193,6 +193,7 @@ def test_what_is_wrong_with_a_call_is_said() -> None:
         (r"clearance = -1(\.0)?: must be >= 0 m", {"clearance": -1.0}),
         ("unknown = None: must be 'blocked'", {"unknown": None}),
         ("unknown = True: must be 'blocked'", {"unknown": True}),
+        (r"unknown = (np\.)?True_?: must be 'blocked'", {"unknown": np.True_}),
         (r"max_seconds = -1(\.0)?: must be >= 0", {"max_seconds": -1.0}),
     ):
         with pytest.raises((ValueError, TypeError), match=error):

@@ -39,7 +39,9 @@ double unknown_cost_from(const py::object& unknown) {
   }
   double cost = 0.0;
   try {
-    if (py::isinstance<py::bool_>(unknown)) throw py::cast_error();
+    if (py::isinstance<py::bool_>(unknown) ||
+        py::isinstance(unknown, py::module_::import("numpy").attr("bool_")))
+      throw py::cast_error();
     cost = unknown.cast<double>();
   } catch (const py::cast_error&) {
     throw py::type_error("unknown = " + py::repr(unknown).cast<std::string>() +
