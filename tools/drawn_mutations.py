@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Small mistakes in Python files, drawn at random: for tools/mutate --draw.
+"""Small mistakes in Python files and headers, drawn at random: for tools/mutate --draw.
 
 A comparison is turned around, a sign swapped, a term or a condition dropped, "and" and "or" are exchanged, a
 branch is never taken. What is raised, formatted as text or an annotation stays as it is: tests do not ask
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import random
+import re
 from collections.abc import Iterator
 
 #: By the name of a file below src/python/ndtree: the tests that have to notice its mistakes.
@@ -31,11 +32,39 @@ TESTS = {
     "logs/core/silence.py": "test_silence.py",
     "logs/folders/coordinate_system.py": "test_coordinate_systems.py",
     "tuning/agreement.py": "test_agreement.py",
+    "tuning/range_end.py": "test_range_end.py",
     "tuning/heading.py": "test_heading.py",
     "tuning/revisits.py": "test_revisits.py",
 }
 _TURNED = {ast.Lt: ">", ast.Gt: "<", ast.LtE: ">=", ast.GtE: "<=", ast.Eq: "!=", ast.NotEq: "=="}
 _SWAPPED = {ast.Add: "-", ast.Sub: "+"}
+#: The same of headers below include/ndtree.
+HEADERS = {
+    "alignment/matcher.hpp": "test_matcher.cpp",
+    "alignment/pose_graph.hpp": "test_pose_graph.cpp",
+    "evaluation/calibration.hpp": "test_calibration.cpp",
+    "evaluation/held_out_truth.hpp": "test_held_out_truth.cpp",
+    "evaluation/no_returns.hpp": "test_no_returns.cpp",
+    "mapping/edit/compress.hpp": "test_compress.cpp",
+    "mapping/edit/join.hpp": "test_join.cpp",
+    "mapping/edit/mark.hpp": "test_marks.cpp",
+    "mapping/history/scan_history.hpp": "test_scan_history.cpp",
+    "mapping/insert/coverage.hpp": "test_coverage.cpp",
+    "mapping/insert/leaf_action.hpp": "test_leaf_action.cpp",
+    "mapping/insert/pose_covariance.hpp": "test_pose_covariance.cpp",
+    "query/collision.hpp": "test_planning_queries.cpp",
+    "query/distance_transform.hpp": "test_distance_transform.cpp",
+    "query/field_update.hpp": "test_field_update.cpp",
+    "query/information_gain.hpp": "test_information_gain.cpp",
+    "query/nearest.hpp": "test_queries.cpp",
+    "query/point_packet.hpp": "test_point_packet.cpp",
+    "query/ray.hpp": "test_queries.cpp",
+    "query/transform.hpp": "test_transform.cpp",
+}
+#: Binary operators of a formatted header, and what they become.
+_OPERATORS = {" < ": " > ", " > ": " < ", " <= ": " >= ", " >= ": " <= ", " == ": " != ", " != ": " == ",
+              " + ": " - ", " - ": " + ", " && ": " || ", " || ": " && "}  # fmt: skip
+_UNTESTED = re.compile(r"^\s*(#|//|template|static_assert|assert|throw)|throw std::|requires ")
 
 
 def drawn(source: str, count: int, seed: int) -> list[tuple[str, str]]:
@@ -55,6 +84,20 @@ def drawn(source: str, count: int, seed: int) -> list[tuple[str, str]]:
         if len(chosen) == count:
             break
     return chosen
+
+
+def drawn_in_header(source: str, count: int, seed: int) -> list[tuple[str, str]]:
+    """The same of a header: one operator of a line that it has once."""
+    found = []
+    for line in source.splitlines(keepends=True):
+        code = line.split("//")[0]
+        if _UNTESTED.search(code) or '"' in code or source.count(line) != 1:
+            continue
+        for old, new in _OPERATORS.items():
+            places = [one.start() for one in re.finditer(re.escape(old), code)]
+            found += [(line, line[:at] + new + line[at + len(old) :]) for at in places]
+    random.Random(seed).shuffle(found)
+    return found[:count]
 
 
 def _mistakes(source: str) -> Iterator[tuple[ast.expr, str]]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.evaluation.exact_truth import ExactTruth, area_under_roc
+from ndtree.evaluation.exact_truth import ExactTruth, _is_grazed_floor, area_under_roc
 
 POLE = 0.02  # Radius [m].
 
@@ -115,3 +115,27 @@ def test_returned_beams_are_those_that_met_something() -> None:
     np.testing.assert_allclose(way, [[0.6, 0.8]])
     np.testing.assert_allclose(start, [[0.0, 0.0]])
     assert len(scan.returned_beams()[2]) == 2
+
+
+def test_a_floor_is_level_all_around() -> None:
+    """A table of 1 m by 1 m: within 0.1 m of an edge there is none below, or a step above."""
+
+    class Table:
+        def __init__(self, sign: int) -> None:
+            self.sign = sign
+
+        def contains(self, points: Any) -> np.ndarray:
+            on = (np.abs(points[:, :2]) < 0.5).all(axis=1)
+            return points[:, 2] <= np.where(on, 0.0, 0.5 * self.sign)
+
+    middle, edge = [[0.0, 0.0, 0.0]], [[x, y, 0.0] for x, y in ((0.45, 0), (-0.45, 0), (0, 0.45), (0, -0.45))]
+    way = np.array([[math.cos(0.1), 0.0, -math.sin(0.1)]])
+    for sign in (-1, 1):
+        world: Any = Table(sign)
+        assert _is_grazed_floor(world, np.array(middle), way).all()
+        assert not _is_grazed_floor(world, np.array(edge), np.repeat(way, 4, axis=0)).any()
+
+
+def test_without_one_of_both_kinds_there_is_no_area() -> None:
+    some, none = np.ones(3), np.empty(0)
+    assert area_under_roc(some, none) is None and area_under_roc(none, some) is None

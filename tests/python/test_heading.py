@@ -17,7 +17,7 @@ from ndtree.base.scan import Scan
 from ndtree.cli.commands import app
 from ndtree.evaluation.sampling import spread
 from ndtree.tuning.heading import heading_drift
-from ndtree.tuning.pairs import pairs_of
+from ndtree.tuning.pairs import Pair, pairs_of
 
 
 @pytest.fixture(scope="module")
@@ -89,3 +89,11 @@ def test_raw_odometry_is_doubted_before_it_is_mapped(name: str, recordings: Path
 def test_poses_of_slam_systems_are_not_doubted(name: str, recordings: Path) -> None:
     look = ndtree.first_look(ndtree.read(there(recordings / f"laser2d_{name}" / f"laser2d_{name}.npz")))
     assert look.heading_drift is None and look.doubt is None
+
+
+def test_pairs_that_turn_far_tell_nothing() -> None:
+    unknown = np.full(3, np.nan)
+    for turn, moved, is_near in ((0.5, 0.1, True), (1.2, 0.1, False), (0.0, 0.01, False), (0.0, 7.0, False)):
+        told = np.array([moved, 0.0, turn])
+        pair = Pair(0, 1, False, np.zeros((2, 3)), told, unknown, np.diag(unknown), None)
+        assert pair.is_near is is_near and not pair.is_matched

@@ -19,6 +19,7 @@ from slams import bag_of, drifted, office, path_message, yaw
 
 import ndtree
 from ndtree.live import Correction, Corrections, FramesIntake, LiveMapper, Reading, Transform, Window
+from ndtree.live.corrections import Jumps, Motion
 from ndtree.logs.poses.pose import Pose, quaternions_of
 from ndtree.tuning.config import Config
 
@@ -235,3 +236,28 @@ def test_wrong_calls_are_said() -> None:
         assert done.exit_code == 2 and words[0] in done.stderr
     assert "ROS bag" in cli("live", "--world", "office", "--follow", "/path").stderr
     assert "--follow, too" in cli("live", "--world", "office", "--follow-frame", "base").stderr
+
+
+def test_times_between_scans_are_where_odometry_was_then() -> None:
+    """Odometry goes 1 m from scan to scan, evenly; the path is as far beside it everywhere."""
+    followed = Corrections()
+    followed.begin(2, {"min_cell_size": 0.1, "max_cell_size": 1.6})
+    ends = np.array([[0.0, 3.0], [1.0, 3.0]])
+    for i in range(11):
+        at = Pose.from_quaternion((float(i), 0.0, 0.0), yaw(0.0))
+        here = Pose.from_quaternion((0.0, 0.0, 0.0), yaw(0.0))
+        scan = ndtree.Scan(np.add(ends, (i, 0.0)), np.array([float(i), 0.0]), stamp=float(i))
+        followed.insert(scan, Motion(float(i), at, at, here))
+    keys = [0.5, 4.3, 9.5]
+    followed.correct(Correction(keys, [(key + 0.2, 0.1, 0.0) for key in keys], [yaw(0.0)] * 3))
+    followed.settle()
+    places = np.array([motion.sensor.position[:2] for motion, _ in followed.scans()])
+    expected = np.column_stack([np.arange(11.0), np.zeros(11)])
+    expected[1:10] += (0.2, 0.1)
+    np.testing.assert_allclose(places, expected, atol=1e-9)
+
+
+def test_one_transform_alone_corrects_nothing() -> None:
+    jumps, at = Jumps(), Pose.from_quaternion((1.0, 0.0, 0.0), yaw(0.0))
+    assert jumps.add(0.0, at) is None and jumps.add(1.0, at) is None
+    assert jumps.add(2.0, Pose.from_quaternion((1.5, 0.0, 0.0), yaw(0.0))) is not None

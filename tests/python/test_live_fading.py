@@ -15,6 +15,7 @@ from calling import cli
 import ndtree
 from ndtree.base.scan import Scan
 from ndtree.live import Fading, LiveMapper, ScansIntake
+from ndtree.live.fading import _points_in_cubes
 from ndtree.tuning.config import Config
 
 SETTINGS = Config.of(no_return="free")
@@ -176,3 +177,30 @@ def test_the_command_fades_as_the_class_does(tmp_path: Path) -> None:
     assert target.read_bytes() != made(ndtree.AdaptiveMap, 2, None).to_bytes()
     refused = cli(*words, 0)
     assert refused.exit_code == 2 and "fade = 0 s: must be > 0 and finite" in refused.stderr
+
+
+def test_it_is_looked_for_after_a_tenth_of_the_time() -> None:
+    """Stamps are as clocks have them: the first look is at the first scan."""
+    m, fading, begin = ndtree.AdaptiveMap(dim=2), Fading(10.0), 1000.0
+    cleared = []
+    for after, x in ((0.0, 0.0), (9.5, 30.0), (10.2, 30.0), (10.6, 30.0)):
+        scan = fan(2, begin + after, x, 1)
+        scan.insert_into(m)
+        cleared.append(fading.follow(m, scan))
+    assert cleared[:3] == [0, 0, 0] and cleared[3] > 0
+
+
+@pytest.mark.parametrize("beams", [3, 4, 7, 8, 9])
+def test_so_many_beams_are_followed_and_in_the_end_all(beams: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ndtree.live.fading.MOST_BEAMS", 4)
+    angle = np.linspace(0, 2 * math.pi, beams, endpoint=False)
+    scan = Scan(np.stack([10 * np.cos(angle), 10 * np.sin(angle)], axis=1), np.zeros(2))
+    followed = []
+    for number in range(-(-beams // 4)):
+        points = _points_in_cubes(scan, math.inf, 1.0, number)
+        length = np.linalg.norm(points, axis=1)
+        within = points[(length > 2.0) & (length < 9.0)]
+        turned = np.arctan2(within[:, 1], within[:, 0])[:, None] - angle
+        followed.append(np.unique(np.abs(np.angle(np.exp(1j * turned))).argmin(axis=1)))
+    assert all(len(one) <= 4 for one in followed)
+    assert sorted(np.concatenate(followed).tolist()) == list(range(beams))

@@ -26,9 +26,10 @@ from ndtree.live.hypotheses import (
     Hypothesis,
     Prior,
     ScanEvidence,
+    Viewpoint,
     leads,
 )
-from ndtree.live.localizing import FINDS, LOSES, inverse, matrix_of, place_of, quaternion_of
+from ndtree.live.localizing import FINDS, LOSES, VIEWPOINTS, inverse, matrix_of, place_of, quaternion_of
 from ndtree.tuning.config import Config
 
 N = 160
@@ -451,3 +452,19 @@ def test_the_command_writes_nothing_where_it_was_found_nowhere(world: World, tmp
     done = cli("live", bag, "--localize", tmp_path / "office.ndt", "--rate", 0, "-o", poses)
     assert done.exit_code == 1 and "found nowhere in the map" in " ".join(done.stderr.split()), done.stdout
     assert not poses.exists()
+
+
+@pytest.mark.parametrize(
+    "last, all_of_them, expected", [(-0.25, -0.25, True), (-0.35, -0.25, False), (-0.25, -0.35, False)]
+)
+def test_a_lost_robot_is_found_only_where_most_of_what_it_sees_is_known(
+    last: float, all_of_them: float, expected: bool
+) -> None:
+    m = ndtree.AdaptiveMap(dim=2)
+    m.mark([[0.0, 0.0], [1.0, 1.0]], "occupied")
+    lost, pieces = Localizer(m), 100
+    lost._viewpoints = [Viewpoint(np.eye(3), np.zeros((1, 2)), pieces)] * VIEWPOINTS
+    means = [all_of_them] * (VIEWPOINTS - 1) + [last]
+    seen = [np.full(SECTORS, pieces * mean / SECTORS) for mean in means]
+    said = Hypothesis(np.eye(3), np.eye(3), seen=seen, scans=[1] * VIEWPOINTS)
+    assert lost._is_found(said) is expected

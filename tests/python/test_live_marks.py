@@ -101,3 +101,20 @@ def test_only_obstacles_that_are_new_are_hidden() -> None:
     hide(values, (0.0, 0.0), 1.0, places, (before, (1.0, 0.0)))
     assert {tuple(at) for at in np.argwhere(values == 0).tolist()} == {(0, 2), (2, 0)}
     assert values[3, 3] == -1
+
+
+def test_what_comes_again_too_soon_does_not_begin_anew() -> None:
+    passing, begin = Passing(lambda: STAYS), 10 * STAYS
+    assert noted(passing, begin, set(), TWO) == MARKED
+    assert noted(passing, begin + 0.5 * STAYS, set(), TWO) == MARKED
+    assert noted(passing, begin + 1.2 * STAYS, TWO, set()) == MARKED - TWO
+
+
+def test_points_without_a_sensor_and_heights_of_the_plane_say_nothing() -> None:
+    m: Any = SimpleNamespace(options={"min_cell_size": 1.0}, dim=2, moved=lambda ends: np.ones(len(ends)))
+    ends = np.array([[5.5, -4.5], [6.5, -4.5]])
+    passing = Passing(lambda: STAYS, lambda: (0.0, 1.0))
+    passing.note(m, ndtree.Scan(ends, np.full(2, np.nan), points_only=True))
+    assert not len(passing.places())
+    passing.note(m, ndtree.Scan(ends, np.zeros(2)))
+    assert len(passing.places()) == len(MARKED)

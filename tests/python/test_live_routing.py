@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.live.routing import Router
+from ndtree.live.routing import Router, _around
 
 START, GOAL = np.array([-1.0, 0.0]), np.array([1.0, 0.0])
 
@@ -48,3 +48,15 @@ def test_unknown_space_is_what_was_asked_for() -> None:
     blocked = Router().way(m, START, GOAL, 0.2)
     assert not blocked and "proved" in blocked.reason
     assert Router("free").way(m, START, GOAL, 0.2).length == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_places_around_a_goal_lie_on_all_its_sides(dim: int) -> None:
+    found = _around(np.zeros(dim), 0.5)
+    away = np.linalg.norm(found, axis=1)
+    assert (np.diff(away) > -1e-12).all() and away[0] > 0 and away[-1] == pytest.approx(0.5)
+    key = {tuple(one) for one in np.round(found, 6).tolist()}
+    assert {tuple(one) for one in np.round(0.0 - found, 6).tolist()} == key and len(key) == len(found)
+    ends = {tuple(one) for one in (0.5 * np.concatenate([np.eye(dim), -np.eye(dim)])).tolist()}
+    assert ends <= key
+    assert not len(_around(np.zeros(dim), 0.0))

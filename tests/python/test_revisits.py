@@ -15,7 +15,7 @@ import ndtree
 from ndtree.base.scan import Scan
 from ndtree.evaluation.sampling import spread
 from ndtree.tuning.first_look import first_look
-from ndtree.tuning.revisits import LEAST_PLACES, drift
+from ndtree.tuning.revisits import LEAST_PLACES, drift, surface_of
 from ndtree.tuning.revisits import moved as matched
 
 
@@ -96,3 +96,23 @@ def test_the_first_look_at_odometry_tells_of_it(recordings: Path) -> None:
     look = first_look(ndtree.read(path))
     assert look.drift is not None and look.drift.error > 0.5
     assert look.figures()["drift"] == look.drift.error
+
+
+def test_what_lies_between_lonely_beams_is_where_their_surface_is() -> None:
+    points = np.array([[0.0, 2.0], [0.31, 2.0], [0.62, 2.0], [0.93, 2.0]])[::-1]
+    surface = surface_of(points)
+    x = np.sort(surface[:, 0])
+    np.testing.assert_allclose(surface[:, 1], 2.0)
+    assert x[0] == 0.0 and x[-1] == 0.93 and np.diff(x).max() <= 0.05 and np.diff(x).min() > 0.04
+    near = points * (0.5, 1.0)
+    np.testing.assert_array_equal(surface_of(near), near)
+
+
+def test_a_visit_is_compared_with_the_runs_beside_the_earlier_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    places = [(0.0, 0.0), (2.5, 0.0), (7.0, 0.0), (7.0, 9.0), (2.5, 9.0), (2.5, 0.5)]
+    runs = [[Scan(np.ones((3, 2)), np.array(place), stamp=float(i))] for i, place in enumerate(places)]
+    asked = []
+    monkeypatch.setattr(
+        "ndtree.tuning.revisits.moved", lambda seen, *_: asked.append([s.stamp for s in seen])
+    )
+    assert drift(runs) is None and asked == [[0.0, 1.0]]

@@ -84,7 +84,7 @@ def drift(runs: Sequence[Sequence[Scan]]) -> Drift | None:
         beside = [
             k
             for k in range(max(0, earlier - 1), min(later, earlier + 2))
-            if np.linalg.norm(places[k] - places[earlier]) < _NEAR and abs(way[k] - way[earlier]) < 2 * _NEAR
+            if np.linalg.norm(places[k] - places[earlier]) < _NEAR
         ]
         seen = [scan for k in beside for scan in runs[k]]
         error = moved(seen, runs[later][0], _WINDOW, _CELL)
