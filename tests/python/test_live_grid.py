@@ -319,3 +319,16 @@ def test_frontiers_look_into_the_unknown(world: Any, scans: int) -> None:
         assert np.allclose(looks[: log.dim], one.direction, atol=1e-6)
         compared += 1
     assert compared > 0.3 * len(poses)  # Others are a few cells that sparse beams did not see.
+
+
+def test_a_grid_of_far_places_that_were_forgotten_shrinks() -> None:
+    m, grid = ndtree.AdaptiveMap(dim=2), GridFollower()
+    for corner in (0.0, 100.0):
+        m.mark([[corner, corner], [corner + 2.0, corner + 2.0]], "free")
+    grid.follow(m.snapshot())
+    assert grid.values is not None
+    whole = grid.values.size
+    m.clear([[99.0, 99.0], [103.0, 103.0]])
+    part = grid.follow(m.snapshot())
+    assert part is not None and part.is_whole and grid.values.size < whole / 4
+    np.testing.assert_array_equal(grid.values, image_of(m, grid))

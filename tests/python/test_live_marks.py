@@ -114,7 +114,7 @@ def test_points_without_a_sensor_and_heights_of_the_plane_say_nothing() -> None:
     m: Any = SimpleNamespace(options={"min_cell_size": 1.0}, dim=2, moved=lambda ends: np.ones(len(ends)))
     ends = np.array([[5.5, -4.5], [6.5, -4.5]])
     passing = Passing(lambda: STAYS, lambda: (0.0, 1.0))
-    passing.note(m, ndtree.Scan(ends, np.full(2, np.nan), points_only=True))
+    passing.note(m, ndtree.Scan(ends, np.zeros(2), points_only=True))
     assert not len(passing.places())
     passing.note(m, ndtree.Scan(ends, np.zeros(2)))
     assert len(passing.places()) == len(MARKED)

@@ -55,6 +55,19 @@ def test_map_server_would_serve_what_the_map_says(written: tuple[Path, np.ndarra
     np.testing.assert_array_equal(values, np.array([-1, 0, 100])[states + 1])
 
 
+@pytest.mark.parametrize("mode", ["Trinary", "TRINARY"])
+def test_modes_are_read_in_any_case(mode: str, written: tuple[Path, np.ndarray], tmp_path: Path) -> None:
+    """As nav2 does."""
+    path, _ = written
+    text = path.read_text().replace("trinary", mode)
+    assert mode in text
+    shutil.copy(path.with_suffix(".pgm"), tmp_path)
+    (tmp_path / "hall.yaml").write_text(text)
+    for one in (path, tmp_path / "hall.yaml"):
+        ndtree.convert(one, tmp_path / f"{one.parent == tmp_path}.ndt")
+    assert (tmp_path / "True.ndt").read_bytes() == (tmp_path / "False.ndt").read_bytes()
+
+
 @pytest.fixture(scope="module")
 def reader(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
     """A program that prints what MRPT reads, and its environment."""

@@ -91,6 +91,16 @@ def test_the_field_of_view_of_carmen_lasers(
         assert note is None or log.notes[0].startswith(note)
 
 
+def test_lasers_of_carmen_that_are_not_read_are_told_of(tmp_path: Path) -> None:
+    path, rear = tmp_path / "a.log", FLASER.replace("FLASER", "RLASER")
+    path.write_text(f"{FLASER}\n{rear}\n" * 3)
+    log = read(path)
+    assert len(list(log)) == 3 and log.notes[-1] == "3 RLASER records of another laser are not read"
+    path.write_text("ODOM 0 0 0 0 0 0 1 host 1\nRAWLASER1 0 -1.5 3.1 0.1 80 0 0 1 2.5 0 1 host 1\n")
+    with pytest.raises(ValueError, match="a scan with its pose; found ODOM, RAWLASER1"):
+        list(read(path))
+
+
 @pytest.mark.parametrize("fov", [0.0, -1.0, 361.0, float("nan")])
 def test_a_field_of_view_out_of_its_limits_is_refused(fov: float, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"fov = .* degrees: must be in \(0, 360\]"):

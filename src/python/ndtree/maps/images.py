@@ -75,6 +75,7 @@ def map_image(name: str) -> MapImage:
         raise ValueError(f"{name}: free_thresh: found {free:g}, expected at most {least}")
     negate = bool(_number(name, entries, "negate", 0))
     mode = entries.get("mode", "trinary")
+    mode = mode.lower() if isinstance(mode, str) else mode
     if mode not in ("trinary", "scale", "raw"):
         raise ValueError(f"{name}: mode: found {shown(repr(mode))}, expected trinary, scale or raw")
     origin = entries.get("origin")

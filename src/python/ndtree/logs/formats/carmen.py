@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator
 
 from ndtree._errors import WrongValue, key
 from ndtree._native import _core
 from ndtree.base.scan import Scan
+from ndtree.base.words import number_of
 from ndtree.logs.core.log import LineLog
 from ndtree.logs.core.rules import NO_ECHO, Rules
 from ndtree.logs.core.source import ZERO_IS, Format, ReaderOption, Source, check_zero_is
@@ -31,6 +33,8 @@ FOV = ReaderOption("fov", float, "Field of view of FLASER records [deg]; else as
 
 #: Where the ranges of a record begin; their number stands before them.
 _FIRST_RANGE = {"FLASER": 2, "ROBOTLASER1": 9}
+#: Lasers beside the one that is read.
+_OTHER_LASERS = frozenset("RLASER LASER3 LASER4 LASER5 ROBOTLASER2 REMISSIONRLASER".split())
 _ZERO = re.compile(r"(?<!\S)-?0+(\.0*)?(?!\S)")
 #: As the parser takes it for a beam without return [m]: where records do not say how far their laser sees.
 _NO_ECHO_RANGE = "80"
@@ -58,9 +62,12 @@ class CarmenLog(LineLog):
     def _scans(self) -> Iterator[Scan]:
         parser = _core.CarmenParser(field_of_view=None if self._fov is None else math.radians(self._fov))
 
+        others: Counter[str] = Counter()
+
         def parse(line: str) -> Scan | None:
             record = parser.parse_line(_with_no_echo(line) if self.rules.zero_is == NO_ECHO else line)
             if record is None:
+                others.update(KEYWORDS.intersection(line.split(maxsplit=1)[:1]))
                 return None
             scan = Scan(*record, heading=_heading_of(line))
             self.zeros += _zeros_of(line, scan)
@@ -74,8 +81,11 @@ class CarmenLog(LineLog):
             yield scan
         if not found:
             raise ValueError(
-                f"{self.path}: no FLASER or ROBOTLASER1 record: expected at least one laser scan"
+                f"{self.path}: no FLASER or ROBOTLASER1 record: expected at least one, of "
+                f"a scan with its pose; found {', '.join(others) or 'none of the format'}"
             )
+        for name in sorted(_OTHER_LASERS & others.keys()):
+            self._seen.append(f"{number_of(others[name], f'{name} record')} of another laser are not read")
 
     def _say_field_of_view(self, beams: int, found: tuple[float, str] | None) -> None:
         """Note what the first record is taken for, where neither the log nor the user said it."""
