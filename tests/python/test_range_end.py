@@ -235,3 +235,11 @@ def test_a_join_of_logs_obeys_it_too(tmp_path: Path) -> None:
     joined = JoinedLog(logs)
     config = ndtree.inspect(joined)
     assert silent(config.ruled(joined)).mean() > 0.5 and config.no_return == "free"
+
+
+def test_beams_far_apart_tell_of_larger_cells(tmp_path: Path) -> None:
+    """No scan sees through a cell that its beams pass on both sides."""
+    rng = np.random.default_rng(11)
+    drive = Drive(rng, field(rng), line(10), AROUND[::9])
+    log, _ = looked(drive.npz(tmp_path))
+    assert np.count_nonzero(drive.is_silent & ~silent(log)) <= 2
