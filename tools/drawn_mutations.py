@@ -38,7 +38,7 @@ TESTS = {
 }
 _TURNED = {ast.Lt: ">", ast.Gt: "<", ast.LtE: ">=", ast.GtE: "<=", ast.Eq: "!=", ast.NotEq: "=="}
 _SWAPPED = {ast.Add: "-", ast.Sub: "+"}
-#: The same of headers below include/ndtree.
+#: By the name of a header below include/ndtree: the test that has to notice its mistakes.
 HEADERS = {
     "alignment/matcher.hpp": "test_matcher.cpp",
     "alignment/pose_graph.hpp": "test_pose_graph.cpp",
@@ -87,7 +87,7 @@ def drawn(source: str, count: int, seed: int) -> list[tuple[str, str]]:
 
 
 def drawn_in_header(source: str, count: int, seed: int) -> list[tuple[str, str]]:
-    """The same of a header: one operator of a line that it has once."""
+    """At most `count` mistakes in a header: one operator of a line that it has once, turned around."""
     found = []
     for line in source.splitlines(keepends=True):
         code = line.split("//")[0]
