@@ -220,8 +220,11 @@ def test_a_pipe_around_a_profiler_is_kept(seed: int, tmp_path: Path) -> None:
 def test_it_is_looked_for_if_all_else_is_given(kind: str, tmp_path: Path) -> None:
     rng = np.random.default_rng(7)
     drive = Drive(rng, field(rng), line(10), AROUND)
-    log, _ = looked(getattr(drive, kind)(tmp_path), range_sigma=0.02)
-    assert silent(log).mean() > 0.5
+    log, config = looked(getattr(drive, kind)(tmp_path), range_sigma=0.02)
+    assert silent(log).mean() > 0.5 and config.no_return == "free"
+    few = Drive(rng, field(rng), line(1.0, 5), AROUND[:9])
+    _, config = looked(few.clouds(tmp_path / "few"), range_sigma=0.02)
+    assert config.notes == (), "nothing was chosen"
 
 
 def test_a_join_of_logs_obeys_it_too(tmp_path: Path) -> None:

@@ -114,7 +114,8 @@ def _said(
 ) -> list[str]:
     """What was chosen and why, for people."""
     how = "measured on this log" if look.is_measured else "usual for such sensors"
-    lines = [f"chosen: {' '.join(config.chosen)}" + (f" (sigma is {how})" if sigma else "")]
+    chosen = f"chosen: {' '.join(config.chosen)}" + (f" (sigma is {how})" if sigma else "")
+    lines = [chosen] if sigma or no_return else []
     lines += [str(look.no_returns)] if no_return else []
     if zeros >= _FEW_ZEROS:
         word, other = ("no echo", INVALID) if means == NO_ECHO else ("invalid", NO_ECHO)
