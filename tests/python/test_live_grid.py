@@ -322,13 +322,14 @@ def test_frontiers_look_into_the_unknown(world: Any, scans: int) -> None:
 
 
 def test_a_grid_of_far_places_that_were_forgotten_shrinks() -> None:
-    m, grid = ndtree.AdaptiveMap(dim=2), GridFollower()
-    for corner in (0.0, 100.0):
-        m.mark([[corner, corner], [corner + 2.0, corner + 2.0]], "free")
+    m, grid = ndtree.AdaptiveMap(dim=3), GridFollower(None, (0.1, 0.9))
+    for corner in (0.0, 60.0):
+        m.mark([[corner, corner, 0.0], [corner + 2.0, corner + 2.0, 1.0]], "free")
     grid.follow(m.snapshot())
     assert grid.values is not None
     whole = grid.values.size
-    m.clear([[99.0, 99.0], [103.0, 103.0]])
-    part = grid.follow(m.snapshot())
+    for low, high in ((59.0, 63.0), (1.5, 2.0)):  # It is seen to be too large when the next is forgotten.
+        m.clear([[low, low, 0.0], [high, high, 1.0]])
+        part = grid.follow(m.snapshot())
     assert part is not None and part.is_whole and grid.values.size < whole / 4
-    np.testing.assert_array_equal(grid.values, image_of(m, grid))
+    np.testing.assert_array_equal(grid.values, image_of(m, grid, height=(0.1, 0.9)))
