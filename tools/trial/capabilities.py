@@ -55,8 +55,8 @@ CAPABILITIES = {
     ),
     "setup": Capability(
         setup.setup_trial,
-        ("room", "hall", "loop", "twins"),
-        ("none", "late", "turned", "moved", "mirrored", "backwards", "scaled", "begins_at_0"),
+        ("room", "hall", "loop", "twins", "recesses"),
+        ("none", "noisy", "late", "turned", "moved", "mirrored", "backwards", "scaled", "begins_at_0"),
     ),
     "align": Capability(poses.align_trial, _PLANAR, _ODOMETRY),
     "slam": Capability(poses.slam_trial, _PLANAR, _ODOMETRY),

@@ -19,6 +19,17 @@ from trial.scene import Floats
 _CELL = 0.05
 _STEP = 0.02  # Of the poses that are told [s].
 
+#: What may be said of a fault; any other cause leads astray.
+_SAID = {
+    "late": {"clock"},
+    "turned": {"yaw", "mount"},
+    "moved": {"place", "mount"},
+    "mirrored": {"mirrored"},
+    "backwards": {"mirrored"},
+    "scaled": {"scale"},
+    "begins_at_0": set(),
+}
+
 Told = Callable[[Floats], Floats]
 
 
@@ -32,7 +43,13 @@ def _told(true: Told, fault: str, rng: np.random.Generator, first: float) -> Tol
         c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         return poses + np.c_[c * side[0] - s * side[1], s * side[0] + c * side[1], 0 * c]
 
+    noise = rng.normal(0, rng.uniform([0.01, 0.01, 0.004], [0.03, 0.03, 0.01]), (80, 3))
+
+    def noisy(times: Floats) -> Floats:
+        return true(times) + noise[np.rint(10 * times).astype(int).clip(0, 79)]
+
     told: dict[str, Told] = {
+        "noisy": noisy,
         "late": lambda times: true(times + 0.3 * size),
         "turned": lambda times: true(times) + np.array([0, 0, 0.2 * size]),
         "moved": moved,
@@ -77,10 +94,15 @@ def setup_trial(case: Case) -> tuple[Recording, Outcome]:
     is_seen = (
         case.fault != "mirrored" or np.ptp(poses[:, 2]) > 0.5
     )  # On a straight way, all is as in a mirror.
-    if len(size) and is_seen:
+    # Of noisy poses walls are as rough, and no cause is to be named.
+    if len(size) and is_seen and case.fault != "noisy":
         outcome.expect("displaced walls", 100 * float(np.average(away, weights=size**2)))
     outcome.drawn.update({"map": m, "displaced walls": centers[away]})
-    outcome.may_doubt = case.fault != "none"
+    outcome.may_doubt = case.fault in _SAID
+    said = (done.figures.get("chosen") or {}).get("setup")
+    if case.fault in _SAID and said and said["kind"] not in _SAID[case.fault]:
+        outcome.faults.append(f"said to be {said['kind']}")
+        outcome.words = []
     return r, outcome
 
 

@@ -79,7 +79,7 @@ def disagreement(matched: Pairs) -> Disagreement | None:
     if not wrong.any() or begin == begins[2]:
         wrong[:] = True
     has_times = found[-1][0] != found[0][0]
-    since = found[begin][0] - runs[0][0].stamp if has_times else math.nan
+    since = found[begin][0] - matched.begin if has_times else math.nan
     return Disagreement(
         since, float(np.median(errors[begin:][wrong])), float(np.median(moved[begin:][wrong]))
     )

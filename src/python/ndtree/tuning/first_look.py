@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -131,7 +131,8 @@ class FirstLook:
             "no_return_expected": self.no_returns.expected,
             "max_range": self.max_range if math.isfinite(self.max_range) else None,
             "drift": None if self.drift is None else self.drift.error,
-            "setup": None if self.setup is None else vars(self.setup),
+            "setup": None if self.setup is None else asdict(self.setup),
+            "jump": None if self.jump is None else asdict(self.jump),
             "doubt": self.doubt,
         }
 

@@ -25,11 +25,15 @@ _IN_RUN, _ACROSS = ((0.6, 0.6, 0.2), 0.05), ((1.0, 1.0, 0.35), 0.1)
 #: Between two scans of different runs, or of those beside each other in one, least and most way [m] and turn
 #: [rad]: nearer ones tell no error, farther ones see others.
 _NEAREST, _FARTHEST, _MOST_TURN = 0.03, 6.0, 1.0
+#: Of scans that are compared for errors all along: least and most way [m] and turn [rad] between them, so far
+#: that their motion is much larger than what poses and matches err; and how they are matched.
+LEAST_MOTION, _MOST_MOTION, _FAR = (0.4, 0.25), (2.5, 0.95), ((1.0, 1.0, 0.35), 0.05)
+_FRESH = (0.1, 0.06)  # From one to the next, so that a scan is in few pairs [m, rad].
 #: A step of the pose is a jump if it is this many times a usual one, and the next scan comes no later than
 #: this many times the usual time; of logs with this many scans that are looked at.
 _USUAL, _FOLLOWS, _LEAST_SCANS = 4.0, 1.5, 8
-#: Of scans that are not neighbours: so far that a small error of the setup shows [m, rad].
-_BESIDE = (2.5, 0.95)
+#: Of a jump: what share of it the laser may have moved, and by how much better it must fit there.
+_MOVED, _AS_WELL = 0.3, 0.9
 #: What a radian of turning counts as way [m]: half the distance of usual wheels, times two.
 _OF_TURN = 0.5
 
@@ -40,7 +44,8 @@ class Pair:
 
     `run`, `other`: Numbers of their runs.
     `is_whole_run`: First and last of one run, at any distance.
-    `velocities` (2, 3): Of the sensor at both, in its own frame [m/s, m/s, rad/s]; 0 in a log without times.
+    `is_far`: For errors all along, see `setup_error`: not the first scans of their runs.
+    `velocities` (2, 3): Of the sensor at both, in its own frame [m/s, m/s, rad/s]; nan where nothing tells.
     `told` (3,): By the poses: x, y [m] and yaw [rad] as seen from the first.
     `seen` (3,), `covariance` (3, 3): The same by the match, and its covariance; nan where none fits well.
     `shift`: How far the second has to be moved along directions that the surroundings tell [m]; 0 where it
@@ -50,6 +55,7 @@ class Pair:
     run: int
     other: int
     is_whole_run: bool
+    is_far: bool
     velocities: Floats
     told: Floats
     seen: Floats
@@ -79,10 +85,14 @@ class Pair:
 
 @dataclass(frozen=True)
 class Pairs:
-    """The runs of a log that are each seen from one place, in their sensor's frame, and their pairs."""
+    """The runs of a log that are each seen from one place, in their sensor's frame, and their pairs.
+
+    `begin`: Time of the log's first scan [s].
+    """
 
     runs: list[list[SensorScan]]
     pairs: list[Pair]
+    begin: float
 
 
 def pairs_of(runs: Sequence[Sequence[Scan]]) -> Pairs:
@@ -90,59 +100,88 @@ def pairs_of(runs: Sequence[Sequence[Scan]]) -> Pairs:
 
     `runs`: Consecutive scans in each, as from `ndtree.evaluation.sampling.spread`.
     """
-    seen = [[sensor_scan(scan, MOST_RANGE) for scan in run] for run in runs if run and is_of_one_place(run)]
-    return matched(seen)
+    seen = [[_seen(scan) for scan in run] for run in runs if run and is_of_one_place(run)]
+    begin = next((scan.stamp for run in runs for scan in run), 0.0)
+    return Pairs(seen, [*near_pairs(seen), *far_pairs(seen)], begin)
 
 
-def matched(runs: list[list[SensorScan]]) -> Pairs:
-    """Pairs of scans of runs."""
+def _seen(scan: Scan) -> SensorScan:
+    seen = sensor_scan(scan, MOST_RANGE)
+    return replace(seen, pose=np.append(seen.pose[:2], wrapped(seen.pose[2:])))
+
+
+def near_pairs(runs: list[list[SensorScan]]) -> list[Pair]:
+    """Of scans within runs, and of neighbouring runs."""
+    unknown = np.full((2, 3), np.nan)
     pairs = []
     for i, run in enumerate(runs):
         last = len(run) - 1
         for k in sorted({1, last} if last else ()):
-            pairs.append(
-                _pair(run[:1], run[k], (i, i), k == last, (_velocity(run, 0), _velocity(run, k)), _IN_RUN)
-            )
-        for j in sorted({i + 1, _farthest(runs, i)} - {i, len(runs)}):
-            following = runs[j]
-            velocities = _velocity(run, 0), _velocity(following, 0)
-            pairs.append(_pair(run, following[0], (i, j), False, velocities, _ACROSS))
-    return Pairs(runs, [pair for pair in pairs if pair.is_near or pair.is_whole_run])
+            pairs.append(_pair(run[:1], run[k], (i, i, k == last, False), unknown, _IN_RUN))
+        if i + 1 < len(runs):
+            pairs.append(_pair(run, runs[i + 1][0], (i, i + 1, False, False), unknown, _ACROSS))
+    return [pair for pair in pairs if pair.is_near or pair.is_whole_run]
 
 
-def _farthest(runs: Sequence[Sequence[SensorScan]], number: int) -> int:
-    """The last of the runs behind one up to which the robot goes and turns by at most `_BESIDE`."""
-    place = runs[number][0].pose
+def far_pairs(runs: list[list[SensorScan]]) -> list[Pair]:
+    """Of the second scans of runs at different places, with the next at some distance, and a far one.
+
+    Velocities are by the scans before and behind, so that noise of the poses of a pair is not in them.
+    """
+    inner: list[int] = []
+    for i, run in enumerate(runs):
+        if len(run) > 2 and (not inner or _has_moved(runs[inner[-1]][1].pose, run[1].pose, _FRESH)):
+            inner.append(i)
+    pairs = []
+    for number, i in enumerate(inner):
+        chosen = _at_distances([runs[k][1].pose for k in inner[number:]])
+        for j in (inner[number + k] for k in chosen):
+            velocities = np.array([_velocity(runs[i]), _velocity(runs[j])])
+            pairs.append(_pair(runs[i][1:2], runs[j][1], (i, j, False, True), velocities, _FAR))
+    return pairs
+
+
+def _at_distances(poses: Sequence[Floats]) -> list[int]:
+    """Of poses behind the first the next beyond `LEAST_MOTION`, and the last up to `_MOST_MOTION`."""
     way = turn = 0.0
-    for j in range(number + 1, len(runs)):
-        step = between(place, runs[j][0].pose)
-        place, way, turn = runs[j][0].pose, way + float(np.hypot(*step[:2])), turn + abs(float(step[2]))
-        if way > _BESIDE[0] or turn > _BESIDE[1]:
-            return j - 1
-    return len(runs) - 1
+    found = []
+    for k in range(1, len(poses)):
+        step = between(poses[k - 1], poses[k])
+        way, turn = way + float(np.hypot(*step[:2])), turn + abs(float(step[2]))
+        if way > _MOST_MOTION[0] or turn > _MOST_MOTION[1]:
+            break
+        if _has_moved(poses[0], poses[k], LEAST_MOTION):
+            found.append(k)
+    return sorted({found[0], found[-1]}) if found else []
 
 
-def _velocity(run: Sequence[SensorScan], number: int) -> Floats:
-    """See `Pair`, from a scan of a run to the next, of the last one from the one before."""
-    first, second = (run[k] for k in (max(0, min(number, len(run) - 2)), min(number + 1, len(run) - 1)))
-    seconds = second.stamp - first.stamp
-    return between(first.pose, second.pose) / seconds if seconds > 0 else np.zeros(3)
+def _has_moved(pose: Floats, other: Floats, motion: tuple[float, float]) -> bool:
+    """Whether another pose is farther away, or turned more."""
+    off = between(pose, other)
+    return bool(np.hypot(*off[:2]) > motion[0] or abs(off[2]) > motion[1])
+
+
+def _velocity(run: Sequence[SensorScan]) -> Floats:
+    """Of the second scan of a run, see `Pair`."""
+    seconds = run[2].stamp - run[0].stamp
+    if not (run[0].stamp < run[1].stamp < run[2].stamp):
+        return np.full(3, np.nan)
+    move = between(run[0].pose, run[2].pose)
+    c, s = np.cos(0.5 * move[2]), np.sin(0.5 * move[2])  # Into the frame of the scan in between.
+    return np.array([c * move[0] + s * move[1], c * move[1] - s * move[0], move[2]]) / seconds
 
 
 def _pair(
     seen: Sequence[SensorScan],
     scan: SensorScan,
-    numbers: tuple[int, int],
-    is_whole_run: bool,
-    velocities: tuple[Floats, Floats],
+    what: tuple[int, int, bool, bool],
+    velocities: Floats,
     search: tuple[tuple[float, float, float], float],
 ) -> Pair:
     first = seen[0].pose
     told = between(first, scan.pose)
-    pair = Pair(
-        *numbers, is_whole_run, np.array(velocities), told, np.full(3, np.nan), np.full((3, 3), np.nan), None
-    )
-    found = fitted(seen, scan, *search) if is_whole_run or pair.is_near else None
+    pair = Pair(*what, velocities, told, np.full(3, np.nan), np.full((3, 3), np.nan), None)
+    found = fitted(seen, scan, *search) if pair.is_whole_run or pair.is_far or pair.is_near else None
     if found is None:
         return pair
     match = found[2]
@@ -183,12 +222,19 @@ def false_jump(log: Pairs) -> Jump | None:
     stamps = np.array([scan.stamp for scan in scans])
     lengths, times = np.hypot(*np.diff(poses[:, :2], axis=0).T), np.diff(stamps)
     run = np.repeat(np.arange(len(log.runs)), [len(one) for one in log.runs])
-    follows = (np.diff(run) == 0) | ((times > 0) & (times <= _FOLLOWS * np.median(times)))
+    has_times = bool((times > 0).all())
+    follows = times <= _FOLLOWS * np.median(times) if has_times else np.diff(run) == 0
     usual = max(float(np.median(lengths[follows])), _IN_RUN[0][0] / _USUAL)
     for i in np.flatnonzero(follows & (lengths > _USUAL * usual)):
         first, second = scans[i], scans[i + 1]
-        found = fitted([first], replace(second, pose=first.pose), *_IN_RUN)
-        if found is not None and moved_by(second, *found) not in (None, 0.0):
-            after = float(stamps[i + 1] - stamps[0])
-            return Jump(after if stamps[-1] > stamps[0] else math.nan, float(lengths[i]))
+        stood = fitted([first], replace(second, pose=first.pose), *_IN_RUN)
+        if stood is None:
+            continue
+        seen = between(first.pose, pose_of(np.asarray(stood[2].pose)))
+        went = fitted([first], second, *_IN_RUN)
+        fits_as_told = went is not None and went[2].score >= _AS_WELL * stood[2].score
+        shift = moved_by(second, *stood)
+        is_seen = shift is not None and shift > 0.5 * lengths[i]
+        if np.hypot(*seen[:2]) < _MOVED * lengths[i] and is_seen and not fits_as_told:
+            return Jump(float(stamps[i + 1] - log.begin) if has_times else math.nan, float(lengths[i]))
     return None

@@ -3,16 +3,19 @@
 
 Strategy: scans near each other on the way are matched. If one thing is wrong all along, what the match
 says of the sensor's motion differs from what the poses say in a way that depends on the motion. With the told
-motion (t, phi), the sensor's own velocities at both ends, and Jv = (-v_y, v_x), the error is, to first order,
+motion (t, phi) and the sensor's own velocities at both ends, the error is
 
-- of a mount turned by a: (-a J t, 0); of one moved by m: ((Rot(phi) - I) m, 0);
-- of poses taken s seconds too early: what the told motion changes by in s seconds;
-- of a scale 1 + k of distances, or of turns: (k t, 0), (0, k phi).
+- (((1 + k) Rot(-a) - I) t, 0) of a mount turned by a, with distances 1 + k times as large;
+- ((Rot(phi) - I) m, 0) of a mount moved by m; with it, a small turn is (-a J t, 0), J v = (-v_y, v_x);
+- what the told motion changes by in s seconds, of poses taken s seconds too early, to first order;
+- (0, k phi) of turns 1 + k times as large.
 
 Each is fitted by itself; errors are Student's t, with the covariances of the matches and what poses err
-anyway. The likeliest one counts if it explains the errors far better than none, and if it puts surfaces apart
-that are seen twice. Where nothing is seen twice, nothing is told: a robot that only drives straight on shows
-neither a moved mount nor a mirrored laser, and one that always drives alike no wrong clock.
+anyway. Noise of the poses must not look like an error: motions are far larger, velocities are those of other
+scans, and few pairs share a scan. The likeliest one counts if it explains the errors far better than none, no
+part of the log worse, by more than matches err alike, and if it puts surfaces apart that are seen twice.
+Where nothing is seen twice, nothing is told: a robot that only drives straight on shows neither a moved mount
+nor a mirrored laser, and one that always drives alike no wrong clock.
 """
 
 from __future__ import annotations
@@ -24,31 +27,39 @@ import numpy as np
 
 from ndtree._errors import Text, key
 from ndtree.alignment.planar import Floats, between, composed, wrapped
-from ndtree.tuning.pairs import Pair, Pairs, matched
+from ndtree.tuning.pairs import LEAST_MOTION, Pair, Pairs, far_pairs, near_pairs
 
-#: How much likelier errors must be (in logarithms): a scan is in up to four pairs, so by e^7 each for itself.
-GAIN = 30.0
+#: How much likelier errors must be (in logarithms): pairs share scans. And at least, in each part of a log.
+GAIN, NOWHERE_LESS, PARTS = 30.0, -2.0, 4
+#: How much of the errors it must explain in a quarter of the pairs [m], an angle at _AWAY: matches err alike
+#: by up to half of their cells.
+SHOWN = 0.025
 #: How far apart two views of a surface then lie [m], the diagonal of a usual smallest cell: at _AWAY from
-#: scans that are _BESIDE from each other [m], in all but a few pairs of them at most.
-APART, _AWAY, _BESIDE, _MOST = 0.07, 5.0, 3.0, 0.98
+#: scans that are _NEARER than that to each other [m], in all but a few pairs of them at most.
+APART, _AWAY, _NEARER, _MOST = 0.07, 5.0, 3.0, 0.98
 _LEAST_PAIRS = 12
-_POSES = np.array([0.01, 0.01, 0.004])  # What poses of a SLAM system err, about [m, m, rad].
+_POSES = np.array([0.02, 0.02, 0.008])  # What poses err, each by itself [m, m, rad].
 _FREEDOM = 2.0  # Of Student's t: some matches are wrong.
 _MEDIAN = 2.37  # Of the squared length of three standard normal numbers.
 _ROUNDS = 30
-_STEP = 1e-3  # [s]
+_SECONDS = 1e-3  # For a difference quotient.
 _TURNED = 0.05  # A turn that tells a mirrored scan from one that is not [rad].
+_ANGLE = math.radians(1.5)  # Of a mount that is turned; else only the scale is wrong.
+_LEAST_SCALE = 0.3  # Nearer to 0, nothing was seen to move.
+_ALIKE = 0.045  # Of the way: matches in corridors with recesses err alike by up to 0.038 of it.
 #: What may be wrong, and its columns of `_slopes`.
-_KINDS = {"yaw": [0], "place": [1, 2], "clock": [3], "scale": [4], "turns": [5]}
+_KINDS = {"way": [0, 1], "place": [2, 3], "clock": [4], "turns": [5], "mount": [0, 2, 3]}
+_BOTH = 10.0  # How much likelier a mount that is turned and moved must be than any one thing.
 
 
 @dataclass(frozen=True)
 class SetupError:
     """What is wrong all along a log, from `setup_error`.
 
-    `kind`: "yaw" or "place" of the mount, "clock", "scale" of distances between poses, "turns" or "mirrored".
-    `values`: To be added: [rad], x and y in the sensor's frame [m], [s], or a share; none if mirrored.
-    `apart`: How far apart two views of a surface lie at most [m]; None of a mirrored laser.
+    `kind`: "yaw", "place" or both of the "mount", "clock", "scale" of distances between poses, "turns" or
+        "mirrored".
+    `values`: To be added: [rad], x and y in the sensor's frame [m], [s], or a fraction; none if mirrored.
+    `apart`: How far apart two views of a surface 5 m away would lie at most [m]; None of a mirrored laser.
     """
 
     kind: str
@@ -59,36 +70,37 @@ class SetupError:
         """What was found and what helps, in one line."""
         found, helps = self._words()
         if self.apart is not None:
-            found += f"; surfaces appear twice, up to {self.apart:.1g} m apart"
-        return Text(f"poses do not fit the scans: {found}; {helps}")
+            found += f" (walls 5 m away would be up to {min(self.apart, 10.0):.2g} m double)"
+        return Text(f"poses do not fit the scans. It is as if {found}: {helps}")
 
     def _words(self) -> tuple[str, str]:
         if self.kind == "mirrored":
-            return "the laser sees turns the other way round", (
-                f"it may hang upside down ({key('mount')} with a roll of 180deg), or its beams come in the "
-                "other order, or angles of poses have the other sign"
+            return "the laser saw turns the other way round", (
+                f"it may hang upside down (of a bag: {key('mount')} with a roll of 180deg), its beams come "
+                "in the other order, or angles of poses have the other sign"
             )
         value = self.values[0]
         more = "more" if value > 0 else "less"
-        mount = f"check the sensor's place on the robot, {key('mount')} sets it"
+        mount = f"check the sensor's place on the robot (of a bag: /tf, {key('mount')})"
         if self.kind == "yaw":
             side = "left" if value > 0 else "right"
-            return (
-                f"the laser looks about {math.degrees(abs(value)):.0f} degrees further to the {side}",
-                mount,
-            )
+            return f"the laser looked {math.degrees(abs(value)):.0f} degrees further to the {side}", mount
+        if self.kind == "mount":
+            angle, x, y = self.values
+            words = f"the laser looked {math.degrees(angle):.0f} degrees further to the left and sat"
+            return f"{words} {x:.2f}, {y:.2f} m (x, y in its own frame) from its place", mount
         if self.kind == "place":
             x, y = self.values
-            return f"the laser sits about {x:.2f}, {y:.2f} m (x, y in its own frame) from its place", mount
+            return f"the laser sat {x:.2f}, {y:.2f} m (x, y in its own frame) from its place", mount
         if self.kind == "clock":
+            helps = f"check clocks and the order of beams (of a bag: add {value:.2f} to {key('time_offset')})"
             when = "after" if value > 0 else "before"
-            helps = f"check the clocks, {key('time_offset')} {value:.2f} adds that to the times of scans"
-            return f"those of about {abs(value):.2f} s {when} a scan's time do", helps
+            return f"scans were measured {abs(value):.2f} s {when} their time", helps
         if self.kind == "scale":
-            helps = "check the units, and the calibration of the odometry"
-            return f"by the laser, the way is about {100 * abs(value):.0f} % {more}", helps
+            helps = "check the units of ranges, and the calibration of the odometry"
+            return f"the way was {100 * abs(value):.0f} % {more} than the poses say", helps
         helps = f"use {key('align')} or the poses of a SLAM system"
-        return f"by the laser, turns are about {100 * abs(value):.0f} % {more}", helps
+        return f"turns were {100 * abs(value):.0f} % {more} than the poses say", helps
 
 
 def setup_error(log: Pairs) -> SetupError | None:
@@ -100,36 +112,63 @@ def setup_error(log: Pairs) -> SetupError | None:
         return None
     if _is_mirrored(log):
         return SetupError("mirrored", (), None)
-    near = [pair for pair in log.pairs if pair.is_near and pair.is_matched]
-    if len(near) < _LEAST_PAIRS:
+    far = [pair for pair in log.pairs if pair.is_far and pair.is_matched]
+    if len(far) < _LEAST_PAIRS:
         return None
-    slopes = _slopes(np.array([pair.told for pair in near]), np.array([pair.velocities for pair in near]))
-    covariances = np.array([pair.covariance for pair in near]) + np.diag(_POSES**2)
+    velocities = np.array([pair.velocities for pair in far])
+    has_times = np.isfinite(velocities).all()
+    raw = _slopes(
+        np.array([pair.told for pair in far]), velocities if has_times else np.zeros_like(velocities)
+    )
+    covariances = np.array([pair.covariance for pair in far]) + 2 * np.diag(_POSES**2)
     whitening = np.linalg.inv(np.linalg.cholesky(covariances))
-    errors = np.einsum("nij,nj->ni", whitening, np.array([pair.error for pair in near]))
-    slopes = np.einsum("nij,njk->nik", whitening, slopes)
-    none = _likelihood(errors)
-    fits = {kind: _fitted(errors, slopes[:, :, columns]) for kind, columns in _KINDS.items()}
-    kind = max(fits, key=lambda one: fits[one][1])
+    errors = np.einsum("nij,nj->ni", whitening, np.array([pair.error for pair in far]))
+    slopes = np.einsum("nij,njk->nik", whitening, raw)
+    # Without times, a late clock would be taken for a mount that is moved.
+    kinds = [kind for kind in _KINDS if has_times or kind in ("way", "turns")]
+    fits = {kind: _fitted(errors, slopes[:, :, _KINDS[kind]]) for kind in kinds}
+    kind = max(fits, key=lambda one: fits[one][1] - (_BOTH if one == "mount" else 0.0))
     values, likelihood = fits[kind]
-    if likelihood - none < GAIN:
+    if likelihood - _likelihood(errors) < GAIN:
         return None
-    apart = _apart(log, kind, values)
-    return SetupError(kind, tuple(map(float, values)), apart) if apart >= APART else None
+    left = errors - slopes[:, :, _KINDS[kind]] @ values
+    parts = np.array_split(np.arange(len(far)), PARTS)
+    if any(_likelihood(left[part]) - _likelihood(errors[part]) < NOWHERE_LESS for part in parts):
+        return None
+    apart = _apart(log, far, kind, values)
+    if np.quantile(_size(raw[:, :, _KINDS[kind]] @ values), 0.75) < SHOWN or apart < APART:
+        return None
+    if kind == "turns" and 1.0 + values[0] < _LEAST_SCALE:
+        return None
+    if kind != "way":
+        return SetupError(kind, tuple(map(float, values)), apart)
+    angle, scale = math.atan2(values[0], 1.0 + values[1]), math.hypot(values[0], 1.0 + values[1])
+    if scale < _LEAST_SCALE:
+        return None
+    if abs(angle) > max(_ANGLE, abs(scale - 1.0)):
+        return SetupError("yaw", (angle,), apart)
+    return SetupError("scale", (scale - 1.0,), apart) if abs(scale - 1.0) > _ALIKE else None
 
 
 def _slopes(told: Floats, velocities: Floats) -> Floats:
     """(n, 3, 6) how errors of motions (n, 3) grow with each thing that may be wrong; velocities (n, 2, 3)."""
     x, y, turn = told.T
     slopes = np.zeros((len(told), 3, 6))
-    slopes[:, :2, 0] = np.column_stack((y, -x))
+    far = np.where(np.hypot(x, y) > LEAST_MOTION[0], 1.0, 0.0)[:, None]
+    slopes[:, :2, 0] = far * np.column_stack((y, -x))
+    slopes[:, :2, 1] = far * told[:, :2]
     c, s = np.cos(turn), np.sin(turn)
-    slopes[:, :2, 1:3] = np.stack((np.stack((c - 1, -s), -1), np.stack((s, c - 1), -1)), axis=1)
-    later = composed(between(_STEP * velocities[:, 0], told), _STEP * velocities[:, 1])
-    slopes[:, :, 3] = np.column_stack((later[:, :2] - told[:, :2], wrapped(later[:, 2] - turn))) / _STEP
-    slopes[:, :2, 4] = told[:, :2]
-    slopes[:, 2, 5] = turn
+    slopes[:, :2, 2:4] = np.stack((np.stack((c - 1, -s), -1), np.stack((s, c - 1), -1)), axis=1)
+    later = composed(between(_SECONDS * velocities[:, 0], told), _SECONDS * velocities[:, 1])
+    slopes[:, :, 4] = np.column_stack((later[:, :2] - told[:, :2], wrapped(later[:, 2] - turn))) / _SECONDS
+    slopes[:, 2, 5] = np.where(np.abs(turn) > LEAST_MOTION[1], turn, 0.0)  # Others are noise.
     return slopes
+
+
+def _size(errors: Floats) -> Floats:
+    """(n,) how far errors (n, 3) move a surface [m]."""
+    size: Floats = np.hypot(errors[:, 0], errors[:, 1]) + _AWAY * np.abs(errors[:, 2])
+    return size
 
 
 def _fitted(errors: Floats, slopes: Floats) -> tuple[Floats, float]:
@@ -166,27 +205,25 @@ def _likelihood(errors: Floats) -> float:
     return -0.5 * (_FREEDOM + 3) * float(terms) - 1.5 * len(errors) * math.log(spread)
 
 
-def _apart(log: Pairs, kind: str, values: Floats) -> float:
+def _apart(log: Pairs, far: list[Pair], kind: str, values: Floats) -> float:
     """See `SetupError.apart`: of scans beside each other that see the same, on one visit or several."""
-    own = {pair.run: pair.velocities[0] for pair in log.pairs}
-    runs = np.array(sorted(own))
-    poses = np.array([log.runs[run][0].pose for run in runs])
+    own = {pair.run: pair.velocities[0] for pair in far}
+    poses = np.array([log.runs[run][1].pose for run in own])
     first, second = np.triu_indices(len(poses), 1)
-    beside = np.hypot(*(poses[first, :2] - poses[second, :2]).T) < _BESIDE
+    beside = np.hypot(*(poses[first, :2] - poses[second, :2]).T) < _NEARER
     first, second = first[beside], second[beside]
     if not len(first):
         return 0.0
-    velocities = np.array([own[run] for run in runs])
+    velocities = np.nan_to_num(np.array(list(own.values())))
     slopes = _slopes(
         between(poses[first], poses[second]), np.stack((velocities[first], velocities[second]), axis=1)
     )
-    moved = slopes[:, :, _KINDS[kind]] @ values
-    return float(np.quantile(np.hypot(moved[:, 0], moved[:, 1]) + _AWAY * np.abs(moved[:, 2]), _MOST))
+    return float(np.quantile(_size(slopes[:, :, _KINDS[kind]] @ values), _MOST))
 
 
 def _is_mirrored(log: Pairs) -> bool:
     """Whether turns are seen the other way round: far more often they fit scans that are seen in a mirror."""
-    turned = [pair for pair in log.pairs if pair.is_near and abs(pair.told[2]) > _TURNED]
+    turned = _turned(log.pairs)
     fitting = sum(map(_turns_alike, turned))
     if len(turned) < _LEAST_PAIRS or 2 * fitting > len(turned):
         return False
@@ -194,8 +231,12 @@ def _is_mirrored(log: Pairs) -> bool:
     runs = [
         [replace(scan, points=scan.points * flip, free=scan.free * flip) for scan in run] for run in log.runs
     ]
-    mirrored = [pair for pair in matched(runs).pairs if pair.is_near and abs(pair.told[2]) > _TURNED]
+    mirrored = _turned([*near_pairs(runs), *far_pairs(runs)])
     return sum(map(_turns_alike, mirrored)) > 2 * fitting + _LEAST_PAIRS
+
+
+def _turned(pairs: list[Pair]) -> list[Pair]:
+    return [pair for pair in pairs if pair.is_near and abs(pair.told[2]) > _TURNED]
 
 
 def _turns_alike(pair: Pair) -> bool:
