@@ -4,10 +4,15 @@
 from __future__ import annotations
 
 import sys
+import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+import ndtree
+from trial.command import run
+from trial.outcome import Outcome
 from trial.robots import Recording, planar
 from trial.scene import Floats
 
@@ -53,3 +58,23 @@ def write(
     ]
     entries.append(("/tf_static", _BEGIN - 1.0, transform(-1.0, "base_link", "laser", np.zeros(3))))
     return write_bag(path, make, sorted(entries, key=lambda entry: entry[1]))
+
+
+def mapped(
+    r: Recording,
+    readings: Floats,
+    outcome: Outcome,
+    transforms: list[tuple[float, float, Floats]] | None = None,
+) -> tuple[ndtree.OccupancyMap | None, dict[str, Any]]:
+    """The map that ``ndtree map`` makes of a bag, None if it refuses, and what it chose.
+
+    Doubts and refusals go to `outcome`.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        log = write(r, Path(folder) / "log.bag", readings, transforms)
+        done = run("map", log, "-o", Path(folder) / "m.ndt", "--json", Path(folder) / "f.json")
+        outcome.words = done.doubts
+        if done.status:
+            outcome.refused = done.error
+            return None, {}
+        return ndtree.load(Path(folder) / "m.ndt"), done.figures.get("chosen") or {}

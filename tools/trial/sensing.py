@@ -10,7 +10,6 @@ import numpy as np
 
 import ndtree
 from trial import bag
-from trial.command import run
 from trial.maps import Truth, count_in, judge_lost, judge_map, mover_of
 from trial.outcome import Case, Outcome, limit
 from trial.robots import Recording, laser, poses_along, record, sensor_of
@@ -68,16 +67,10 @@ def no_return_trial(case: Case) -> tuple[Recording, Outcome]:
         is_dark = np.sin(2 * ends[..., 0] + rng.uniform(0, 6)) > 0.2
         r.ranges[is_dark & (rng.random(r.ranges.shape) < rng.uniform(0.5, 0.9))] = np.inf
     truth = Truth(case.world, r, 0.05, rng)
-    with tempfile.TemporaryDirectory() as folder:
-        log = bag.write(r, Path(folder) / "log.bag", readings_of(r, case.fault, rng))
-        done = run("map", log, "-o", Path(folder) / "m.ndt", "--json", Path(folder) / "f.json")
-        outcome.words = done.doubts
-        if done.status:
-            outcome.refused = done.error
-            return r, outcome
-        m = ndtree.load(Path(folder) / "m.ndt")
-    chosen = done.figures.get("chosen")
-    outcome.figures["no_return"] = chosen and chosen["no_return"]
+    m, chosen = bag.mapped(r, readings_of(r, case.fault, rng), outcome)
+    if m is None:
+        return r, outcome
+    outcome.figures["no_return"] = chosen.get("no_return")
     _judge_erased(m, truth, outcome)
     outcome.drawn["map"] = m
     return r, outcome

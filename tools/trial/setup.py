@@ -3,16 +3,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
-import ndtree
 from trial import bag
-from trial.command import run
-from trial.outcome import Case, Outcome, limit
+from trial.maps import Truth
+from trial.outcome import Case, Outcome
 from trial.robots import Recording, laser, planar, poses_along, record
 from trial.scene import Floats
 
@@ -76,30 +73,21 @@ def setup_trial(case: Case) -> tuple[Recording, Outcome]:
     readings = r.ranges[:, ::-1] if case.fault == "mirrored" else r.ranges
     if case.fault == "scaled":
         readings = readings * rng.choice([0.9, 0.95, 1.05, 1.1])
-    with tempfile.TemporaryDirectory() as folder:
-        log = bag.write(r, Path(folder) / "log.bag", readings, transforms)
-        done = run("map", log, "-o", Path(folder) / "m.ndt", "--json", Path(folder) / "f.json")
-        outcome.words = done.doubts
-        if done.status:
-            outcome.refused = done.error
-            return r, outcome
-        m = ndtree.load(Path(folder) / "m.ndt")
-    length = np.where(np.isfinite(r.exact), r.exact, 0.0)[..., None]
-    ends = r.true[:, None, :2, 3] + np.einsum("sij,bj->sbi", r.true[:, :2, :2], sensor.directions) * length
+    m, chosen = bag.mapped(r, readings, outcome, transforms)
+    if m is None:
+        return r, outcome
+    truth = Truth(case.world, r, _CELL, rng)
     leaves = m.leaves(states=["occupied"])
     size = np.asarray(leaves.size)
     centers = np.asarray(leaves.lower) + size[:, None] / 2
-    margin = limit("beside a surface") * _CELL + 3 * sensor.sigma + 0.7 * (size - _CELL)
-    away = _aligned(centers, ends[np.isfinite(r.exact)]) > margin
-    is_seen = (
-        case.fault != "mirrored" or np.ptp(poses[:, 2]) > 0.5
-    )  # On a straight way, all is as in a mirror.
-    # Of noisy poses walls are as rough, and no cause is to be named.
-    if len(size) and is_seen and case.fault != "noisy":
+    away = _aligned(centers, truth.ends) > truth.margin + 0.7 * (size - _CELL)
+    # A straight drive is as in a mirror. Of noisy poses walls are as rough, and no cause is to be named.
+    hides = case.fault == "noisy" or (case.fault == "mirrored" and np.ptp(poses[:, 2]) <= 0.5)
+    if len(size) and not hides:
         outcome.expect("displaced walls", 100 * float(np.average(away, weights=size**2)))
     outcome.drawn.update({"map": m, "displaced walls": centers[away]})
     outcome.may_doubt = case.fault in _SAID
-    said = (done.figures.get("chosen") or {}).get("setup")
+    said = chosen.get("setup")
     if case.fault in _SAID and said and said["kind"] not in _SAID[case.fault]:
         outcome.faults.append(f"said to be {said['kind']}")
         outcome.words = []
