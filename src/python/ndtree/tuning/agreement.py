@@ -60,7 +60,7 @@ def disagreement(matched: Pairs) -> Disagreement | None:
     runs = matched.runs
     found = [
         (runs[pair.run][0].stamp, pair.shift, float(np.hypot(*pair.told[:2])))
-        for pair in matched.pairs
+        for pair in matched.near
         if pair.is_whole_run and pair.shift is not None
     ]
     if not found:

@@ -53,7 +53,7 @@ def heading_drift(matched: Pairs) -> HeadingDrift | None:
 
     Returns: None where they do not, or too little tells.
     """
-    near = [pair for pair in matched.pairs if pair.is_near and pair.is_matched and not pair.is_far]
+    near = [pair for pair in matched.near if pair.is_near and pair.is_matched]
     errors = np.array([(pair.error[2], pair.way) for pair in near]).reshape(-1, 2)
     if len(errors) < _LEAST_PAIRS:
         return None

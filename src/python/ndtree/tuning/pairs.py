@@ -44,8 +44,6 @@ class Pair:
 
     `run`, `other`: Numbers of their runs.
     `is_whole_run`: First and last of one run, at any distance.
-    `is_far`: For errors all along, see `setup_error`: not the first scans of their runs.
-    `velocities` (2, 3): Of the sensor at both, in its own frame [m/s, m/s, rad/s]; nan where nothing tells.
     `told` (3,): By the poses: x, y [m] and yaw [rad] as seen from the first.
     `seen` (3,), `covariance` (3, 3): The same by the match, and its covariance; nan where none fits well.
     `shift`: How far the second has to be moved along directions that the surroundings tell [m]; 0 where it
@@ -55,8 +53,6 @@ class Pair:
     run: int
     other: int
     is_whole_run: bool
-    is_far: bool
-    velocities: Floats
     told: Floats
     seen: Floats
     covariance: Floats
@@ -87,11 +83,14 @@ class Pair:
 class Pairs:
     """The runs of a log that are each seen from one place, in their sensor's frame, and their pairs.
 
+    `near`: Within runs, and of neighbouring ones.
+    `far`: Of the second scans of runs at different places, with the next at some distance, and a far one.
     `begin`: Time of the log's first scan [s].
     """
 
     runs: list[list[SensorScan]]
-    pairs: list[Pair]
+    near: list[Pair]
+    far: list[Pair]
     begin: float
 
 
@@ -102,7 +101,12 @@ def pairs_of(runs: Sequence[Sequence[Scan]]) -> Pairs:
     """
     seen = [[_seen(scan) for scan in run] for run in runs if run and is_of_one_place(run)]
     begin = next((scan.stamp for run in runs for scan in run), 0.0)
-    return Pairs(seen, [*near_pairs(seen), *far_pairs(seen)], begin)
+    return matched(seen, begin)
+
+
+def matched(runs: list[list[SensorScan]], begin: float) -> Pairs:
+    """The pairs of runs."""
+    return Pairs(runs, _near(runs), _far(runs), begin)
 
 
 def _seen(scan: Scan) -> SensorScan:
@@ -110,35 +114,27 @@ def _seen(scan: Scan) -> SensorScan:
     return replace(seen, pose=np.append(seen.pose[:2], wrapped(seen.pose[2:])))
 
 
-def near_pairs(runs: list[list[SensorScan]]) -> list[Pair]:
-    """Of scans within runs, and of neighbouring runs."""
-    unknown = np.full((2, 3), np.nan)
+def _near(runs: list[list[SensorScan]]) -> list[Pair]:
     pairs = []
     for i, run in enumerate(runs):
         last = len(run) - 1
         for k in sorted({1, last} if last else ()):
-            pairs.append(_pair(run[:1], run[k], (i, i, k == last, False), unknown, _IN_RUN))
+            pairs.append(_pair(run[:1], run[k], (i, i, k == last), _IN_RUN))
         if i + 1 < len(runs):
-            pairs.append(_pair(run, runs[i + 1][0], (i, i + 1, False, False), unknown, _ACROSS))
+            pairs.append(_pair(run, runs[i + 1][0], (i, i + 1, False), _ACROSS))
     return [pair for pair in pairs if pair.is_near or pair.is_whole_run]
 
 
-def far_pairs(runs: list[list[SensorScan]]) -> list[Pair]:
-    """Of the second scans of runs at different places, with the next at some distance, and a far one.
-
-    Velocities are by the scans before and behind, so that noise of the poses of a pair is not in them.
-    """
+def _far(runs: list[list[SensorScan]]) -> list[Pair]:
     inner: list[int] = []
     for i, run in enumerate(runs):
         if len(run) > 2 and (not inner or _has_moved(runs[inner[-1]][1].pose, run[1].pose, _FRESH)):
             inner.append(i)
-    pairs = []
-    for number, i in enumerate(inner):
-        chosen = _at_distances([runs[k][1].pose for k in inner[number:]])
-        for j in (inner[number + k] for k in chosen):
-            velocities = np.array([_velocity(runs[i]), _velocity(runs[j])])
-            pairs.append(_pair(runs[i][1:2], runs[j][1], (i, j, False, True), velocities, _FAR))
-    return pairs
+    return [
+        _pair(runs[i][1:2], runs[j][1], (i, j, False), _FAR)
+        for number, i in enumerate(inner)
+        for j in (inner[number + k] for k in _at_distances([runs[k][1].pose for k in inner[number:]]))
+    ]
 
 
 def _at_distances(poses: Sequence[Floats]) -> list[int]:
@@ -161,27 +157,16 @@ def _has_moved(pose: Floats, other: Floats, motion: tuple[float, float]) -> bool
     return bool(np.hypot(*off[:2]) > motion[0] or abs(off[2]) > motion[1])
 
 
-def _velocity(run: Sequence[SensorScan]) -> Floats:
-    """Of the second scan of a run, see `Pair`."""
-    seconds = run[2].stamp - run[0].stamp
-    if not (run[0].stamp < run[1].stamp < run[2].stamp):
-        return np.full(3, np.nan)
-    move = between(run[0].pose, run[2].pose)
-    c, s = np.cos(0.5 * move[2]), np.sin(0.5 * move[2])  # Into the frame of the scan in between.
-    return np.array([c * move[0] + s * move[1], c * move[1] - s * move[0], move[2]]) / seconds
-
-
 def _pair(
     seen: Sequence[SensorScan],
     scan: SensorScan,
-    what: tuple[int, int, bool, bool],
-    velocities: Floats,
+    what: tuple[int, int, bool],
     search: tuple[tuple[float, float, float], float],
 ) -> Pair:
     first = seen[0].pose
     told = between(first, scan.pose)
-    pair = Pair(*what, velocities, told, np.full(3, np.nan), np.full((3, 3), np.nan), None)
-    found = fitted(seen, scan, *search) if pair.is_whole_run or pair.is_far or pair.is_near else None
+    pair = Pair(*what, told, np.full(3, np.nan), np.full((3, 3), np.nan), None)
+    found = fitted(seen, scan, *search) if pair.is_whole_run or pair.is_near else None
     if found is None:
         return pair
     match = found[2]

@@ -27,7 +27,8 @@ import numpy as np
 
 from ndtree._errors import Text, key
 from ndtree.alignment.planar import Floats, between, composed, wrapped
-from ndtree.tuning.pairs import LEAST_MOTION, Pair, Pairs, far_pairs, near_pairs
+from ndtree.alignment.sensor_scans import SensorScan
+from ndtree.tuning.pairs import LEAST_MOTION, Pair, Pairs, matched
 
 #: How much likelier errors must be (in logarithms): pairs share scans. And at least, in each part of a log.
 GAIN, NOWHERE_LESS, PARTS = 30.0, -2.0, 4
@@ -112,13 +113,14 @@ def setup_error(log: Pairs) -> SetupError | None:
         return None
     if _is_mirrored(log):
         return SetupError("mirrored", (), None)
-    far = [pair for pair in log.pairs if pair.is_far and pair.is_matched]
+    far = [pair for pair in log.far if pair.is_matched]
     if len(far) < _LEAST_PAIRS:
         return None
-    velocities = np.array([pair.velocities for pair in far])
-    has_times = np.isfinite(velocities).all()
+    own = {run: _velocity(log.runs[run]) for pair in far for run in (pair.run, pair.other)}
+    has_times = all(np.isfinite(one).all() for one in own.values())
     raw = _slopes(
-        np.array([pair.told for pair in far]), velocities if has_times else np.zeros_like(velocities)
+        np.array([pair.told for pair in far]),
+        np.nan_to_num([(own[pair.run], own[pair.other]) for pair in far]),
     )
     covariances = np.array([pair.covariance for pair in far]) + 2 * np.diag(_POSES**2)
     whitening = np.linalg.inv(np.linalg.cholesky(covariances))
@@ -135,7 +137,7 @@ def setup_error(log: Pairs) -> SetupError | None:
     parts = np.array_split(np.arange(len(far)), PARTS)
     if any(_likelihood(left[part]) - _likelihood(errors[part]) < NOWHERE_LESS for part in parts):
         return None
-    apart = _apart(log, far, kind, values)
+    apart = _apart(log, {pair.run: own[pair.run] for pair in far}, kind, values)
     if np.quantile(_size(raw[:, :, _KINDS[kind]] @ values), 0.75) < SHOWN or apart < APART:
         return None
     if kind == "turns" and 1.0 + values[0] < _LEAST_SCALE:
@@ -148,6 +150,19 @@ def setup_error(log: Pairs) -> SetupError | None:
     if abs(angle) > max(_ANGLE, abs(scale - 1.0)):
         return SetupError("yaw", (angle,), apart)
     return SetupError("scale", (scale - 1.0,), apart) if abs(scale - 1.0) > _ALIKE else None
+
+
+def _velocity(run: list[SensorScan]) -> Floats:
+    """Of the sensor at the second scan of a run, in its own frame [m/s, m/s, rad/s]; nan where nothing tells.
+
+    By the scans before and behind: noise of the second one's pose is not in it.
+    """
+    if not run[0].stamp < run[1].stamp < run[2].stamp:
+        return np.full(3, np.nan)
+    move = between(run[0].pose, run[2].pose)
+    c, s = np.cos(0.5 * move[2]), np.sin(0.5 * move[2])  # Into the frame of the scan in between.
+    velocity: Floats = np.array([c * move[0] + s * move[1], c * move[1] - s * move[0], move[2]])
+    return velocity / (run[2].stamp - run[0].stamp)
 
 
 def _slopes(told: Floats, velocities: Floats) -> Floats:
@@ -178,18 +193,20 @@ def _fitted(errors: Floats, slopes: Floats) -> tuple[Floats, float]:
     error shows look like wrong matches at first. Values are of about 1 before anything is known.
     """
     found = []
-    for weights in (None, np.ones(len(errors))):
-        values = np.zeros(slopes.shape[2])
+    for weights in (_weights((errors**2).sum(axis=1)), np.ones(len(errors))):
         for _ in range(_ROUNDS):
-            if weights is None:
-                squared = ((errors - slopes @ values) ** 2).sum(axis=1)
-                weights = (_FREEDOM + 3) / (_FREEDOM + squared / _spread(squared))
-            normal = np.einsum("n,nik,nil->kl", weights, slopes, slopes) + np.eye(len(values))
+            normal = np.einsum("n,nik,nil->kl", weights, slopes, slopes) + np.eye(slopes.shape[2])
             values = np.linalg.solve(normal, np.einsum("n,nik,ni->k", weights, slopes, errors))
-            weights = None
-        found.append((_likelihood(errors - slopes @ values), values))
+            left = errors - slopes @ values
+            weights = _weights((left**2).sum(axis=1))
+        found.append((_likelihood(left), values))
     likelihood, values = max(found, key=lambda one: one[0])
     return values, likelihood
+
+
+def _weights(squared: Floats) -> Floats:
+    weights: Floats = (_FREEDOM + 3) / (_FREEDOM + squared / _spread(squared))
+    return weights
 
 
 def _spread(squared: Floats) -> float:
@@ -205,9 +222,11 @@ def _likelihood(errors: Floats) -> float:
     return -0.5 * (_FREEDOM + 3) * float(terms) - 1.5 * len(errors) * math.log(spread)
 
 
-def _apart(log: Pairs, far: list[Pair], kind: str, values: Floats) -> float:
-    """See `SetupError.apart`: of scans beside each other that see the same, on one visit or several."""
-    own = {pair.run: pair.velocities[0] for pair in far}
+def _apart(log: Pairs, own: dict[int, Floats], kind: str, values: Floats) -> float:
+    """See `SetupError.apart`: of scans beside each other that see the same, on one visit or several.
+
+    `own`: Velocities of runs.
+    """
     poses = np.array([log.runs[run][1].pose for run in own])
     first, second = np.triu_indices(len(poses), 1)
     beside = np.hypot(*(poses[first, :2] - poses[second, :2]).T) < _NEARER
@@ -223,7 +242,7 @@ def _apart(log: Pairs, far: list[Pair], kind: str, values: Floats) -> float:
 
 def _is_mirrored(log: Pairs) -> bool:
     """Whether turns are seen the other way round: far more often they fit scans that are seen in a mirror."""
-    turned = _turned(log.pairs)
+    turned = _turned(log)
     fitting = sum(map(_turns_alike, turned))
     if len(turned) < _LEAST_PAIRS or 2 * fitting > len(turned):
         return False
@@ -231,12 +250,11 @@ def _is_mirrored(log: Pairs) -> bool:
     runs = [
         [replace(scan, points=scan.points * flip, free=scan.free * flip) for scan in run] for run in log.runs
     ]
-    mirrored = _turned([*near_pairs(runs), *far_pairs(runs)])
-    return sum(map(_turns_alike, mirrored)) > 2 * fitting + _LEAST_PAIRS
+    return sum(map(_turns_alike, _turned(matched(runs, log.begin)))) > 2 * fitting + _LEAST_PAIRS
 
 
-def _turned(pairs: list[Pair]) -> list[Pair]:
-    return [pair for pair in pairs if pair.is_near and abs(pair.told[2]) > _TURNED]
+def _turned(log: Pairs) -> list[Pair]:
+    return [pair for pair in (*log.near, *log.far) if pair.is_near and abs(pair.told[2]) > _TURNED]
 
 
 def _turns_alike(pair: Pair) -> bool:
