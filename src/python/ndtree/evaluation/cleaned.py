@@ -231,7 +231,7 @@ class Cleaned:
             return truth if truth.shape == (len(archive["points"]),) and truth.dtype == np.bool_ else None
 
     def draw(self, path: Path) -> None:
-        """Draw all points from above, those that moved in red, and beside it what is left."""
+        """Draw all points from above, moving ones in red, and beside it what is left."""
         from ndtree.plot.points import moved_points
 
         points = np.concatenate([one for one, _ in self._seen])

@@ -66,7 +66,7 @@ class FirstLook:
     cut_off : float or None
         The log's largest range, where readings are taken for beams without return [m].
     limit : CutOff or None
-        The same with its tolerance; None of a join of several logs, each of which has its own.
+        The same with its tolerance; None of a join of several logs, as each has its own.
     unsure_end : str or None
         Which readings at the end of the ranges may be beams without return as well.
     zeros : int

@@ -43,7 +43,7 @@ def clean(
     mark: Annotated[
         bool, typer.Option("--mark", help="Leave out no point: a field moved has the probability of each.")
     ] = False,
-    picture: Annotated[Optional[Path], typer.Option(help="Draw all points, those that moved in red.")] = None,
+    picture: Annotated[Optional[Path], typer.Option(help="Draw all points, moving ones in red.")] = None,
     json_file: Json = None,
     given: Any = None,
 ) -> None:
