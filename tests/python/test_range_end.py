@@ -216,6 +216,48 @@ def test_a_pipe_around_a_profiler_is_kept(seed: int, tmp_path: Path) -> None:
     assert not silent(log).any() and any("cannot tell" in note for note in config.notes)
 
 
+def rings(elevations: Floats, poses: Poses, rng: np.random.Generator, end: float) -> tuple[Floats, Floats]:
+    """A lidar's origins 0.8 m above flat ground, and where beams end (scans, beams, 3); no echo at `end`."""
+    turn, up = np.meshgrid(AROUND[::2], elevations)
+    way = np.stack([np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)], axis=-1).reshape(-1, 3)
+    down = np.maximum(-way[:, 2], 1e-9)
+    ranges = np.minimum(0.8 / down, end) + rng.normal(0, 0.01, (len(poses), len(way)))
+    origins = np.array([[x, y, 0.8] for x, y, _ in poses])
+    return origins, origins[:, None] + ranges[..., None] * way
+
+
+@pytest.mark.parametrize(
+    "lowest, highest, poses, is_unsure",
+    [
+        (-0.5, -0.03, line(1.5, 20), False),
+        (-0.3, 0.2, line(0.0, 20), True),
+        (-0.3, 0.05, line(0.2, 20), True),
+    ],
+)
+def test_the_farthest_ring_on_the_ground_is_ground(
+    lowest: float, highest: float, poses: Poses, is_unsure: bool, tmp_path: Path
+) -> None:
+    """And rings above it that end at the largest range are doubted where the robot hardly moves."""
+    rng = np.random.default_rng(21)
+    origins, points = rings(np.linspace(lowest, highest, 8), poses, rng, end=30.0)
+    np.savez(tmp_path / "a.npz", origins=origins, points=points.reshape(-1, 3),
+             offsets=points.shape[1] * np.arange(len(points) + 1))  # fmt: skip
+    log, config = looked(tmp_path / "a.npz")
+    assert not silent(log).any()
+    assert any("cannot tell" in note for note in config.notes) == is_unsure
+
+
+def test_what_a_beam_meets_beside_the_way_is_met_by_others(tmp_path: Path) -> None:
+    """A corridor's walls: the last beam that reaches them does so at the same range all along."""
+    rng = np.random.default_rng(22)
+    walls = [(-50.0, side, 60.0, side) for side in (-1.0, 1.0)]
+    ahead = np.linspace(-1.36, 1.36, 40)  # No beam goes along.
+    angles = np.concatenate([ahead[np.abs(ahead) > 0.2], [-0.2, 0.2]])
+    drive = Drive(rng, walls, line(8, 80), np.sort(angles), sigma=0.005, is_closed=True)
+    log, config = looked(drive.npz(tmp_path))
+    assert not silent(log).any() and not any("cannot tell" in note for note in config.notes)
+
+
 @pytest.mark.parametrize("kind", ["npz", "clouds"])
 def test_it_is_looked_for_if_all_else_is_given(kind: str, tmp_path: Path) -> None:
     rng = np.random.default_rng(7)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Readings around a log's largest range: no echo, if beams of other scans pass where they end."""
+"""Readings around a log's largest range: no echo, if beams of other scans pass where they end.
+
+They are surfaces if nearer readings end there, too, or on the plane that they make, such as the ground.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,11 @@ from ndtree.base.scan import Scan
 from ndtree.evaluation.sampling import skipping_unmappable
 from ndtree.logs.core.silence import (
     LEAST_NOISY,
+    NEAR,
     NOISE_REACH,
     CutOff,
     CutOffSearch,
+    Points,
     noise_around,
     ranges_of,
 )
@@ -29,8 +34,8 @@ _LEAST_CELL = 0.01
 class RangeEnd:
     """Many readings at a sample's largest range, or around it.
 
-    `is_empty`: More of their end points than not are where other scans saw that nothing is. Else a surface
-        that stays as far away, such as a pipe, would look the same.
+    `is_empty`: More of their end points than not are where other scans saw that nothing is. Else nothing
+        tells them from a surface that stays as far away, such as a pipe.
     """
 
     limit: CutOff
@@ -46,7 +51,7 @@ class RangeEnd:
 
 
 def range_end(sample: list[Scan]) -> RangeEnd | None:
-    """The peak at the end of the ranges of a sample's returned beams; None without one."""
+    """The peak at the end of the ranges of a sample's returned beams; None without one, or on a surface."""
     if not any(len(scan) for scan in sample):
         return None
     limit, sigma = _peak(sample)
@@ -55,7 +60,27 @@ def range_end(sample: list[Scan]) -> RangeEnd | None:
     if sum(int((ranges_of(scan) >= limit.at - limit.tolerance).sum()) for scan in sample) < LEAST_NOISY:
         return None
     returned = _in_their_plane([replace(scan.returned_only(), range_sigma=None) for scan in sample])
-    return RangeEnd(limit, any(_are_passed(returned, limit, cell, sigma) for cell in _cells(limit, sigma)))
+    least = limit.at - limit.tolerance
+    nearer = [scan.only(ranges_of(scan) < least) for scan in returned]
+    ends = [scan.endpoints[ranges_of(scan) >= least].astype(np.float64) for scan in returned]
+
+    def moved(looking: list[Scan], cell: float) -> float:
+        """The median over the ends: more than 0.5 if beams pass them, less if others end there, too."""
+        at_ends = np.concatenate(ends)
+        evidence = _core.MovedEvidence(
+            dim=at_ends.shape[1], cell_size=cell, range_sigma=max(sigma, _LEAST_CELL / 2)
+        )
+        for use, scans in ((evidence.add, returned), (evidence.look, looking)):
+            for scan in scans:
+                with skipping_unmappable():
+                    use(scan.endpoints, scan.origin)
+        return float(np.median(evidence.probability(at_ends)))
+
+    cells = list(_cells(limit, sigma))
+    if any(moved(returned, cell) > 0.5 for cell in cells):
+        return RangeEnd(limit, is_empty=True)
+    is_met = any(moved(nearer, cell) < 0.5 for cell in cells if cell <= NEAR * limit.at)
+    return None if is_met or _are_in_a_plane(ends, nearer, sigma) else RangeEnd(limit, is_empty=False)
 
 
 def _peak(sample: list[Scan]) -> tuple[CutOff | None, float]:
@@ -92,13 +117,16 @@ def _in_their_plane(scans: list[Scan]) -> list[Scan]:
     return [replace(s, endpoints=s.endpoints[:, :2], origin=s.origin[..., :2]) for s in scans]
 
 
-def _are_passed(sample: list[Scan], limit: CutOff, cell: float, sigma: float) -> bool:
-    """Whether most end points at a limit are, in cells of a size, where other scans saw nothing."""
-    least = limit.at - limit.tolerance
-    ends = np.concatenate([scan.endpoints[ranges_of(scan) >= least] for scan in sample]).astype(np.float64)
-    evidence = _core.MovedEvidence(dim=ends.shape[1], cell_size=cell, range_sigma=max(sigma, _LEAST_CELL / 2))
-    for use in (evidence.add, evidence.look):
-        for scan in sample:
-            with skipping_unmappable():
-                use(scan.endpoints, scan.origin)
-    return bool(np.median(evidence.probability(ends)) > 0.5)
+def _are_in_a_plane(ends: list[Points], nearer: list[Scan], sigma: float) -> bool:
+    """Whether end points at a limit make a plane in which as many nearer ones lie, but no sensor.
+
+    What a sensor does not reach is a sphere around it: nothing nearer lies in a plane that touches that.
+    """
+    middle = np.concatenate(ends).mean(axis=0)
+    normal = np.linalg.svd(np.concatenate(ends) - middle, full_matrices=False)[2][-1]
+    aside = [np.abs((points - middle) @ normal) for points in ends]
+    least = 4 * max(float(np.sqrt(np.mean(np.concatenate(aside) ** 2))), sigma, _LEAST_CELL / 2)
+    if any(np.abs((scan.origin - middle) @ normal).min() <= least for scan in nearer):
+        return False
+    beside = sum(int((np.abs((scan.endpoints - middle) @ normal) <= least).sum()) for scan in nearer)
+    return beside >= sum(map(len, ends))
