@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import cache
 
 import numpy as np
 
@@ -200,16 +201,17 @@ def _counts(cells: np.ndarray, others: Floats, edge: float) -> np.ndarray:
 def judge_map(m: ndtree.OccupancyMap, truth: Truth, outcome: Outcome, last: int | None = None) -> None:
     """Hold a map against the truth. `last`: the scan from which on nothing moves.
 
-    Rays that cells of one size let pass, too, are not counted: so much the beams do not say.
+    Rays that cells of one size let pass, too, and points that these call free, are not counted: so much the
+    beams do not say.
     """
+    control = cache(lambda: mapped(truth.recording, truth.cell, is_fixed=True))  # Made where it is asked.
     scans = range(len(truth.recording))
     origin, direction, far = truth.rays(_RAYS)
     if len(far) >= 100:
         found = np.asarray(m.cast_rays(origin, direction, max_range=float(far.max()) + 5.0))
         passes = ~(found <= far + truth.margin + 0.2)
-        if passes.mean() > limit("rays that pass") / 100:  # Only then is it worth its time.
-            control = mapped(truth.recording, truth.cell, is_fixed=True)
-            found = np.asarray(control.cast_rays(origin, direction, max_range=float(far.max()) + 5.0))
+        if passes.mean() > limit("rays that pass") / 100:
+            found = np.asarray(control().cast_rays(origin, direction, max_range=float(far.max()) + 5.0))
             passes &= found <= far + truth.margin + 0.2
         outcome.expect("rays that pass", 100 * passes.mean())
         outcome.drawn["rays that pass"] = (origin + direction * far[:, None])[passes]
@@ -219,6 +221,8 @@ def judge_map(m: ndtree.OccupancyMap, truth: Truth, outcome: Outcome, last: int 
     if len(free) >= 200:
         hidden = truth.is_hidden(points[free])
         hidden[hidden] &= ~near(points[free][hidden], truth.ends, truth.margin)
+        if hidden.mean() > limit("free but hidden") / 100:
+            hidden[hidden] &= np.asarray(control().state(points[free][hidden])) != 0
         outcome.expect("free but hidden", 100 * hidden.mean())
         outcome.drawn["free but hidden"] = points[free][hidden]
     counted = truth.centers(points[:_POINTS])
