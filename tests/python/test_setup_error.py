@@ -181,6 +181,12 @@ def test_a_pose_that_jumps_is_told_of_with_the_time() -> None:
 
     found = false_jump(pairs_of(spread(log_of(told))[0]))
     assert found is not None and found.after == pytest.approx(0.3) and found.length > 7
+
+    def turned(times: Floats) -> Floats:
+        return np.where((times < 0.25)[:, None], drive(times) * [1, 1, 0] + [0, 0, 2.0], drive(times))
+
+    found = false_jump(pairs_of(spread(log_of(turned))[0]))
+    assert found is not None and found.after == pytest.approx(0.3) and found.turn > 1 and found.length < 0.5
     assert false_jump(pairs_of(spread(log_of())[0])) is None
     slow = [scan for i, scan in enumerate(log_of()) if i % 10 == 0 or i > 60]
     assert false_jump(pairs_of(spread(slow)[0])) is None, "the robot did move"

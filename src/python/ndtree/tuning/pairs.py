@@ -181,16 +181,19 @@ class Jump:
 
     `after`: Time of the scan behind it, from the log's first scan on [s]; nan where scans have no times.
     `length`: [m]
+    `turn`: [rad]
     """
 
     after: float
     length: float
+    turn: float
 
     def __str__(self) -> str:
         """What was found and what helps, in one line."""
         when = f"{self.after:.1f} s after the first scan" if math.isfinite(self.after) else "at some scan"
         return Text(
-            f"poses do not fit the scans: {when} the pose jumps by {self.length:.2f} m while the laser sees "
+            f"poses do not fit the scans: {when} the pose jumps by {self.length:.2f} m and "
+            f"{math.degrees(abs(self.turn)):.0f} degrees while the laser sees "
             f"the same as before; leave out what is before or behind it with {key('start')} or {key('stop')}"
         )
 
@@ -203,23 +206,28 @@ def false_jump(log: Pairs) -> Jump | None:
     scans = [scan for run in log.runs for scan in run]
     if len(scans) < _LEAST_SCANS:
         return None
-    poses = np.array([scan.pose for scan in scans])
     stamps = np.array([scan.stamp for scan in scans])
-    lengths, times = np.hypot(*np.diff(poses[:, :2], axis=0).T), np.diff(stamps)
+    steps = np.array([between(one.pose, other.pose) for one, other in zip(scans, scans[1:])])
+    sizes = np.column_stack((np.hypot(steps[:, 0], steps[:, 1]), np.abs(wrapped(steps[:, 2]))))
+    times = np.diff(stamps)
     run = np.repeat(np.arange(len(log.runs)), [len(one) for one in log.runs])
     has_times = bool((times > 0).all())
     follows = times <= _FOLLOWS * np.median(times) if has_times else np.diff(run) == 0
-    usual = max(float(np.median(lengths[follows])), _IN_RUN[0][0] / _USUAL)
-    for i in np.flatnonzero(follows & (lengths > _USUAL * usual)):
+    usual = np.median(sizes[follows], axis=0).clip(np.array(_IN_RUN[0])[1:] / _USUAL)
+    is_far = sizes > _USUAL * usual
+    for i in np.flatnonzero(follows & is_far.any(axis=1)):
         first, second = scans[i], scans[i + 1]
         stood = fitted([first], replace(second, pose=first.pose), *_IN_RUN)
         if stood is None:
             continue
         seen = between(first.pose, pose_of(np.asarray(stood[2].pose)))
+        moved = np.array([np.hypot(*seen[:2]), abs(wrapped(seen[2:])[0])])
         went = fitted([first], second, *_IN_RUN)
         fits_as_told = went is not None and went[2].score >= _AS_WELL * stood[2].score
+        is_less = is_far[i] & (moved < _MOVED * sizes[i])
         shift = moved_by(second, *stood)
-        is_seen = shift is not None and shift > 0.5 * lengths[i]
-        if np.hypot(*seen[:2]) < _MOVED * lengths[i] and is_seen and not fits_as_told:
-            return Jump(float(stamps[i + 1] - log.begin) if has_times else math.nan, float(lengths[i]))
+        is_seen = is_less[1] or (is_less[0] and shift is not None and shift > 0.5 * sizes[i, 0])
+        if is_seen and not fits_as_told:
+            after = float(stamps[i + 1] - log.begin) if has_times else math.nan
+            return Jump(after, float(sizes[i, 0]), float(sizes[i, 1]))
     return None
