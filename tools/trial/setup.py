@@ -81,14 +81,19 @@ def setup_trial(case: Case) -> tuple[Recording, Outcome]:
     size = np.asarray(leaves.size)
     centers = np.asarray(leaves.lower) + size[:, None] / 2
     away = _aligned(centers, truth.ends) > truth.margin + 0.7 * (size - _CELL)
-    # A straight drive is as in a mirror. Of noisy poses walls are as rough, and no cause is to be named.
-    hides = case.fault == "noisy" or (case.fault == "mirrored" and np.ptp(poses[:, 2]) <= 0.5)
+    # A straight drive is as in a mirror, backwards as turned. Noisy poses make walls as rough without a
+    # cause that is to be named.
+    is_straight = np.ptp(poses[:, 2]) <= 0.5
+    hides = case.fault == "noisy" or (case.fault == "mirrored" and is_straight)
     if len(size) and not hides:
         outcome.expect("displaced walls", 100 * float(np.average(away, weights=size**2)))
     outcome.drawn.update({"map": m, "displaced walls": centers[away]})
     outcome.may_doubt = case.fault in _SAID
     said = chosen.get("setup")
-    if case.fault in _SAID and said and said["kind"] not in _SAID[case.fault]:
+    may_say = _SAID.get(case.fault, set())
+    if case.fault == "backwards" and is_straight:
+        may_say = may_say | _SAID["turned"]
+    if case.fault in _SAID and said and said["kind"] not in may_say:
         outcome.faults.append(f"said to be {said['kind']}")
         outcome.words = []
     return r, outcome
