@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Recordings of planar lasers as ROS 1 bags: readings as sensors say them, transforms as they come."""
+"""Recordings as ROS 1 bags: readings as sensors say them, transforms as they come."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from trial.scene import Floats
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "tests" / "python"))
 
-from bags import Messages, write_bag
+from bags import Messages, changed, write_bag
 
 _BEGIN = 1_700_000_000.0  # Of the first scan [s].
 
@@ -57,6 +57,27 @@ def write(
         for i, stamp in enumerate(r.stamps)
     ]
     entries.append(("/tf_static", _BEGIN - 1.0, transform(-1.0, "base_link", "laser", np.zeros(3))))
+    return write_bag(path, make, sorted(entries, key=lambda entry: entry[1]))
+
+
+def write_clouds(
+    path: Path,
+    clouds: list[tuple[float, Floats]],
+    transforms: list[tuple[float, Floats, Floats]],
+) -> Path:
+    """Write a bag of clouds (n, 3) with their times, and of poses: their times, places and quaternions."""
+    make = Messages("ros1")
+
+    def cloud(stamp: float, points: Floats) -> object:
+        whole = make.with_times(make.cloud(_BEGIN + stamp, "lidar", []), points, np.zeros(len(points), "f4"))
+        return changed(whole, width=len(points), fields=whole.fields[:3])
+
+    entries = [
+        make.moved(_BEGIN + stamp, "odom", "base_link", place, turn, at=_BEGIN + stamp - 0.01)
+        for stamp, place, turn in transforms
+    ]
+    entries += [("/points", _BEGIN + stamp, cloud(stamp, points)) for stamp, points in clouds]
+    entries.append(make.fixed(_BEGIN - 1.0, "base_link", "lidar", (0, 0, 0)))
     return write_bag(path, make, sorted(entries, key=lambda entry: entry[1]))
 
 

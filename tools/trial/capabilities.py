@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trial import living, maps, moving, poses, sensing, setup
+from trial import living, maps, moving, poses, sensing, setup, setup_in_space
 from trial.outcome import Case, Outcome
 from trial.robots import Recording
-from trial.worlds import SPATIAL, WORLDS
+from trial.worlds import PLANAR, SPATIAL, WORLDS
 
 _SPATIAL = tuple(make.__name__ for make in SPATIAL)
-_PLANAR = tuple(name for name in WORLDS if name not in _SPATIAL)
+_PLANAR = tuple(make.__name__ for make in PLANAR)
 _MOVES = ("none", "person", "stood_and_left")
 _ODOMETRY = ("none", "drift", "scale", "wrong_sign", "jump", "stall", "slip", "dropped", "no_odometry")
 
@@ -57,6 +57,24 @@ CAPABILITIES = {
         setup.setup_trial,
         ("room", "hall", "loop", "twins", "recesses"),
         ("none", "noisy", "late", "turned", "moved", "mirrored", "backwards", "scaled", "begins_at_0"),
+    ),
+    "setup_in_space": Capability(
+        setup_in_space.setup_trial,
+        ("street", "chamber", "bend", "flat", "shelves", "ramp", "railing"),
+        (
+            "none",
+            "noisy",
+            "turned",
+            "tilted",
+            "moved",
+            "late",
+            "scaled",
+            "mirrored",
+            "inverted",
+            "wxyz",
+            "camera_axes",
+            "swept",
+        ),
     ),
     "align": Capability(poses.align_trial, _PLANAR, _ODOMETRY),
     "slam": Capability(poses.slam_trial, _PLANAR, _ODOMETRY),
@@ -111,8 +129,7 @@ class Trial:
         """Where it takes place, and all else that the seed draws."""
         rng = np.random.default_rng([zlib.crc32(self.capability.encode()), self.seed])
         world = WORLDS[self.world](rng).placed(rng, 0.05)
-        dim = 3 if self.world in _SPATIAL else 2
-        return Case(world, self.fault, rng, dim, self.is_fixed)
+        return Case(world, self.fault, rng, world.scene.dim, self.is_fixed)
 
     def run(self) -> tuple[Recording, Outcome]:
         return CAPABILITIES[self.capability].judge(self.case())

@@ -113,6 +113,21 @@ class Scene:
                 nearest = np.minimum(nearest, _meet_cylinder(cylinder, origins, directions))
         return nearest
 
+    def nearest(self, points: Floats) -> Floats:
+        """(n, 3) the nearest points of the surfaces of boxes and cylinders."""
+        best, found = np.full(len(points), np.inf), points.copy()
+        for center, half, axes in self.boxes:
+            local = (points - center) @ axes.T
+            on = _onto(local, -half, half)
+            _keep_nearer(best, found, points, on @ axes + center)
+        for x, y, r, z0, z1 in self.cylinders:
+            aside = points[:, :2] - (x, y)
+            off = np.linalg.norm(aside, axis=1)
+            on = _onto(np.c_[off, points[:, 2]], np.array([-r, z0]), np.array([r, z1]))
+            out = aside / np.maximum(off, 1e-9)[:, None] * on[:, :1] + (x, y)
+            _keep_nearer(best, found, points, np.c_[out, on[:, 1]])
+        return found
+
     def is_inside(self, points: Floats) -> Bools:
         """(n,) whether points are inside a post, a box or a cylinder: a plane's walls have no inside."""
         points = np.atleast_2d(points)
@@ -125,6 +140,23 @@ class Scene:
             within = (z0 < points[:, 2]) & (points[:, 2] < z1)
             inside |= (np.hypot(points[:, 0] - x, points[:, 1] - y) < r) & within
         return inside
+
+
+def _onto(points: Floats, low: Floats, high: Floats) -> Floats:
+    """Nearest points of the faces of an upright box."""
+    on = points.clip(low, high)
+    inside = np.flatnonzero(((points > low) & (points < high)).all(1))
+    depths = np.c_[points[inside] - low, high - points[inside]]
+    face = depths.argmin(1)
+    axis = face % len(low)
+    on[inside, axis] = np.r_[low, high][face]
+    return on
+
+
+def _keep_nearer(best: Floats, found: Floats, points: Floats, others: Floats) -> None:
+    apart = np.linalg.norm(others - points, axis=1)
+    nearer = apart < best
+    best[nearer], found[nearer] = apart[nearer], others[nearer]
 
 
 def _meet_segments(segments: Floats, origins: Floats, directions: Floats) -> Floats:

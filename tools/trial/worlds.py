@@ -274,6 +274,31 @@ def chamber(rng: Random) -> World:
     return World(scene, route, rng.uniform(0.5, 1.4))
 
 
+def bend(rng: Random) -> World:
+    """A street that bends, with houses, posts and cars."""
+    scene, radius, side = Scene(3), rng.uniform(9, 25), rng.choice([-1, 1])
+    _ground(scene)
+
+    def at(angle: float, off: float) -> tuple[float, float]:
+        return (radius + off) * np.sin(angle), side * (radius - (radius + off) * np.cos(angle))
+
+    for off in (rng.uniform(4, 6), -rng.uniform(4, 6)):
+        way = -12.0
+        while way < 22:
+            wide = rng.uniform(3, 6)
+            x, y = at((way + wide / 2) / radius, off + np.sign(off) * 1.5)
+            size = np.array([wide / 2 * (1 + off / radius), 1.5])
+            low, high = np.r_[np.subtract([x, y], size), 0.0], np.r_[np.add([x, y], size), rng.uniform(3, 8)]
+            scene.block(low, high, yaw=side * (way + wide / 2) / radius)
+            way += wide + rng.choice([0.3, 2.0])
+        for way in rng.uniform(-8, 16, 4):
+            scene.cylinders.append((*at(way / radius, 0.7 * off), rng.uniform(0.04, 0.15), 0.0, 4.0))
+            x, y = at((way + 2) / radius, 0.6 * off)
+            scene.block([x - 1.5, y - 0.7, 0.15], [x + 1.5, y + 0.7, 1.4], yaw=side * (way + 2) / radius)
+    route = np.array([at(way / radius, 0.0) for way in np.arange(-2, 9, 0.5)])
+    return World(scene, route, rng.uniform(0.5, 2.0))
+
+
 PLANAR = (corridor, recesses, room, hall, loop, twins, yard, fence, furniture, glass)
 SPATIAL = (flat, ramp, street, shelves, railing, chamber)
-WORLDS = {make.__name__: make for make in (*PLANAR, *SPATIAL)}
+WORLDS = {make.__name__: make for make in (*PLANAR, *SPATIAL, bend)}
