@@ -48,6 +48,8 @@ class Scan:
         How sure the sensor's pose is, as of ``insert`` of a map.
     layers : mapping of str to array_like, optional
         What beams measured beside their range, one entry each, as colours: for the map's layer of that name.
+    rotation : array_like, (3, 3), optional
+        Of the sensor in space, from its own axes to the map's, where a 3-D log says it; maps do not need it.
 
     Raises
     ------
@@ -65,6 +67,7 @@ class Scan:
     heading: float | None = None
     pose_covariance: NDArray[np.float64] | None = None
     layers: Mapping[str, NDArray[Any]] | None = None
+    rotation: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         refuse_masked("Scan", vars(self))
@@ -98,6 +101,8 @@ class Scan:
             covariance = np.asarray(self.pose_covariance, dtype=np.float64)
             require_covariance(covariance, dim)
             object.__setattr__(self, "pose_covariance", covariance)
+        if self.rotation is not None and np.shape(self.rotation) != (3, 3):
+            raise ValueError(f"rotation has shape {np.shape(self.rotation)}: must be (3, 3)")
         for name, values in (self.layers or {}).items():
             if len(values) != n:
                 raise ValueError(f"layers: {name} has shape {np.shape(values)}: must be ({n}, ...)")
@@ -180,6 +185,7 @@ class Scan:
             self.heading,
             self.pose_covariance,
             None if self.layers is None else {name: values[which] for name, values in self.layers.items()},
+            self.rotation,
         )
 
     def with_sigma(self, options: Mapping[str, float]) -> Scan:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ _STEP = 0.5  # Of heights of one column, from which on it is not the ground [m].
 _OUTLIER = 0.02  # Of heights, from which on they count less [m].
 _MOST_POINTS = 20_000  # Of a scan that are looked at.
 _LEAST_PAIRS = 5
+Columns = tuple[NDArray[np.int64], NDArray[np.float64]]  # Keys, ascending, and the lowest point in each.
 #: Tilts below this are within the error of the measurement [rad].
 NOTABLE = np.radians(0.1)
 
@@ -61,23 +63,35 @@ class PoseTilt:
 
 def _differences(scans: Iterable[Scan]) -> Iterator[NDArray[np.float64]]:
     """Of scans in a row, slopes along x and y and the rise between their grounds."""
-    before: tuple[NDArray[np.int64], NDArray[np.float64]] | None = None
+    before: Columns | None = None
     for scan in scans:
-        columns, lowest = _ground(scan)
+        ground = ground_of(scan.endpoints[scan.did_return])
         if before is not None:
-            _, one, two = np.intersect1d(columns, before[0], assume_unique=True, return_indices=True)
-            here = lowest[one, :2] - np.atleast_2d(scan.origin)[0, :2]
-            rise = lowest[one, 2] - before[1][two, 2]
-            same = np.abs(rise) < _STEP
-            here, rise = here[same], rise[same]
-            if len(rise) >= _LEAST_COLUMNS and (here.std(axis=0) > _LEAST_SPREAD).all():
-                yield _plane(here, rise)
-        before = columns, lowest
+            plane = plane_between(before, ground, np.atleast_2d(scan.origin)[0, :2])
+            if plane is not None:
+                yield plane
+        before = ground
 
 
-def _ground(scan: Scan) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Keys of columns, ascending, and the lowest point in each."""
-    ends = scan.endpoints[scan.did_return]
+def plane_between(
+    before: Columns, ground: Columns, at: NDArray[np.floating[Any]]
+) -> NDArray[np.float64] | None:
+    """Slopes along x and y by which ground rises over what was seen before, and how much at a place.
+
+    None if they share too little.
+    """
+    _, one, two = np.intersect1d(ground[0], before[0], assume_unique=True, return_indices=True)
+    here = ground[1][one, :2] - at
+    rise = ground[1][one, 2] - before[1][two, 2]
+    same = np.abs(rise) < _STEP
+    here, rise = here[same], rise[same]
+    if len(rise) < _LEAST_COLUMNS or (here.std(axis=0) <= _LEAST_SPREAD).any():
+        return None
+    return plane_of(here, rise)
+
+
+def ground_of(ends: NDArray[np.floating[Any]]) -> Columns:
+    """The lowest of end points (n, 3) in each column of the map."""
     ends = np.asarray(ends, np.float64)[:: max(1, len(ends) // _MOST_POINTS)]
     ends = ends[np.isfinite(ends).all(axis=1)]
     cells = np.floor(ends[:, :2] / _COLUMN).astype(np.int64)
@@ -88,7 +102,7 @@ def _ground(scan: Scan) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     return keys[order][first], ends[order][first]
 
 
-def _plane(here: NDArray[np.float64], rise: NDArray[np.float64]) -> NDArray[np.float64]:
+def plane_of(here: NDArray[np.float64], rise: NDArray[np.float64]) -> NDArray[np.float64]:
     """Slopes and rise at the sensor, by least squares that are reweighted: posts and edges count little."""
     rows = np.c_[here, np.ones(len(here))]
     weight = np.ones(len(here))

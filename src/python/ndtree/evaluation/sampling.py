@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Iterable
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +26,23 @@ def skipping_unmappable() -> contextlib.AbstractContextManager[None]:
     return contextlib.suppress(ValueError)
 
 
+Kept = TypeVar("Kept")
+
+
+def some_of(scan: Scan) -> Scan:
+    """Every second, third, ... beam of a long scan, and none that ends too far away."""
+    stride = _core.sample_stride(len(scan))
+    if stride > 1:
+        scan = scan.only(slice(None, None, stride))
+    near = _core.may_be_sampled(scan)
+    return scan if near.all() else scan.only(near)
+
+
 def spread(
     scans: Iterable[Scan],
     progress: Callable[[int], None] | None = None,
-    keep: Callable[[Scan], Scan] | None = None,
-) -> tuple[list[list[Scan]], int, int]:
+    keep: Callable[[Scan], Kept] = some_of,
+) -> tuple[list[list[Kept]], int, int]:
     """Runs of scans, evenly over a log.
 
     Of each run the scans follow each other. Where there are twice as many runs as wanted, every second is
@@ -37,12 +50,12 @@ def spread(
     stands in ``evaluation/log_sample.hpp``.
 
     `progress`: Called with the number of scans so far.
-    `keep`: Makes what is kept of a scan; left out: `some_of`.
-    Returns runs list of list of Scan: 40 to 80 runs of four scans; fewer only of a short log. Of long scans
+    `keep`: Makes what is kept of a scan.
+    Returns runs list of list of that: 40 to 80 runs of four scans; fewer only of a short log. Of long scans
     every second, third, ... beam, and none that ends farther than 1e9 m from the map's origin; scans, beams
     int: How many the log has.
     """
-    runs: list[list[Scan]] = []
+    runs: list[list[Kept]] = []
     step = 1
     number = beams = 0
     for scan in scans:
@@ -57,17 +70,8 @@ def spread(
             continue
         if place == 0:
             runs.append([])
-        runs[-1].append((keep or some_of)(scan))
+        runs[-1].append(keep(scan))
     return runs, number, beams
-
-
-def some_of(scan: Scan) -> Scan:
-    """Every second, third, ... beam of a long scan, and none that ends too far away."""
-    stride = _core.sample_stride(len(scan))
-    if stride > 1:
-        scan = scan.only(slice(None, None, stride))
-    near = _core.may_be_sampled(scan)
-    return scan if near.all() else scan.only(near)
 
 
 SPACING = 0.1

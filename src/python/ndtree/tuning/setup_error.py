@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether a planar laser is mounted, timed and scaled as its log says.
+"""Whether a laser or lidar is mounted, timed and scaled as its log says.
 
 Strategy: scans near each other on the way are matched. If one thing is wrong all along, what the match
 says of the sensor's motion differs from what the poses say in a way that depends on the motion. With the told
@@ -9,6 +9,9 @@ motion (t, phi) and the sensor's own velocities at both ends, the error is
 - ((Rot(phi) - I) m, 0) of a mount moved by m; with it, a small turn is (-a J t, 0), J v = (-v_y, v_x);
 - what the told motion changes by in s seconds, of poses taken s seconds too early, to first order;
 - (0, k phi) of turns 1 + k times as large.
+
+Of clouds of a lidar, slices are matched, and the ground that two of them share is compared: it is tilted and
+steps if the sensor is tilted on its robot.
 
 Each is fitted by itself; errors are Student's t, with the covariances of the matches and what poses err
 anyway. Noise of the poses must not look like an error: motions are far larger, velocities are those of other
@@ -21,6 +24,7 @@ nor a mirrored laser, and one that always drives alike no wrong clock.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +32,10 @@ import numpy as np
 from ndtree._errors import Text, key
 from ndtree.alignment.planar import Floats, between, composed, wrapped
 from ndtree.alignment.sensor_scans import SensorScan
-from ndtree.tuning.pairs import LEAST_MOTION, Pair, Pairs, matched
+from ndtree.evaluation.pose_tilt import plane_between
+from ndtree.logs.poses.pose import matrices_of, quaternions_of
+from ndtree.tuning.pairs import LEAST_MOTION, ROUGHLY, Pair, Pairs, far_of, matched, sliced
+from ndtree.tuning.slices import Cloud
 
 #: How much likelier errors must be (in logarithms): pairs share scans. And at least, in each part of a log.
 GAIN, NOWHERE_LESS, PARTS = 30.0, -2.0, 4
@@ -50,17 +57,42 @@ _LEAST_SCALE = 0.3  # Nearer to 0, nothing was seen to move.
 _ALIKE = 0.045  # Of the way: matches in corridors with recesses err alike by up to 0.038 of it.
 #: What may be wrong, and its columns of `_slopes`.
 _KINDS = {"way": [0, 1], "place": [2, 3], "clock": [4], "turns": [5], "mount": [0, 2, 3]}
+_TILTS = np.array([0.0123, 0.0123, 0.03])  # What poses of a pair tilt and rise anyway [rad, rad, m].
+#: Axes of a camera, z forward and x to the right, of one whose x is forward and z up.
+_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+#: Other ways to read the poses of a log in space.
+_READINGS: dict[str, Callable[[Cloud], Cloud]] = {
+    "inverted": lambda one: replace(one, rotation=one.rotation.T, position=-one.rotation.T @ one.position),
+    "wxyz": lambda one: replace(
+        one, rotation=matrices_of(quaternions_of(one.rotation[None])[:, [1, 2, 3, 0]])[0]
+    ),
+    "axes": lambda one: replace(
+        one, rotation=_CAMERA.T @ one.rotation @ _CAMERA, position=_CAMERA.T @ one.position
+    ),
+}  # fmt: skip
 _BOTH = 10.0  # How much likelier a mount that is turned and moved must be than any one thing.
+
+
+_MISREAD = {
+    "inverted": (
+        "poses were inverted",
+        "expected the pose of the robot in the map, not that of the map as the robot sees it",
+    ),
+    "axes": ("poses were those of a camera, whose z axis looks ahead", "expected those of a body with z up"),
+    "wxyz": ("quaternions were written as w, x, y, z", "expected x, y, z, w"),
+}
 
 
 @dataclass(frozen=True)
 class SetupError:
     """What is wrong all along a log, from `setup_error`.
 
-    `kind`: "yaw", "place" or both of the "mount", "clock", "scale" of distances between poses, "turns" or
-        "mirrored".
-    `values`: To be added: [rad], x and y in the sensor's frame [m], [s], or a fraction; none if mirrored.
-    `apart`: How far apart two views of a surface 5 m away would lie at most [m]; None of a mirrored laser.
+    `kind`: "yaw", "place" or both of the "mount", its "tilt", "clock", "scale" of distances between poses,
+        "turns", "mirrored", or poses in space that are "inverted", in the "axes" of a camera, or have
+        quaternions in the order "wxyz".
+    `values`: To be added: [rad], x and y in the sensor's frame [m], roll and pitch [rad], [s], or a fraction;
+        none of the last four.
+    `apart`: How far apart two views of a surface 5 m away would lie at most [m]; None of the last four.
     """
 
     kind: str
@@ -75,8 +107,10 @@ class SetupError:
         return Text(f"poses do not fit the scans. It is as if {found}: {helps}")
 
     def _words(self) -> tuple[str, str]:
+        if self.kind in _MISREAD:
+            return _MISREAD[self.kind]
         if self.kind == "mirrored":
-            return "the laser saw turns the other way round", (
+            return "the sensor saw turns the other way round", (
                 f"it may hang upside down (of a bag: {key('mount')} with a roll of 180deg), its beams come "
                 "in the other order, or angles of poses have the other sign"
             )
@@ -85,14 +119,20 @@ class SetupError:
         mount = f"check the sensor's place on the robot (of a bag: /tf, {key('mount')})"
         if self.kind == "yaw":
             side = "left" if value > 0 else "right"
-            return f"the laser looked {math.degrees(abs(value)):.0f} degrees further to the {side}", mount
+            return f"the sensor looked {math.degrees(abs(value)):.0f} degrees further to the {side}", mount
         if self.kind == "mount":
             angle, x, y = self.values
-            words = f"the laser looked {math.degrees(angle):.0f} degrees further to the left and sat"
+            words = f"the sensor looked {math.degrees(angle):.0f} degrees further to the left and sat"
             return f"{words} {x:.2f}, {y:.2f} m (x, y in its own frame) from its place", mount
+        if self.kind == "tilt":
+            roll, pitch = map(math.degrees, self.values)
+            return "the sensor were tilted on the robot", (
+                f"add {roll:.1f}deg to its roll and {pitch:.1f}deg to its pitch (of a bag: in /tf, or "
+                f"{key('mount')})"
+            )
         if self.kind == "place":
             x, y = self.values
-            return f"the laser sat {x:.2f}, {y:.2f} m (x, y in its own frame) from its place", mount
+            return f"the sensor sat {x:.2f}, {y:.2f} m (x, y in its own frame) from its place", mount
         if self.kind == "clock":
             helps = f"check clocks and the order of beams (of a bag: add {value:.2f} to {key('time_offset')})"
             when = "after" if value > 0 else "before"
@@ -105,38 +145,34 @@ class SetupError:
 
 
 def setup_error(log: Pairs) -> SetupError | None:
-    """Find what is wrong with mount, clock or scale of a 2-D log all along.
+    """Find what is wrong with mount, clock or scale of a log all along.
 
     Returns: None where nothing is, too little tells, or scans have no headings.
     """
     if not all(scan.has_heading for run in log.runs for scan in run):
         return None
-    if _is_mirrored(log):
-        return SetupError("mirrored", (), None)
+    misread = _misread(log)
+    if misread is not None:
+        return SetupError(misread, (), None)
     far = [pair for pair in log.far if pair.is_matched]
-    if len(far) < _LEAST_PAIRS:
-        return None
     own = {run: _velocity(log.runs[run]) for pair in far for run in (pair.run, pair.other)}
     has_times = all(np.isfinite(one).all() for one in own.values())
     raw = _slopes(
-        np.array([pair.told for pair in far]),
-        np.nan_to_num([(own[pair.run], own[pair.other]) for pair in far]),
+        np.array([pair.told for pair in far]).reshape(-1, 3),
+        np.nan_to_num([(own[pair.run], own[pair.other]) for pair in far]).reshape(-1, 2, 3),
     )
-    covariances = np.array([pair.covariance for pair in far]) + 2 * np.diag(_POSES**2)
+    covariances = np.array([pair.covariance for pair in far]).reshape(-1, 3, 3) + 2 * np.diag(_POSES**2)
     whitening = np.linalg.inv(np.linalg.cholesky(covariances))
-    errors = np.einsum("nij,nj->ni", whitening, np.array([pair.error for pair in far]))
-    slopes = np.einsum("nij,njk->nik", whitening, raw)
+    errors = np.array([pair.error for pair in far]).reshape(-1, 3)
     # Without times, a late clock would be taken for a mount that is moved.
-    kinds = [kind for kind in _KINDS if has_times or kind in ("way", "turns")]
-    fits = {kind: _fitted(errors, slopes[:, :, _KINDS[kind]]) for kind in kinds}
-    kind = max(fits, key=lambda one: fits[one][1] - (_BOTH if one == "mount" else 0.0))
-    values, likelihood = fits[kind]
-    if likelihood - _likelihood(errors) < GAIN:
+    kinds = {kind: at for kind, at in _KINDS.items() if has_times or kind in ("way", "turns")}
+    found = _likeliest(errors, raw, whitening, kinds)
+    tilt, gain = _tilt(log)
+    if tilt is not None and (found is None or gain > found[2]):
+        return tilt
+    if found is None:
         return None
-    left = errors - slopes[:, :, _KINDS[kind]] @ values
-    parts = np.array_split(np.arange(len(far)), PARTS)
-    if any(_likelihood(left[part]) - _likelihood(errors[part]) < NOWHERE_LESS for part in parts):
-        return None
+    kind, values, _ = found
     apart = _apart(log, {pair.run: own[pair.run] for pair in far}, kind, values)
     if np.quantile(_size(raw[:, :, _KINDS[kind]] @ values), 0.75) < SHOWN or apart < APART:
         return None
@@ -150,6 +186,67 @@ def setup_error(log: Pairs) -> SetupError | None:
     if abs(angle) > max(_ANGLE, abs(scale - 1.0)):
         return SetupError("yaw", (angle,), apart)
     return SetupError("scale", (scale - 1.0,), apart) if abs(scale - 1.0) > _ALIKE else None
+
+
+def _likeliest(
+    errors: Floats, raw: Floats, whitening: Floats, kinds: dict[str, list[int]]
+) -> tuple[str, Floats, float] | None:
+    """What explains errors (n, 3) best, its values, and how much likelier they are with it; None if nothing.
+
+    `raw` (n, 3, k): How errors grow with each thing.
+    `kinds`: Their columns.
+    """
+    if len(errors) < _LEAST_PAIRS:
+        return None
+    errors = np.einsum("nij,nj->ni", whitening, errors)
+    slopes = np.einsum("nij,njk->nik", whitening, raw)
+    fits = {kind: _fitted(errors, slopes[:, :, kinds[kind]]) for kind in kinds}
+    kind = max(fits, key=lambda one: fits[one][1] - (_BOTH if one == "mount" else 0.0))
+    values, likelihood = fits[kind]
+    gain = likelihood - _likelihood(errors)
+    left = errors - slopes[:, :, kinds[kind]] @ values
+    parts = np.array_split(np.arange(len(errors)), PARTS)
+    if gain < GAIN or any(
+        _likelihood(left[part]) - _likelihood(errors[part]) < NOWHERE_LESS for part in parts
+    ):
+        return None
+    return kind, values, gain
+
+
+def _tilt(log: Pairs) -> tuple[SetupError | None, float]:
+    """A sensor in space that is tilted on its robot, by ground that scans share; and how much likelier it is.
+
+    A cloud whose ground rises by d along the robot's axes has it at R(yaw) d in the map: between two it is
+    tilted by the difference of that, and at the place of the second rises by -R(yaw) d t.
+    """
+    far = log.far if log.clouds else []
+    seen = {run for pair in far for run in (pair.run, pair.other)}
+    grounds = {run: log.clouds[run][1].ground() for run in seen}
+    errors, raw = [], []
+    for pair in far:
+        first, second = (log.runs[run][1].pose for run in (pair.run, pair.other))
+        plane = plane_between(grounds[pair.run], grounds[pair.other], second[:2])
+        if plane is None:
+            continue
+        before, after = (
+            np.array([[c, -s], [s, c]]) for c, s in ((np.cos(p[2]), np.sin(p[2])) for p in (first, second))
+        )
+        errors.append(plane)
+        raw.append(np.vstack((after - before, -(second[:2] - first[:2]) @ before)))
+    if not errors:
+        return None, 0.0
+    slopes = np.array(raw)
+    whitening = np.tile(np.diag(1 / _TILTS), (len(errors), 1, 1))
+    found = _likeliest(np.array(errors), slopes, whitening, {"tilt": [0, 1]})
+    if found is None:
+        return None, 0.0
+    moved = slopes @ found[1]
+    sizes = _AWAY * np.hypot(moved[:, 0], moved[:, 1]) + np.abs(moved[:, 2])
+    apart = float(np.quantile(sizes, _MOST))
+    if np.quantile(sizes, 0.75) < SHOWN or apart < APART:
+        return None, 0.0
+    along, across = found[1]
+    return SetupError("tilt", (float(-across), float(along)), apart), found[2]
 
 
 def _velocity(run: list[SensorScan]) -> Floats:
@@ -240,17 +337,39 @@ def _apart(log: Pairs, own: dict[int, Floats], kind: str, values: Floats) -> flo
     return float(np.quantile(_size(slopes[:, :, _KINDS[kind]] @ values), _MOST))
 
 
-def _is_mirrored(log: Pairs) -> bool:
-    """Whether turns are seen the other way round: far more often they fit scans that are seen in a mirror."""
+def _misread(log: Pairs) -> str | None:
+    """How scans or poses have to be read so that both move alike, far more often than as they are told.
+
+    Turns are seen the other way round if they fit scans that are seen in a mirror.
+    """
     turned = _turned(log)
-    fitting = sum(map(_turns_alike, turned))
-    if len(turned) < _LEAST_PAIRS or 2 * fitting > len(turned):
-        return False
-    flip = np.array([1.0, -1.0])
-    runs = [
-        [replace(scan, points=scan.points * flip, free=scan.free * flip) for scan in run] for run in log.runs
-    ]
-    return sum(map(_turns_alike, _turned(matched(runs, log.begin)))) > 2 * fitting + _LEAST_PAIRS
+    turning = sum(map(_turns_alike, turned))
+    is_mirrored, mirrored = False, log
+    if len(turned) >= _LEAST_PAIRS and 2 * turning <= len(turned):
+        flip = np.array([1.0, -1.0])
+        runs = [
+            [replace(one, points=one.points * flip, free=one.free * flip) for one in run] for run in log.runs
+        ]
+        mirrored = far_of(runs, log.clouds, ROUGHLY) if log.clouds else matched(runs, log.begin)
+        is_mirrored = sum(map(_turns_alike, _turned(mirrored))) > 2 * turning + _LEAST_PAIRS
+    fitting = sum(map(_moves_alike, log.far))
+    fitted = sum(pair.is_matched for pair in log.far)
+    speaks_against = not log.far or 4 * (fitted - fitting) > fitted or 4 * _lost(log.runs) > len(log.runs)
+    if not (log.clouds and (speaks_against or is_mirrored)):
+        return "mirrored" if is_mirrored else None
+    others = {"mirrored": sum(map(_moves_alike, mirrored.far))} if is_mirrored else {"": 0}
+    for kind, read in _READINGS.items():
+        clouds = [[read(one) for one in run] for run in log.clouds]
+        slices = sliced(clouds)
+        if _lost(slices) <= _lost(log.runs):
+            others[kind] = sum(map(_moves_alike, far_of(slices, clouds, ROUGHLY).far))
+    best = max(others, key=lambda kind: others[kind])
+    return best if is_mirrored or others[best] > fitting + _LEAST_PAIRS else None
+
+
+def _lost(runs: list[list[SensorScan]]) -> int:
+    """How many slices are empty, as no ground is seen."""
+    return sum(not len(run[1].points) for run in runs)
 
 
 def _turned(log: Pairs) -> list[Pair]:
@@ -260,3 +379,9 @@ def _turned(log: Pairs) -> list[Pair]:
 def _turns_alike(pair: Pair) -> bool:
     """Whether the sensor turned as the poses did, about."""
     return pair.is_matched and abs(pair.error[2]) < 0.5 * abs(pair.told[2])
+
+
+def _moves_alike(pair: Pair) -> bool:
+    """Whether the sensor moved as the poses did, about."""
+    turns = abs(pair.told[2]) <= _TURNED or _turns_alike(pair)
+    return turns and pair.is_matched and np.hypot(*pair.error[:2]) < 0.5 * np.hypot(*pair.told[:2])

@@ -108,7 +108,8 @@ class FolderLog(SizedLog):
 
     def _scan(self, i: int, points: NDArray[np.floating], T_map_sensor: Pose) -> Scan:
         """Points of a scan, moved to the map."""
-        return Scan(self._in_map(points, T_map_sensor), T_map_sensor.position, stamp=self._stamp(i))
+        ends, stamp = self._in_map(points, T_map_sensor), self._stamp(i)
+        return Scan(ends, T_map_sensor.position, stamp=stamp, rotation=T_map_sensor.rotation)
 
     def _in_map(self, points: NDArray[np.floating], T_map_sensor: Pose) -> NDArray[np.floating]:
         return T_map_sensor.apply(points)

@@ -68,7 +68,7 @@ class OctomapGraphLog(SizedLog):
             )
         with at_place(where):
             pose = Pose.from_quaternion((x, y, z), (qx, qy, qz, qw))
-        return Scan(pose.apply(points), pose.position)
+        return Scan(pose.apply(points), pose.position, rotation=pose.rotation)
 
     def _points(self, file: PlainFile, count: int, where: str) -> NDArray[np.float64]:
         parts = [np.empty((0, 3))]

@@ -28,6 +28,7 @@ from ndtree.logs.ros.storage import Raw
 _SENSELESS = "the times of beams make no sense, and all beams count as measured at the stamp"
 _LEAST_WAY = 0.1  # Of beams that tell how a sensor is turned [m].
 _TURNED_ALIKE = 0.3  # Beams of one message, at most apart [rad].
+_MOST_TURNED, _LEAST_SPREAD = 64, 1e-3  # Beams that tell of space; of their ways across each other.
 _UNLIMITED = "the largest range makes no sense, and counts as not given"
 _OTHER_NUMBER = "angles are for another number of ranges: angle_max does not count"
 
@@ -149,16 +150,17 @@ class MessageReader:
         sigma = self._sensors[one.topic].sigma
         sigmas = None if sigma is None else np.full(len(ends), sigma)
         dim = self._plan.dim
-        heading = heading_of(beams.points, ends, origins) if dim == 2 and place.observer is None else None
+        said = (beams.points, ends, origins) if place.observer is None else None
         return Scan(
             ends[:, :dim],
             origins[..., :dim],
             beams.returned,
             one.stamp,
             sigmas,
-            heading=heading,
+            heading=heading_of(*said) if said and dim == 2 else None,
             pose_covariance=self._covariance(place, one, origins),
             layers=None if beams.colors is None else {COLOR: beams.colors},
+            rotation=rotation_of(*said) if said and dim == 3 else None,
         )
 
     def _covariance(self, place: Placement, one: Measured, origins: Floats) -> Floats | None:
@@ -232,3 +234,24 @@ def heading_of(
     middle = math.atan2(float(np.sin(turns).mean()), float(np.cos(turns).mean()))
     apart = np.abs((turns - middle + math.pi) % (2 * math.pi) - math.pi)
     return middle if float(apart.max()) < _TURNED_ALIKE else None
+
+
+def rotation_of(
+    local: NDArray[np.floating[Any]], ends: NDArray[np.float64], origins: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """(3, 3) how the beams of a sensor are turned in the map, of arrays as for `heading_of`.
+
+    The rotation that fits some of them best; None if they are in one line, or not all turned alike.
+    """
+    some = slice(None, None, max(1, len(local) // _MOST_TURNED))
+    own = local[some].astype(np.float64)
+    ways = ends[some] - (origins if origins.ndim == 1 else origins[some])
+    far = np.linalg.norm(own, axis=1)
+    use = np.isfinite(far) & np.isfinite(ways).all(axis=1) & (far > 10 * _LEAST_WAY)
+    own, ways = own[use] / far[use, None], ways[use] / far[use, None]
+    left, sizes, right = np.linalg.svd(ways.T @ own)
+    if not len(own) or sizes[1] < _LEAST_SPREAD * len(own):
+        return None
+    rotation: NDArray[np.float64] = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    apart = np.linalg.norm(ways - own @ rotation.T, axis=1)
+    return rotation if float(apart.max()) < _TURNED_ALIKE else None

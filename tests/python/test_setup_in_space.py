@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Of a lidar, a wrong mount, clock, scale or reading of poses is told, and what mends it; right ones not."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+
+TOOLS = Path(__file__).resolve().parents[2] / "tools"
+if not (TOOLS / "trials").exists():
+    pytest.skip("the tools are not beside the tests", allow_module_level=True)
+sys.path.insert(0, str(TOOLS))
+
+import ndtree
+from ndtree import Scan
+from ndtree.evaluation.sampling import RUN, spread
+from ndtree.logs.poses.pose import matrices_of, quaternions_of
+from ndtree.logs.ros.placement.mount import mount_of
+from ndtree.tuning.pairs import matched_clouds
+from ndtree.tuning.setup_error import SetupError, setup_error
+from ndtree.tuning.slices import Cloud
+from trial import bag, worlds
+from trial.scene import Floats
+from trial.setup_in_space import _turned, driven
+
+TIMES = 0.1 * np.arange(60)
+CAMERA = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
+Poses = Callable[[Floats], Floats]
+
+
+def _beams() -> Floats:
+    up, around = np.meshgrid(np.radians(np.linspace(-24, 12, 24)), np.radians(np.arange(0, 360, 2)))
+    directions = [np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)]
+    return np.stack([one.ravel() for one in directions], axis=1)
+
+
+@pytest.fixture(scope="module", params=[10, 14])
+def drive(request: pytest.FixtureRequest) -> tuple[Poses, list[Floats]]:
+    """True poses of the sensor at times, and what it measures at `TIMES` in its own frame."""
+    rng = np.random.default_rng(request.param)
+    world = worlds.chamber(rng)
+    poses = driven(world, rng)
+    clouds = []
+    for T in poses(TIMES):
+        ranges = world.scene.cast(T[:3, 3], _beams() @ T[:3, :3].T) + rng.normal(0, 0.01, len(_beams()))
+        clouds.append(_beams() * ranges[:, None])
+    return poses, clouds
+
+
+def found_in(told: Floats, clouds: list[Floats]) -> SetupError | None:
+    scans = [
+        Scan(points @ T[:3, :3].T + T[:3, 3], T[:3, 3], stamp=float(t), rotation=T[:3, :3])
+        for T, points, t in zip(told, clouds, TIMES)
+    ]
+    runs = [[Cloud.of(scan) for scan in run] for run in spread(scans, None, lambda scan: scan)[0]]
+    assert all(len(run) == RUN for run in runs)
+    return setup_error(matched_clouds([[one for one in run[:3] if one is not None] for run in runs]))
+
+
+def mount(x: float, y: float, roll: float, pitch: float, yaw: float) -> Floats:
+    result = _turned(*np.radians([roll, pitch, yaw]))
+    result[:2, 3] = x, y
+    return result
+
+
+@pytest.mark.parametrize("centimetres", [0.0, 3.0])
+def test_what_is_right_is_not_told_of(drive: tuple[Poses, list[Floats]], centimetres: float) -> None:
+    """Each pose errs by itself, half a degree in roll and pitch with it."""
+    rng = np.random.default_rng(1)
+    told = drive[0](TIMES)
+    for T in told if centimetres else ():
+        T[:3, 3] += rng.normal(0, centimetres / 100, 3)
+        T[:3, :3] = T[:3, :3] @ _turned(*np.radians(rng.normal(0, 0.5, 3)))[:3, :3]
+    assert found_in(told, drive[1]) is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrong", "values"),
+    [
+        ("yaw", mount(0, 0, 0, 0, 8), [math.radians(8)]),
+        ("yaw", mount(0, 0, 0, 0, -5), [math.radians(-5)]),
+        ("tilt", mount(0, 0, 0, 4, 0), np.radians([0, 4])),
+        ("tilt", mount(0, 0, -6, 2, 0), np.radians([-6, 2])),
+        ("place", mount(0.25, -0.15, 0, 0, 0), [0.25, -0.15]),
+    ],
+)
+def test_a_wrong_mount_is_told_and_mended(
+    drive: tuple[Poses, list[Floats]], kind: str, wrong: Floats, values: Floats
+) -> None:
+    """Its poses say that the sensor sits in the robot's middle, and it is mounted otherwise."""
+    told = drive[0](TIMES) @ np.linalg.inv(wrong)
+    found = found_in(told, drive[1])
+    assert found is not None and found.kind == kind, found
+    assert np.linalg.norm(np.subtract(found.values, values)) < 0.25 * np.linalg.norm(values)
+    assert "mount" in str(found)
+    x, y = found.values if kind == "place" else (0.0, 0.0)
+    roll, pitch = np.degrees(found.values) if kind == "tilt" else (0.0, 0.0)
+    yaw = math.degrees(found.values[0]) if kind == "yaw" else 0.0
+    assert found_in(told @ mount(x, y, roll, pitch, yaw), drive[1]) is None, "what was told mends it"
+
+
+@pytest.mark.parametrize("seconds", [-0.15, 0.15])
+def test_a_wrong_clock(drive: tuple[Poses, list[Floats]], seconds: float) -> None:
+    found = found_in(drive[0](TIMES - seconds), drive[1])
+    assert found is not None and found.kind == "clock"
+    assert found.values[0] == pytest.approx(seconds, rel=0.3) and "time_offset" in str(found)
+
+
+@pytest.mark.parametrize("share", [0.9, 1.08])
+def test_a_wrong_scale(drive: tuple[Poses, list[Floats]], share: float) -> None:
+    found = found_in(drive[0](TIMES), [share * points for points in drive[1]])
+    assert found is not None and found.kind == "scale"
+    assert found.values[0] == pytest.approx(share - 1, rel=0.3)
+
+
+def test_poses_that_are_read_in_another_way(drive: tuple[Poses, list[Floats]]) -> None:
+    true, clouds = drive[0](TIMES), drive[1]
+    wxyz = true.copy()
+    wxyz[:, :3, :3] = matrices_of(quaternions_of(true[:, :3, :3])[:, [3, 0, 1, 2]])
+    for kind, told in (
+        ("inverted", np.linalg.inv(true)), ("wxyz", wxyz), ("axes", CAMERA @ true @ CAMERA.T)
+    ):  # fmt: skip
+        found = found_in(told, clouds)
+        assert found is not None and found.kind == kind and "expected" in str(found), (kind, found)
+    found = found_in(true, [points * [1, -1, 1] for points in clouds])
+    assert found is not None and found.kind == "mirrored"
+
+
+def test_a_sensor_that_hangs_upside_down_or_looks_aside_is_right(drive: tuple[Poses, list[Floats]]) -> None:
+    """Where poses say so: slices are beside the robot, however the sensor's own axes lie."""
+    for turn in (mount(0, 0, 180, 0, 0), mount(0, 0, 0, 89, 0), mount(0, 0, 0, 30, 140)):
+        clouds = [points @ turn[:3, :3] for points in drive[1]]
+        assert found_in(drive[0](TIMES) @ turn, clouds) is None
+        tilted = found_in(drive[0](TIMES) @ mount(0, 0, 0, -5, 0) @ turn, clouds)
+        assert tilted is not None and tilted.kind == "tilt"
+
+
+def test_without_ground_or_rotations_nothing_is_told(drive: tuple[Poses, list[Floats]]) -> None:
+    told = drive[0](TIMES) @ mount(0, 0, 0, 0, -10)
+    above = [points[points[:, 2] > 0] for points in drive[1]]
+    assert found_in(told, above) is None
+    assert Cloud.of(Scan(np.zeros((3, 3)), np.zeros(3))) is None
+    assert setup_error(matched_clouds([])) is None
+
+
+def test_of_a_bag_the_option_that_is_told_mends_it(drive: tuple[Poses, list[Floats]], tmp_path: Path) -> None:
+    """Through files: clouds of a sensor that is told to sit level, and looks down by 6 degrees."""
+    times = 0.02 * np.arange(-2, 300)
+    told = drive[0](times) @ mount(0, 0, 0, -6, 0)
+    transforms = list(zip(times.tolist(), told[:, :3, 3], quaternions_of(told[:, :3, :3])))
+    path = bag.write_clouds(tmp_path / "log", list(zip(TIMES.tolist(), drive[1])), transforms)
+    log = ndtree.read(path)
+    scan = next(iter(log))
+    assert scan.rotation is not None and np.allclose(scan.rotation, told[2, :3, :3], atol=1e-4)
+    found = ndtree.first_look(log.ruled(cut_off=None)).setup
+    assert found is not None and found.kind == "tilt"
+    roll, pitch = found.values
+    option = f"0,0,0,{roll},{pitch},0"
+    assert mount_of(option) is not None
+    assert ndtree.first_look(ndtree.read(path, mount=option).ruled(cut_off=None)).setup is None
