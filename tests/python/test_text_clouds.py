@@ -68,12 +68,22 @@ def test_columns_are_those_that_a_header_names() -> None:
         b"time (s) x (m) y (m) z (m)\n1 2 3 4\n": (1, 2, 3),
         b"# points x y z of the hall\n1 2 3\n": (0, 1, 2),
         b"# RANGE (mm), X1 (m), Y1 (m), Z1 (m), X2 (m)\n9, 1, 2, 3, 0\n": (1, 2, 3),
-        b"a,b,c\n1,2,3\n": (0, 1, 2),
+        b"Points_m_XYZ:0,Points_m_XYZ:1,Points_m_XYZ:2,intensity\n1,2,3,4\n": (0, 1, 2),
+        b"scan of hall\n1 2 3\n": (0, 1, 2),
     }
     for text, expected in cases.items():
         columns = columns_of(text.splitlines())
         assert columns is not None and columns.xyz == expected, text
-    for text in (b"id x y z\n1 2 3\n", b"", b"hello\n", b"1 2\n3 4\n", b"a b c\nd e f\n", b"x y z\n"):
+    for text in (
+        b"azimuth,elevation,range\n1,2,3\n",
+        b"a;b;c\n1;2;3\n",
+        b"id x y z\n1 2 3\n",
+        b"",
+        b"hello\n",
+        b"1 2\n3 4\n",
+        b"a b c\nd e f\n",
+        b"x y z\n",
+    ):
         assert columns_of(text.splitlines()) is None, text
 
 

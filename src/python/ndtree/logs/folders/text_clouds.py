@@ -37,6 +37,8 @@ _AXES = (
     ("easting", "northing", "height"),
     ("easting", "northing", "z"),
     ("x1", "y1", "z1"),  # Ouster's first return.
+    ("points:0", "points:1", "points:2"),  # ParaView's.
+    ("points_m_xyz:0", "points_m_xyz:1", "points_m_xyz:2"),  # VeloView's.
 )
 _METRES = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
@@ -99,7 +101,7 @@ class _Header:
 def columns_of(lines: Iterable[bytes]) -> Columns | None:
     """How a file is to be read, by its first lines; None if they are not points in text."""
     header: _Header | None = None
-    counted = False
+    counted, titles = False, 0
     for line in islice(lines, _LOOKED_AT):
         content = line.strip()
         if not content:
@@ -120,12 +122,13 @@ def columns_of(lines: Iterable[bytes]) -> Columns | None:
             if header is not None and header.fits(len(values)):
                 return replace(columns, xyz=header.xyz, metres=header.metres, named=True)
             if len(values) >= 3 and (header is None or header.is_comment):
-                return columns
+                return None if len(values) == titles else columns  # Columns of other names.
             continue  # Columns and rows, as 3DTK has them before the points.
         found = _header(columns.fields(_UNIT_APART.sub(b"", content)), comment is not None)
         if found is not None:
             header = found
         elif comment is None:
+            titles = len(fields) if separator is not None else 0  # Else it may be a sentence.
             at = header.xyz if header is not None else (0, 1, 2)
             wanted = [fields[i] for i in at if i < len(fields)]
             if len(wanted) == 3 and len(fields) > 3 and _values(wanted) is not None:  # Words beside numbers.
