@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.base.words import number_of
 from ndtree.logs.core.failures import NotALog, at_place
 from ndtree.logs.core.plain_file import text_lines
 from ndtree.logs.core.source import TIME_OFFSET, Format, Source
@@ -196,7 +197,10 @@ def _velodyne_in(path: str) -> Pose:
         if name.strip() != "Tr":
             continue
         with at_place(f"{path}: line {number}: Tr", "a 3x4 matrix"):
-            return Pose.from_matrix(np.array([float(field) for field in values.split()]).reshape(3, 4))
+            found = np.array([float(field) for field in values.split()])
+            if len(found) != 12:
+                raise ValueError(f"found {number_of(len(found), 'number')}")
+            return Pose.from_matrix(found.reshape(3, 4))
     raise ValueError(f"{path}: no line Tr, expected where the Velodyne sits beside the camera")
 
 
