@@ -6,6 +6,7 @@ from __future__ import annotations
 import importlib.util
 import re
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from conftest import room_scan, with_room
 
 import ndtree
 from ndtree._lazy import install_of
+from ndtree.maps import images
 from ndtree.maps.open import open_map
 
 BOX = 2.4  # The rooms are within [-BOX, BOX).
@@ -245,6 +247,21 @@ def test_origins_between_pixels_are_kept_until_they_are_sampled(tmp_path: Path) 
 def test_damaged_yaml_is_refused(tmp_path: Path, entries: dict[str, Any], message: str) -> None:
     path = write_image(tmp_path, np.zeros((2, 2), dtype=np.uint8), **entries)
     with pytest.raises((ValueError, FileNotFoundError), match=message):
+        open_map(path)
+
+
+def test_large_images_are_read_without_a_warning_or_a_change_of_its_filters(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pil, _ = pytest.importorskip("PIL.Image"), pytest.importorskip("yaml")
+    path = write_image(tmp_path, np.full((30, 40), 254, dtype=np.uint8))
+    monkeypatch.setattr(pil, "MAX_IMAGE_PIXELS", 700)  # Twice that is refused, less is warned of.
+    with monkeypatch.context() as patched:
+        patched.setattr(warnings, "catch_warnings", None)
+        patched.setattr(warnings, "warn", None)
+        assert open_map(path) is not None
+    monkeypatch.setattr(images, "_MOST_PIXELS", 1199)
+    with pytest.raises(ValueError, match=r"map\.png: an image of more than 1,199 pixels, expected fewer"):
         open_map(path)
 
 

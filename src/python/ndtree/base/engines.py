@@ -9,7 +9,6 @@ import pickle
 import signal
 import sys
 import threading
-import warnings
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Collection
@@ -104,15 +103,13 @@ class ProcessEngine(Engine):
             number, function, arguments = self._waiting.popleft()
             ours, theirs = self._context.Pipe(duplex=False)
             process = self._context.Process(target=_serve, args=(theirs, function, arguments), daemon=True)
-            with warnings.catch_warnings():  # Of forks beside threads: children use none of these.
-                warnings.simplefilter("ignore", DeprecationWarning)
-                try:
-                    process.start()
-                except (pickle.PicklingError, AttributeError, TypeError) as error:
-                    raise ValueError(
-                        f"engine = 'processes': {error}: must be a path, or a function of a module; or take "
-                        "engine = 'local'"
-                    ) from error
+            try:
+                process.start()
+            except (pickle.PicklingError, AttributeError, TypeError) as error:
+                raise ValueError(
+                    f"engine = 'processes': {error}: must be a path, or a function of a module; or take "
+                    "engine = 'local'"
+                ) from error
             theirs.close()
             self._running[number] = _Child(process, ours, function, arguments)
 

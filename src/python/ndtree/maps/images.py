@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
+import struct
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ _MOST_NESTED = 8
 _SMALLEST, _LARGEST = 1e-4, 1e3
 #: Pillow reads others, too, some of them by calling programs.
 _IMAGES = ("PPM", "PNG", "BMP", "GIF", "JPEG", "TIFF")
+_MOST_PIXELS = 178_956_970  # As Pillow's usual bound.
 _ROWS_AT_ONCE = 256
 _WITH_ALPHA = ("RGBA", "LA", "PA", "La", "RGBa")
 #: Yaws of less turn no image by as much as a pixel [rad].
@@ -173,6 +175,23 @@ def _number(name: str, entries: dict[Any, Any], key: str, default: float | None 
     return number
 
 
+def _opened(path: str, file: BinaryIO) -> Any:
+    """As Pillow opens images, which warns of large ones: all threads share what filters warnings."""
+    from PIL import Image
+
+    Image.init()
+    head = file.read(16)
+    for make, fits in (Image.OPEN[kind] for kind in _IMAGES):
+        if fits(head):
+            file.seek(0)
+            with suppress(SyntaxError, IndexError, TypeError, struct.error):
+                image = make(file, "")
+                if image.width * image.height > _MOST_PIXELS:
+                    raise ValueError(f"{path}: an image of more than {_MOST_PIXELS:,} pixels, expected fewer")
+                return image
+    raise ValueError(f"{path}: not an image, expected PGM or PNG")
+
+
 def _pixels(
     path: str, state: Callable[[NDArray[np.float64]], NDArray[np.int8]], mode: str
 ) -> tuple[NDArray[np.int8], NDArray[np.intp]]:
@@ -181,13 +200,10 @@ def _pixels(
     As nav2 has it, the opaqueness of an image that has one counts as a fourth color where `mode` is trinary;
     where it is scale, pixels that are not opaque are unknown; where it is raw, it says nothing.
     """
-    with needs(_NEEDS, "convert"):
-        from PIL import Image, UnidentifiedImageError
     with open_regular(path) as file:
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-                image = Image.open(file, formats=_IMAGES)
+            with needs(_NEEDS, "convert"):
+                image = _opened(path, file)
             if image.mode in ("I", "F") or image.mode.startswith("I;"):
                 raise ValueError(f"{path}: pixels of more than 8 bits, expected 0 to 255")
             has_alpha = "transparency" in image.info or image.mode in _WITH_ALPHA
@@ -210,12 +226,6 @@ def _pixels(
                 counts += np.bincount(sums.ravel(), minlength=len(counts))
                 if not grey and mode == "scale":
                     found[first:last][part[..., 3] < 255] = -1
-        except UnidentifiedImageError:
-            raise ValueError(f"{path}: not an image, expected PGM or PNG") from None
-        except Image.DecompressionBombError:
-            raise ValueError(
-                f"{path}: an image of more than {2 * (Image.MAX_IMAGE_PIXELS or 0):,} pixels, expected fewer"
-            ) from None
         except (OSError, SyntaxError, EOFError) as error:
             raise ValueError(f"{path}: a damaged image: {one_line(error)}") from None
     return found, counts
