@@ -256,6 +256,15 @@ def test_colors_say_what_they_should(solid: Any, color: str) -> None:
     assert len(quads) > 100
 
 
+def test_colors_that_are_not_known_are_refused(solid: Any) -> None:
+    for make in (
+        lambda: plot.coloring(Cells.of(solid), "hight"),
+        lambda: plot.Coloring("hight", "", None, "turbo"),
+    ):
+        with pytest.raises(ValueError, match=r"color = 'hight': must be one of height, size, probability"):
+            make()
+
+
 def test_ceiling_is_cut_away_in_a_room_and_only_there() -> None:
     def room(with_ceiling: bool) -> Any:
         m = ndtree.FixedMap(dim=3, min_cell_size=0.1)

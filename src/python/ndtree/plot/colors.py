@@ -22,6 +22,8 @@ class Coloring:
     def __init__(
         self, by: str, label: str, norm: Normalize, colormap: str, ticks: Floats | None = None
     ) -> None:
+        if by not in COLORS:
+            raise ValueError(f"color = {by!r}: must be one of {', '.join(COLORS)}")
         self.by, self.label, self.norm, self.ticks = by, label, norm, ticks
         self._map = colormap_of(colormap)
         self._ends = (0.05, 0.95) if colormap == "turbo" else (0.0, 1.0)  # Its ends are nearly black.
@@ -52,8 +54,6 @@ def coloring(
     shown: Cells, by: str = "height", colormap: str | None = None, heights: tuple[float, float] | None = None
 ) -> Coloring:
     """Colors for cells by "height", "size" or "probability", stretched over those that are shown."""
-    if by not in COLORS:
-        raise ValueError(f"color = {by!r}: must be one of {', '.join(COLORS)}")
     if by == "height":
         return Coloring(by, "height [m]", Normalize(*(heights or _heights(shown))), colormap or HEIGHT_COLORS)
     if by == "size":
