@@ -63,6 +63,23 @@ def office():
     return Drifting(scans, odometry), truth, odometry
 
 
+def test_poses_in_the_plane_compose():
+    rng = np.random.default_rng(7)
+    a, b = rng.uniform(-3, 3, (2, 50, 3))
+    c = between(a, b)
+    np.testing.assert_allclose(composed(a, c)[:, :2], b[:, :2], atol=1e-12)
+    np.testing.assert_allclose(np.cos(composed(a, c)[:, 2] - b[:, 2]), 1, atol=1e-12)
+    points = rng.normal(size=(20, 2))
+    np.testing.assert_allclose(seen_from(a[0], placed(a[0], points)), points, atol=1e-12)
+    matrix = np.eye(3)
+    matrix[:2, :2] = [[math.cos(a[0, 2]), -math.sin(a[0, 2])], [math.sin(a[0, 2]), math.cos(a[0, 2])]]
+    matrix[:2, 2] = a[0, :2]
+    np.testing.assert_allclose(placed(pose_of(matrix), points), placed(a[0], points), atol=1e-12)
+    samples = rng.multivariate_normal(np.zeros(3), np.diag((4.0, 1.0, 0.1)), 20000)
+    in_frame = seen_from(np.array([0, 0, 0.7]), samples[:, :2])
+    np.testing.assert_allclose(turned(np.diag((4.0, 1.0, 0.1)), 0.7)[:2, :2], np.cov(in_frame.T), atol=0.15)
+
+
 def test_poses_of_a_drive_are_found(office):
     log, truth, odometry = office
     found = ndtree.align(log)
@@ -224,23 +241,6 @@ def test_the_first_pose_stays_and_one_scan_is_enough(office):
     found = ndtree.align(one)
     np.testing.assert_allclose(found.poses, odometry[:1])
     assert found.loops == [] and "no loops found" in str(found)
-
-
-def test_poses_in_the_plane_compose():
-    rng = np.random.default_rng(7)
-    a, b = rng.uniform(-3, 3, (2, 50, 3))
-    c = between(a, b)
-    np.testing.assert_allclose(composed(a, c)[:, :2], b[:, :2], atol=1e-12)
-    np.testing.assert_allclose(np.cos(composed(a, c)[:, 2] - b[:, 2]), 1, atol=1e-12)
-    points = rng.normal(size=(20, 2))
-    np.testing.assert_allclose(seen_from(a[0], placed(a[0], points)), points, atol=1e-12)
-    matrix = np.eye(3)
-    matrix[:2, :2] = [[math.cos(a[0, 2]), -math.sin(a[0, 2])], [math.sin(a[0, 2]), math.cos(a[0, 2])]]
-    matrix[:2, 2] = a[0, :2]
-    np.testing.assert_allclose(placed(pose_of(matrix), points), placed(a[0], points), atol=1e-12)
-    samples = rng.multivariate_normal(np.zeros(3), np.diag((4.0, 1.0, 0.1)), 20000)
-    in_frame = seen_from(np.array([0, 0, 0.7]), samples[:, :2])
-    np.testing.assert_allclose(turned(np.diag((4.0, 1.0, 0.1)), 0.7)[:2, :2], np.cov(in_frame.T), atol=0.15)
 
 
 def sensor_scans(walls, poses):
