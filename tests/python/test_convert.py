@@ -240,7 +240,12 @@ def test_origins_between_pixels_are_kept_until_they_are_sampled(tmp_path: Path) 
         ({"mode": "fuzzy"}, "map.yaml: mode: found 'fuzzy'"),
         ({"negate": "perhaps"}, "map.yaml: negate: found 'perhaps'"),
         ({"image": "map.yaml"}, "map.yaml: not an image"),
-        ({"image": "none.png"}, "none.png"),
+        ({"image": "none.png"}, "map.yaml: image: found 'none.png', expected a file"),
+        (
+            {"image": "/robot/map.png"},
+            "map.yaml: image: found '/robot/map.png', expected map.png, which is b",
+        ),
+        ({"image": "maps\\\\map.png"}, "image: found .*, expected map.png, which is beside it"),
         ({"image": "'"}, "map.yaml: not YAML"),
     ],
 )

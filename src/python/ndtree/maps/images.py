@@ -99,7 +99,7 @@ def map_image(name: str) -> MapImage:
         states[share >= occupied] = 1
         return states
 
-    states, counts = _pixels(os.path.join(os.path.dirname(name), image), state, mode)
+    states, counts = _pixels(_image_of(name, image), state, mode)
     channels = len(counts) // 255
     notes = []
     doubtful = int(counts[_UNKNOWN * channels]) if channels < 4 else 0
@@ -173,6 +173,17 @@ def _number(name: str, entries: dict[Any, Any], key: str, default: float | None 
     if number is None:
         raise ValueError(f"{name}: {key}: found {shown(repr(value))}, expected a number")
     return number
+
+
+def _image_of(name: str, image: str) -> str:
+    """The path of the image that a YAML file names."""
+    path = os.path.join(os.path.dirname(name), image)
+    if not os.path.exists(path):
+        beside = os.path.basename(image.replace("\\", "/"))
+        is_there = os.path.isfile(os.path.join(os.path.dirname(name), beside))
+        wanted = f"{beside}, which is beside it" if is_there else "a file"
+        raise ValueError(f"{name}: image: found {shown(repr(image))}, expected {wanted}")
+    return path
 
 
 def _opened(path: str, file: BinaryIO) -> Any:
