@@ -144,6 +144,7 @@ def test_what_cannot_be_chosen_is_listed(ros2: Messages, tmp_path: Path) -> None
     fixed = ros2.tf(ros2.transform(START, "map", "sensor", [0, 0, 0], LEVEL))
     away = ros2.tf(ros2.transform(START, "earth", "laser", [0, 0, 0], LEVEL))
     scan, cloud = ros2.laser(START, "sensor", [1, 2]), ros2.cloud(START, "sensor", np.ones((2, 3)))
+    unturned = ros2.tf(ros2.transform(START, "base", "sensor", [1, 0, 0], (0, 0, 0, 0)))  # Messages begin so.
     image = ros2.image(START, "sensor", np.ones((2, 2)), "16UC1")
     odometry = ros2.odometry(START, "odom", "wheel", [0, 0, 0], LEVEL)
     kitti = tmp_path / "kitti.txt"
@@ -159,6 +160,8 @@ def test_what_cannot_be_chosen_is_listed(ros2: Messages, tmp_path: Path) -> None
         (two, {"topic": "scan", "odometry": "/o", "fixed_frame": "map"}, TypeError, "expected one of them"),
         (two, {"topic": "scan", "trajectory": str(kitti)}, ValueError, "kitti.txt: has no times"),
         ({"/scan": scan}, {}, ValueError, "no transform to sensor, the frame of /scan: there is no /tf"),
+        ({"/scan": scan, "/tf_static": unturned}, {}, ValueError,
+         r"the frame of /scan \(/tf_static: at \[1.0, 0.0, 0.0\], quaternion \[0.0, 0.0, 0.0, 0.0\], expected"),
         ({"/scan": ros2.laser(START, "laser", [1]), "/tf_static": away}, {}, ValueError,
          "laser is connected to none of map, odom, world(?s:.*) fixed_frame FRAME, of earth, laser"),
         ({"/depth": image, "/tf_static": fixed}, {}, ValueError, "no CameraInfo of 2 x 2 pixels beside"),

@@ -27,10 +27,12 @@ class TransformTree:
     is fixed, and holds at every time.
 
     `spaces`: Namespaces of the topics that its transforms are from; None: of all.
+    `refused`: Of frames whose transforms are none, what one was.
     """
 
     def __init__(self, spaces: Collection[str] | None = None) -> None:
         self.spaces = spaces
+        self.refused: dict[str, str] = {}
         self._fixed: dict[tuple[str, str], Pose] = {}
         self._rows: dict[tuple[str, str], list[tuple[float, ...]]] = {}
         self._moving: dict[tuple[str, str], Trajectory] = {}

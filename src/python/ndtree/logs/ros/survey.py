@@ -91,7 +91,8 @@ class PoseRow:
 class Survey:
     """What one pass over a bag found.
 
-    Transforms with NaN, or quaternions of another length than 1, are passed over, as ROS does.
+    Transforms with NaN, or quaternions of another length than 1, are passed over, as ROS does; the tree names
+    their frames.
 
     `sensors`: Topics of which stamps and frames are wanted.
     `poses`: Topic with poses, of one of `POSES`.
@@ -116,6 +117,7 @@ class Survey:
         self.ends: list[ValueError] = []
         self._fixed: list[tuple[str, str, str, Pose]] = []
         self._moving: dict[_Edge, list[_Row]] = {}
+        self._refused: dict[str, str] = {}
         heads: dict[str, list[tuple[float, float, str]]] = {name: [] for name in sensors}
         pose_rows: list[tuple[float, PoseRow]] = []
         infos: list[tuple[str, float, Any]] = []
@@ -185,6 +187,7 @@ class Survey:
 
     def _tree(self, spaces: Collection[str] | None) -> TransformTree:
         tree = TransformTree(spaces)
+        tree.refused = self._refused
         for topic, parent, child, pose in self._fixed:
             if spaces is None or space_of(topic) in spaces:
                 tree.add_fixed(parent, child, pose)
@@ -196,7 +199,15 @@ class Survey:
         return tree
 
     def _note_transforms(self, topic: str, message: Any, received: int) -> None:
-        for row in transforms_in(message):
+        rows = list(transforms_in(message))
+        if len(rows) < len(message.transforms):
+            for one in message.transforms:
+                numbers = _numbers(one.transform.translation, one.transform.rotation)
+                if not is_transform(*numbers):
+                    self._refused[plain(one.child_frame_id)] = (
+                        f"{topic}: at {numbers[0]}, quaternion {numbers[1]}"
+                    )
+        for row in rows:
             if is_static(topic):
                 pose = Pose.from_quaternion(row.position, row.quaternion)
                 self._fixed.append((topic, row.parent, row.child, pose))

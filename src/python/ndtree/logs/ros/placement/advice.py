@@ -92,6 +92,8 @@ def unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: 
     frames = tree.frames()
     say = _sources(others)
     what = f"no transform to {frame}, the frame of {topic}" if frame else f"{topic} names no frame of its own"
+    if frame in tree.refused:
+        what += f" ({tree.refused[frame]}, expected finite numbers, a quaternion of length 1)"
     if not frames:
         begin = f"{path}: {what}: there is no /tf"
         if not say:
