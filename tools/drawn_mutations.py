@@ -15,7 +15,9 @@ from collections.abc import Iterator
 
 #: By the name of a file below src/python/ndtree: the tests that have to notice its mistakes.
 TESTS = {
+    "alignment/aligning.py": "test_align.py",
     "alignment/loops.py": "test_align.py",
+    "alignment/motion.py": "test_align.py",
     "alignment/planar.py": "test_align.py",
     "alignment/tracking.py": "test_align.py",
     "evaluation/delayed.py": "test_moved.py",
