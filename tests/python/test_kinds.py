@@ -82,7 +82,7 @@ FILES: dict[str, tuple[Callable[[Path], None], str, str]] = {
     "gps.csv": (save(b"lat,lon,alt\n48.1,11.5,520\n"), "positions in degrees", "easting,northing,height"),
     "gps.txt": (save(b"$GPGGA,123519,4807.038,N,01131.000,E,1,08\n"), "positions of a satellite", "t x y z"),
     "echo.csv": (save(b"%time,field.header.seq,field.x\n1,2,3\n"), "what rostopic echo -p", "ndtree map BAG"),
-    "links.txt": (save(b"1 2 0.1 0.2 0 0 0 0.1\n" * 3), "a table like a trajectory, but quaternion", ""),
+    "links.txt": (save(b"1 2 0.1 0.2 0 0 0 0.1\n" * 3), r"a table like a trajectory \(quaternion", ""),
     "some.db": (database("notes"), "a database of SQLite without a bag in it, but with notes", ""),
     "rtabmap.db": (database("Node", "Link", "Data"), "a database of RTAB-Map", "exporting"),
     "a.tar.gz": (tar, "an archive of tar", "tar xf "),

@@ -258,7 +258,7 @@ def _of_text(source: Source, path: str) -> NotALog | None:
             read_trajectory(source.path)
         except ValueError as error:
             why = str(error).removeprefix(f"{source.path}: ")
-            return NotALog(source.path, f"a table like a trajectory, but {shown(why, 100)}")
+            return NotALog(source.path, f"a table like a trajectory ({shown(why, 100)})")
         what = "poses with times" if kind == "tum" else "poses by their number"
         return NotALog(source.path, f"a trajectory, {what}", [f"ndtree map LOG --trajectory {path}"])
     start = head.lstrip()
