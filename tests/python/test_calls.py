@@ -27,6 +27,14 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: ndtree.AdaptiveMap(0.05),
         "AdaptiveMap(): 1 argument without a name, expected none: did you mean min_cell_size = 0.05?",
     ),
+    "a file as what a map is made of": (
+        lambda: ndtree.FixedMap("hall.ndt"),
+        "FixedMap(): 1 argument without a name, expected none: did you mean ndtree.load('hall.ndt')?",
+    ),
+    "a number of NumPy": (
+        lambda: ndtree.FixedMap(np.float64(0.5)),
+        "FixedMap(): 1 argument without a name, expected none: did you mean min_cell_size = 0.5?",
+    ),
     "fixed, not by name": (
         lambda: ndtree.FixedMap(0.1, 2),
         "FixedMap(): 2 arguments without names, expected none; the others by name: min_cell_size, dim, ",

@@ -8,6 +8,7 @@ import functools
 import inspect
 import math
 import operator
+import os
 import re
 from collections.abc import Collection, Mapping
 from difflib import get_close_matches
@@ -231,7 +232,9 @@ class Call:
         most = f"at most {len(positional)} ({', '.join(positional)})" if positional else "none"
         own = _FIRST.get(self.name)
         if own and len(arguments) == 1:
-            meant = f": did you mean {own} = {shown(arguments[0])}?"
+            given = shown(arguments[0])
+            is_file = isinstance(arguments[0], (str, os.PathLike))
+            meant = f": did you mean {f'ndtree.load({given})' if is_file else f'{own} = {given}'}?"
         else:
             named = [one for one, *_ in self._known if not one.startswith("*") and one not in positional]
             named = [*([own] if own else []), *named]

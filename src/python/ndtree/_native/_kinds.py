@@ -42,11 +42,11 @@ def is_path(value: Any) -> bool:
 
 def shown(value: Any) -> str:
     """What a value is, in few words: that of an array would take many."""
-    if hasattr(value, "shape") and hasattr(value, "dtype"):
+    if hasattr(value, "shape") and hasattr(value, "dtype") and value.shape:
         return f"array of shape {tuple(value.shape)} and dtype {value.dtype}"
     if isinstance(value, int) and value.bit_length() > 200:
         return f"an integer of {value.bit_length()} bits"
-    text = repr(value)
+    text = repr(value.item() if hasattr(value, "dtype") else value)
     return text if len(text) <= _MOST_SHOWN else text[: _MOST_SHOWN - 3] + "..."
 
 
