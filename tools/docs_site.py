@@ -211,13 +211,14 @@ def _readers_table() -> str:
     rows = []
     for one in READERS:
         extra, source = _READ[one.name]
-        options = ", ".join(_flag(option.name) for option in one.options)
+        options = ", ".join(_flag(name) for name in one.options)
         rows.append((f"`{one.name}`", _STORED[one.stored_as], source, extra, options))
     return _table(("format", "is a", "written by", "extra", "own options"), rows)
 
 
 def _reader_options_table() -> str:
-    return _table(("option", ""), ((_flag(option.name), option.help) for option in READER_OPTIONS))
+    rows = ((_flag(one.name), one.shown("map"), one.help) for one in READER_OPTIONS)
+    return _table(("option", "default", ""), rows)
 
 
 def _writers_table() -> str:

@@ -166,7 +166,7 @@ def test_a_study_reads_a_file(log: Path, tmp_path: Path) -> None:
 
 def test_a_node_takes_a_file_and_its_own_parameters(tmp_path: Path) -> None:
     Config.of(fixed_frame="odom", max_range=12.0, range_sigma=0.02).save(tmp_path / "robot.toml")
-    values = {row.name: row.default for row in ROWS}
+    values = {row.key: row.start for row in ROWS}
     values |= {"config": str(tmp_path / "robot.toml"), "max_range": 8.0}
     config = config_of(values.__getitem__, {"min_cell_size": 0.1})
     assert (config.get("fixed_frame"), config.max_range) == ("odom", 8.0)

@@ -16,9 +16,11 @@ pytest.importorskip("rich")
 from calling import cli
 
 import ndtree
+from ndtree.base import options
+from ndtree.base.options import OPTIONS, QUESTIONS
 from ndtree.cli.commands import COMMANDS, every
+from ndtree.cli.commands.app import USUAL
 from ndtree.cli.commands.pages import MOST_LINES, pages, table_of_options
-from ndtree.cli.commands.questions import QUESTIONS, TOUCHED, row_of
 from ndtree.cli.help import FOLDER, WIDTH, fitted, page_asked_for, path_of
 
 
@@ -54,17 +56,18 @@ def test_every_option_has_its_default_and_is_in_the_table(command: str) -> None:
     names = options_of(command)
     assert names
     for name in names:
-        assert row_of(name) is not None, f"{name}: expected a row in cli/commands/questions.py"
         flag = max(next(one for one in every()[command].params if one.name == name).opts, key=len)
         assert re.search(rf"{flag}[ ,/](?:(?! --).)*\(default: [^)]+\)", text), flag
-    assert len(TOUCHED[command]) <= 5 and set(TOUCHED[command]) <= set(names)
+    assert sorted(names) == sorted(one.name for one in options.options_of(command))
+    assert len(USUAL[command]) <= 5 and set(USUAL[command]) <= set(names)
 
 
-def test_the_table_has_no_row_that_no_command_takes() -> None:
-    taken = {name for command in COMMANDS for name in options_of(command)}
-    rows = [row.name for rows in QUESTIONS.values() for row in rows]
-    assert sorted(rows) == sorted(taken)
-    assert len(rows) == sum(len(found) for _, found in table_of_options())
+def test_a_row_is_of_commands_that_there_are() -> None:
+    assert {taker for one in OPTIONS for taker in one.of.split()} == {*COMMANDS, "node"}
+    shown = [question for question, _ in table_of_options()]
+    assert shown == [
+        question for question, rows in QUESTIONS.items() if any(one.of != "node" for one in rows)
+    ]
 
 
 def test_defaults_are_those_of_the_program() -> None:

@@ -3,15 +3,29 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+from collections.abc import Iterable
+from pathlib import Path
 
 import pytest
 from snippets import ROOT
 
 import ndtree
 from ndtree._native import _core
-from ndtree.maps.kinds import MAP_OPTIONS
+from ndtree.base.options import option
+from ndtree.distributed.engines import ENGINES
+from ndtree.evaluation.exploring import STRATEGIES
+from ndtree.evaluation.no_returns import AUTO
+from ndtree.logs.core.rules import INVALID, NO_ECHO
+from ndtree.logs.folders.point_clouds import FRAMES
+from ndtree.logs.poses.covariances import USES
+from ndtree.logs.ros.messages.sweep import BY_WORD
+from ndtree.logs.ros.survey import POSE_NAMES
+from ndtree.maps.kinds import KINDS, MAP_OPTIONS
+from ndtree.maps.writers import FORMATS as WRITERS
+from ndtree.maps.writers import STATES
 
 #: Loads the compiled module with a row more, before anything reads the table.
 WITH_A_ROW = """
@@ -77,6 +91,92 @@ def test_a_row_is_found_everywhere(place: str) -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert expected in done.stdout, done.stdout[-3000:]
+
+
+#: Loads the table of options with a row more, before anything reads it.
+WITH_AN_OPTION = """
+import sys, types
+from pathlib import Path
+import ndtree._native
+import ndtree.base.option
+
+name, head = "ndtree.base.options", '    "Which part of the log?": (\\n'
+file = Path(ndtree.__file__).parent / "base" / "options.py"
+row = 'Option("drum", int, "Beat of a drum.", "BEAT", "", "at dances", "map live node", 2, "/s", (1, 9)'
+text = file.read_text()
+assert head in text
+module = sys.modules[name] = types.ModuleType(name)
+exec(text.replace(head, head + row + ', role="select"),\\n'), module.__dict__)
+sys.path.insert(0, {tools!r})
+"""
+OPTION_PLACES = {
+    "help": (
+        "from ndtree.cli.commands.pages import pages; print(pages()['live', True])",
+        "  --drum BEAT               Beat of a drum (default: 2 /s).",
+    ),
+    "not of others": (
+        "from ndtree.cli.commands.pages import pages; print('--drum' in pages()['info', True])",
+        "False",
+    ),
+    "flag": (
+        "from typer.testing import CliRunner; from ndtree.cli.commands import app\n"
+        "print(CliRunner().invoke(app, ['map', 'a.bag', '--drum', '0']).output)",
+        "ndtree: --drum 0: must be a whole number from 1 to 9",
+    ),
+    "all flags": (
+        "from ndtree.cli.commands.pages import table_of_options; print(dict(table_of_options()))",
+        "('--drum BEAT', '2 /s', 'at dances', 'map, live')",
+    ),
+    "file": (
+        "open('a.toml', 'w').write('[log]\\ndrum = 3')\n"
+        "from ndtree.tuning.config import Config; print(Config.load('a.toml').toml())",
+        "[log]\ndrum = 3",
+    ),
+    "parameter": (
+        "from ndtree.live.ros1.parameters import Parameters\n"
+        "from ndtree.live.ros.parameters import config_of\n"
+        "held = Parameters({'drum': 3}, lambda name, value: value, print)\n"
+        "print(config_of(held.value).selection)",
+        "{'drum': 3}",
+    ),
+    "limits": (
+        "from ndtree.live.ros1.parameters import Parameters\n"
+        "try: Parameters({'drum': 10}, lambda name, value: value, print)\n"
+        "except ValueError as error: print(error)",
+        "~drum = 10: must be from 1 to 9",
+    ),
+}
+
+
+@pytest.mark.parametrize("place", OPTION_PLACES)
+def test_an_option_is_found_everywhere(place: str, tmp_path: Path) -> None:
+    pytest.importorskip("typer")
+    prints, expected = OPTION_PLACES[place]
+    code = WITH_AN_OPTION.format(tools=str(ROOT / "tools")) + prints
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    assert expected in done.stdout, done.stdout[-3000:]
+
+
+def test_words_are_those_of_the_program() -> None:
+    """Words and defaults that stand in the table are what those who take them know."""
+    known: dict[str, tuple[str, Iterable[str]]] = {
+        "sweep": ("map", BY_WORD), "pose_covariance": ("map", USES), "points_in": ("map", FRAMES),
+        "strategy": ("explore", STRATEGIES), "zero_is": ("map", (NO_ECHO, INVALID)),
+        "no_return": ("map", ("free", "ignore", AUTO)), "engine": ("fleet", ENGINES),
+    }  # fmt: skip
+    for name, (command, words) in known.items():
+        assert set(option(name, command).words) == set(words), name
+    for name, command, words in (
+        ("maps", "compare", KINDS),
+        ("format", "convert", [one.name for one in WRITERS]),
+        ("states", "convert", STATES),
+        ("poses", "map", POSE_NAMES.split(", ")),
+    ):
+        said = option(name, command).help
+        assert re.findall(r"[\w-]+", said[said.index(words[0]) :])[: len(words)] == list(words), name
 
 
 def test_users_choose_few_options() -> None:

@@ -287,7 +287,7 @@ def test_the_command_says_what_it_does_with_covariances(tmp_path: Path) -> None:
     assert done.exit_code == 0 and "the covariances of /pose widen beams" in done.output, done.output
     assert out.read_bytes() != before
     done = cli(*asked, "--pose-covariance", "maybe")
-    assert done.exit_code != 0 and "expected one of auto, ignore, use" in done.output
+    assert done.exit_code != 0 and "must be one of auto, ignore, use" in done.output
     growing = bag(tmp_path / "growing", lambda t: 0.01 * (1 + t))
     done = cli("map", growing, "--odometry", "/pose", "-o", out)
     assert "only grow" in done.output and out.read_bytes() == before

@@ -119,7 +119,7 @@ def test_live_leaves_out_the_same(tmp_path: Path) -> None:
     assert maps[0] == maps[1]
     for words, said in (
         (["--body", "cone:1"], "'cone:1'"),
-        (["--sweep", "never"], "--sweep never: expected"),
+        (["--sweep", "never"], "--sweep never: must be one of"),
     ):
         done = cli("live", bag, "--rate", "0", *words)
         assert done.exit_code == 2 and said in done.stderr

@@ -38,16 +38,25 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def integer(least: float) -> Check:
-    """A whole number of at least so much."""
-    words = "a whole number" + (f" >= {least}" if math.isfinite(least) else "")
-    return _checked(lambda v: isinstance(v, int) and not isinstance(v, bool) and v >= least, words)
+def _within(least: float, most: float, above: bool = False) -> str:
+    """What stands behind "a number"."""
+    if math.isfinite(least) and math.isfinite(most):
+        return f" from {least:g} to {most:g}"
+    return f" {'>' if above else '>='} {least:g}" if math.isfinite(least) else ""
 
 
-def number(least: float, *, above: bool = False) -> Check:
-    """A finite number of at least so much, or of more."""
-    words = "a number" + (f" {'>' if above else '>='} {least:g}" if math.isfinite(least) else "")
-    return _checked(lambda v: _is_number(v) and (v > least if above else v >= least), words, float)
+def integer(least: float, most: float = math.inf) -> Check:
+    """A whole number from the least to the most."""
+    words = f"a whole number{_within(least, most)}"
+    return _checked(lambda v: isinstance(v, int) and not isinstance(v, bool) and least <= v <= most, words)
+
+
+def number(least: float, most: float = math.inf, *, above: bool = False) -> Check:
+    """A finite number from the least, or from above it, to the most."""
+    words = f"a number{_within(least, most, above)}"
+    return _checked(
+        lambda v: _is_number(v) and (v > least if above else v >= least) and v <= most, words, float
+    )
 
 
 def one_of(*known: Any) -> Check:

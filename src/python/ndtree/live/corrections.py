@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ndtree._native._core import AdaptiveMap, InsertReport, ScanHistory
+from ndtree.base.options import default_of
 from ndtree.base.scan import Scan
 from ndtree.logs.poses.pose import (
     Pose,
@@ -39,7 +40,7 @@ Floats = NDArray[np.float64]
 #: Scans stay where they are if they would move by no more than this [m], and turn by no more [rad].
 TOLERANCE = 0.01, math.radians(0.1)
 #: Bytes of scans that can move.
-MEMORY = 1 << 30
+MEMORY = int(default_of("follow_memory") * 2**20)
 #: The share of the oldest scans that are frozen where there are too many bytes.
 _FREEZES = 0.1
 #: The next correction waits for new scans: as many as this share of the scans that the last one mapped anew.

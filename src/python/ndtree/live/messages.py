@@ -18,6 +18,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
+from ndtree.base.options import default_of
 from ndtree.base.scan import Scan
 from ndtree.live.corrections import Correction, Jumps, Motion
 from ndtree.live.figures import LiveFigures
@@ -41,7 +42,7 @@ from ndtree.tuning.config import Config
 from ndtree.tuning.inspection import inspect
 
 #: What is decided is decided of the first messages of so long [s].
-LOOK = 2.0
+LOOK: float = default_of("look", "node")
 #: And anew of those of so long [s], as long as messages are of no more bytes together.
 LATER = (5.0, 15.0, 60.0)
 KEPT = 1 << 28

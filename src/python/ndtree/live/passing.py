@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._native._core import OccupancyMap
+from ndtree.base.options import default_of
 from ndtree.base.scan import Scan
 from ndtree.maps.ground import FREE, OCCUPIED
 
 Ints = NDArray[np.int64]
 
 #: For how long something has to stand, unless another time is given [s].
-STAYS = 2.0
+STAYS: float = default_of("grid_stays")
 #: A mark is forgotten after this many times the time that something has to stand for.
 _FORGOTTEN = 5.0
 #: Columns beside one, and itself.

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from ndtree._native._checked import checked
 from ndtree._native._core import AdaptiveMap, OccupancyMap
+from ndtree.base.options import default_of
 from ndtree.live.corrections import Corrections
 from ndtree.live.fading import Fading
 from ndtree.live.localizing import Localization, Localizer
@@ -18,7 +19,8 @@ from ndtree.live.way import Robot, Way
 from ndtree.live.window import Window
 
 #: Measurements that wait, and how long one waits for its pose [s].
-QUEUE, PATIENCE = 100, 1.0
+QUEUE: int = default_of("queue")
+PATIENCE: float = default_of("patience")
 
 Make = Callable[[int, "dict[str, Any]"], OccupancyMap]
 

@@ -10,11 +10,13 @@ from typing import Any
 
 from ndtree._errors import WrongValue, key
 from ndtree._native._checked import checked
+from ndtree.base.option import Option
+from ndtree.base.options import option
 from ndtree.logs.core.failures import NotALog, readable
 from ndtree.logs.core.joined import JoinedLog
 from ndtree.logs.core.log import Log, SizedLog
 from ndtree.logs.core.plain_file import are_numbers
-from ndtree.logs.core.source import Format, ReaderOption, Source, WrongOption, source_of
+from ndtree.logs.core.source import Format, Source, WrongOption, source_of
 from ndtree.logs.folders.cloud_files import kind_of_file
 from ndtree.logs.folders.depth_folders import DEPTH_FOLDER, SEVEN_SCENES, TUM_RGBD
 from ndtree.logs.folders.kitti import KITTI, KITTI_RAW
@@ -80,8 +82,8 @@ _UNPACKED = (NPZ, ROSBAG, E57, VELODYNE)
 FORMATS = tuple(sorted(format.name for format in _TABLE))
 
 #: Every option that at least one format takes.
-READER_OPTIONS: tuple[ReaderOption, ...] = tuple(
-    {option.name: option for format in _TABLE for option in format.options}.values()
+READER_OPTIONS: tuple[Option, ...] = tuple(
+    option(name) for name in dict.fromkeys(name for format in _TABLE for name in format.options)
 )
 
 _A_LOG = "a log"
@@ -254,10 +256,9 @@ def require_options(
 
 
 def _require_taken(source: Source, format: Format, options: dict[str, Any]) -> None:
-    taken = [option.name for option in format.options]
     for name in options:
-        if name not in taken:
+        if name not in format.options:
             raise WrongOption(
                 f"{source.path}: {key(name)}: {format.description} takes no such option, "
-                f"it takes {', '.join(map(key, taken)) or 'none'}"
+                f"it takes {', '.join(map(key, format.options)) or 'none'}"
             )

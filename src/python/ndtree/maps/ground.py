@@ -15,6 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.base.options import default_of
 from ndtree.cells.raster import pixels_in
 
 Floats = NDArray[np.float64]
@@ -25,7 +26,7 @@ UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 #: Occupied cells larger than the smallest alone, until it is known which are drawn.
 LARGE = 99
 #: The steepest ground [m/m]: 17 degrees, more than robots on wheels drive.
-SLOPE = 0.3
+SLOPE: float = default_of("ground_slope")
 #: How far a column may be from ground that is seen [m]: tables and cars are twice as wide, at most, or their
 #: middle is taken for ground, with obstacles all around it.
 REACH = 1.0

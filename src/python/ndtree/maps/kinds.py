@@ -1,55 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Kinds of maps, and their options, as the library's table has them."""
+"""Kinds of maps, and which options each takes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 from ndtree._errors import WrongValue, key
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
+from ndtree.base.options import DEFAULT_REFINEMENT, MAP_OPTIONS
 
-DEFAULT_REFINEMENT = _core.AdaptiveMap(dim=2).refinement
-
-
-@dataclass(frozen=True)
-class MapOption:
-    """A keyword of the maps' constructors, a flag, a key of files and a parameter of the nodes."""
-
-    name: str
-    type: type  # int, float or str.
-    default: Any
-    unit: str  # Empty for a plain number.
-    read_by: tuple[str, ...]  # Refinements of the maps that read it: "evidence", "paper", "fixed", "octomap".
-    placeholder: str  # What is typed behind the flag.
-    what: str  # What it is.
-    when: str  # When to touch it.
-
-    @property
-    def help(self) -> str:
-        """What it is, with its unit."""
-        first, more, rest = self.what.rstrip(".").partition(";")
-        return f"{first} [{self.unit}]{more}{rest}." if self.unit else self.what
-
-
-def _of_table() -> tuple[MapOption, ...]:
-    ours = ("evidence", "paper", "fixed")
-    rows = [
-        MapOption("branching", int, 2, "", ours, "N", "Children of a node along each axis, N.",
-                  "N = 3: fewer levels, coarser steps"),
-        MapOption("refinement", str, DEFAULT_REFINEMENT, "", ours[:2], "NAME",
-                  "Policy that splits and merges cells.", "paper: the published rules, to compare"),
-    ]  # fmt: skip
-    for name, default, _, _, unit, read_by, placeholder, what, when in _core.option_table():
-        if placeholder is not None:
-            rows.append(
-                MapOption(name, float, default, unit.strip(), tuple(read_by), placeholder, what, when)
-            )
-    return tuple(rows)
-
-
-MAP_OPTIONS = _of_table()
 REFINEMENTS = {name for option in MAP_OPTIONS for name in option.read_by}
 OPTION_NAMES = tuple(option.name for option in MAP_OPTIONS)
 

@@ -16,57 +16,37 @@ from ndtree._native import _core
 from ndtree._native._checked import checked
 from ndtree._native._core import OccupancyMap
 from ndtree.base import checks
-from ndtree.base.checks import Check, Table, integer, number, one_of, text, true_or_false
+from ndtree.base.checks import Check, Table, number, one_of
 from ndtree.base.files import begins_with, replaced
+from ndtree.base.options import MAP_OPTIONS, OPTIONS
 from ndtree.base.scan import COLOR, COLOR_RULE, Scan
 from ndtree.evaluation.no_returns import AUTO
-from ndtree.logs import FORMATS, READER_OPTIONS, Log, read
+from ndtree.logs import FORMATS, Log, read
 from ndtree.logs.core.rules import GIVEN, MEASURED, USUAL, Decision
 from ndtree.logs.core.silence import CutOff
-from ndtree.maps.kinds import MAP_OPTIONS
 
 if TYPE_CHECKING:  # It loads all that looks into logs.
     from ndtree.tuning.first_look import FirstLook
 
-_OF_TYPE: Mapping[Any, Check] = {
-    bool: true_or_false, int: integer(-math.inf), float: number(-math.inf), str: text,
-    list[str]: checks.one_or_more(text),
-}  # fmt: skip
+
+def _checks(*roles: str) -> dict[str, Check]:
+    return {one.name: one.check for one in OPTIONS if one.role in roles}
+
+
 #: What a log of a file takes: words of `ndtree.read`, of its format, and of `Log.select`; and what any takes.
-READING: Mapping[str, Check] = {
-    "format": one_of(*FORMATS),
-    "dim": one_of(2, 3),
-    "keep_going": true_or_false,
-    "strict": true_or_false,
-}
-OF_FORMATS: Mapping[str, Check] = {option.name: _OF_TYPE[option.type] for option in READER_OPTIONS}
-SELECTING: Mapping[str, Check] = {
-    "every": integer(1),
-    "start": number(0.0),
-    "stop": number(0.0),
-    "min_range": number(0.0),
-    "stride": integer(1),
-    "box": checks.numbers,
-    "origin": checks.numbers,
-}
-MAPPING: Mapping[str, Check] = {
-    "max_range": number(0.0, above=True),
-    "no_return": one_of("free", "ignore", AUTO),
-}
-OF_MAPS: Mapping[str, Check] = {option.name: _OF_TYPE[option.type] for option in MAP_OPTIONS}
-#: All words.
+READING = {**_checks("read"), "format": one_of(*FORMATS)}
+OF_FORMATS, SELECTING, MAPPING = map(_checks, ("format", "select", "mapping"))
+OF_MAPS = {one.name: one.check for one in MAP_OPTIONS}
+#: All words; the last two are decided, and not typed.
 WORDS: Mapping[str, Check] = {
-    **READING, **OF_FORMATS, **SELECTING, **MAPPING, **OF_MAPS, "cut_off": checks.pair_or_none,
-    "believed_range": number(0.0, above=True), "fixed": true_or_false,
+    **READING, **OF_FORMATS, **SELECTING, **MAPPING, **OF_MAPS, **_checks("kind"),
+    "cut_off": checks.pair_or_none, "believed_range": number(0.0, above=True),
 }  # fmt: skip
-#: The sections of a file. What is in none of the others is read of the log.
+#: The sections of a file, by word.
 _SECTIONS = {
-    "sensor": (
-        "range_sigma", "range_sigma_quadratic", "beam_divergence", "no_return", "zero_is", "cut_off",
-        "max_range", "believed_range", "min_range", "fov", "hit_given_free", "miss_given_occupied",
-    ),
-    "map": ("dim", "fixed", *OF_MAPS),
-}  # fmt: skip
+    **{one.name: one.section for one in OPTIONS if one.role},
+    **dict.fromkeys(("cut_off", "believed_range"), "sensor"),
+}
 AnyLog = TypeVar("AnyLog", bound=Log)
 #: Ways to say where poses are from: one given takes the place of another that a file says.
 _OF_POSES = {"fixed_frame", "odometry", "poses", "trajectory", "still"}
@@ -126,14 +106,12 @@ class Config:
         file = Path(path)
         whole = checks.parsed(file)
         values: dict[str, Any] = {}
-        for section in ("log", *_SECTIONS):
+        for section in ("log", "sensor", "map"):
             content = whole.pop(section, {})
             if not isinstance(content, dict):
                 raise Table(file, "", {}).wrong(section, content, f"a section [{section}]")
             table = Table(file, section, content)
-            values.update(
-                table.take_all({name: WORDS[name] for name in WORDS if section_of(name) == section})
-            )
+            values.update(table.take_all({name: WORDS[name] for name in WORDS if _SECTIONS[name] == section}))
             table.finish()
         Table(file, "", whole).finish("[log], [sensor] and [map]")
         values = beside(file, values)
@@ -250,12 +228,12 @@ class Config:
         return "\n".join("\n".join([f"[{name}]", *rows, ""]) for name, rows in self._rows())
 
     def _rows(self) -> Iterator[tuple[str, list[str]]]:
-        for section in ("log", *_SECTIONS):
+        for section in ("log", "sensor", "map"):
             rows = [
                 f"{name} = {json.dumps(one.value, ensure_ascii=False)}  # {one.source}"
                 + f": {one.why}" * bool(one.why)
                 for name, one in self.values.items()
-                if section_of(name) == section
+                if _SECTIONS[name] == section
             ]
             if rows:
                 yield section, rows
@@ -278,11 +256,6 @@ def beside(file: Path, values: Mapping[str, Any]) -> dict[str, Any]:
         return str(file.parent / value) if is_file else value
 
     return {name: named(name, value) for name, value in values.items()}
-
-
-def section_of(name: str) -> str:
-    """In which section of a file a value stands."""
-    return next((section for section, names in _SECTIONS.items() if name in names), "log")
 
 
 def _point(name: str, value: Any, count: int) -> list[float]:

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree align``: poses of a log from what its scans saw."""
 
-from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import Any, Optional, Union
+from typing import Optional, Union
 
 from ndtree._errors import marked
 from ndtree.alignment import (
@@ -16,11 +15,9 @@ from ndtree.alignment import (
 )
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.words import listed, number_of
-from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.flags import opened, reading_options, takes
+from ndtree.cli.commands.flags import Call, GivenLog, command, opened
 from ndtree.cli.commands.logs import inspected, warn_of_skipped
 from ndtree.cli.commands.mapping import mapped, written
-from ndtree.cli.commands.options import GivenLog, Json, flag
 from ndtree.cli.commands.output import check_picture, is_stdout, write_json
 from ndtree.cli.commands.pictures import plotting
 from ndtree.cli.commands.progress import progress
@@ -31,41 +28,26 @@ from ndtree.tuning.config import Config
 KISS_ICP = "kiss-icp"
 
 
-@dataclass(frozen=True)
-class _Call:
-    log: GivenLog
-    output: Path = flag(MISSING, "The trajectory, as TUM's: t x y z qx qy qz qw.", "--output", "-o")
-    map_file: Optional[Path] = flag(None, "Write the map of these poses, too.", "--map")
-    picture: Optional[Path] = flag(None, "Draw the end points by the old poses and by the new ones.")
-    max_range: Optional[float] = flag(None, "Farther end points are not matched [m].")
-    loops: bool = flag(True, "Look for places that were seen before.", "--loops/--no-loops")
-    json_file: Json = None
-
-
 @command(
     "align",
-    epilog=examples(
+    usual="map_file picture max_range loops every",
+    examples=(
         "ndtree align drive.log -o poses.txt",
         "ndtree align drive.log -o poses.txt --map drive.ndt --picture before-after.png",
         "ndtree align lidar.bag -o poses.txt --map lidar.ndt",
         "ndtree map drive.log --align -o drive.ndt",
     ),
 )
-@reports_errors
-@reading_options
-@takes(_Call)
-def align_(call: _Call, given: Any = None) -> None:
+def align_(log: GivenLog, call: Call, given: Config) -> None:
     """Find the poses of a log that has none, or whose poses drift.
 
     Each scan is matched with earlier ones, and loops are closed. Libraries of the extra kiss-icp do this for
     3-D lidars.
     """
-    if call.max_range is not None and not call.max_range > 0:
-        raise WrongCall(f"--max-range {call.max_range:g}: must be > 0 m")
     by_kiss_icp = given.get("odometry") == KISS_ICP
     if by_kiss_icp:
         given = Config({name: one for name, one in given.values.items() if name != "odometry"})
-    source = opened_at_rest(given, call.log)
+    source = opened_at_rest(given, log)
     if call.picture is not None:
         check_picture(plotting(), call.picture)
     if by_kiss_icp and source.dim != 3:

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The command line itself: its name, its help, and how a command ends where something is wrong."""
 
-import functools
-import inspect
 import os
 import sys
 import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Annotated, Any, Callable, Union
 
@@ -17,10 +17,6 @@ from ndtree.base.exit_status import BAD_INPUT, WRONG_CALL, WrongCall
 from ndtree.cli import interrupt
 from ndtree.cli.help import page_asked_for
 from ndtree.cli.streams import heard, silenced
-
-
-def examples(*lines: str) -> str:
-    return "\n\n".join(("Examples:", *lines))
 
 
 class Group(typer.core.TyperGroup):
@@ -63,16 +59,16 @@ app = typer.Typer(
 _LOADED: dict[str, Any] = {}
 
 
-def command(name: str, *, epilog: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+#: By name, the options of a loaded command that people touch.
+USUAL: dict[str, list[str]] = {}
+
+
+def announced(name: str, function: Callable[..., None], usual: list[str], epilog: Sequence[str]) -> None:
     """Makes a function the command of this name; its module is loaded when the command is called."""
-
-    def decorate(function: Callable[..., None]) -> Callable[..., None]:
-        alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-        alone.command(name, epilog=epilog)(function)
-        _LOADED[name] = typer.main.get_command(alone)
-        return function
-
-    return decorate
+    alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    alone.command(name, epilog="\n\n".join(epilog))(function)
+    _LOADED[name] = typer.main.get_command(alone)
+    USUAL[name] = usual
 
 
 def loaded(name: str, module: str) -> Any:
@@ -110,53 +106,33 @@ def _with_stdout(words: list[str]) -> list[str]:
     return result
 
 
-_COMMON = [
-    inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, option])
-    for name, option in (
-        ("force", typer.Option("--force", help="Replace files of any kind, but none that is read.")),
-        ("quiet", typer.Option("--quiet", "-q", help="Print errors only.")),
-    )
-]
-
-
 #: Commands that read a file of keywords, which errors name as the file has them.
 _OF_KEYWORDS = ("study",)
 
 
-def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
-    """Ends a command with clear lines and the right exit status where the input or the call is bad.
+@contextmanager
+def guarded(name: str, arguments: dict[str, Any]) -> Iterator[None]:
+    """Ends a command with clear lines and the right exit status where the input or the call is bad."""
+    import numpy as np  # Not for the help alone.
 
-    It gives the command the flags ``--force`` and ``--quiet``, too.
-    """
+    from ndtree.base.files import replacing_all
+    from ndtree.cli.commands.output import check_outputs
+    from ndtree.logs.core.failures import WrongOption
 
-    has_flags = command.__name__ not in _OF_KEYWORDS
-
-    @functools.wraps(command)
-    def guarded(force: bool = False, quiet: bool = False, **arguments: Any) -> None:
-        import numpy as np  # Not for the help alone.
-
-        from ndtree.base.files import replacing_all
-        from ndtree.cli.commands.output import check_outputs
-        from ndtree.logs.core.failures import WrongOption
-
-        try:
-            # Absurd numbers are counted or refused, and the commands tell of long beams in a line of theirs.
-            with np.errstate(all="ignore"), warnings.catch_warnings(), silenced(quiet), replacing_all(force):
-                warnings.filterwarnings("ignore", r"beam \d+ is ")
-                check_outputs(command.__name__.rstrip("_"), arguments)
-                command(**arguments)
-        except (BrokenPipeError, typer.Exit):
-            raise
-        except (WrongCall, WrongOption, ImportError) as error:
-            _end(error, WRONG_CALL, has_flags)
-        except (OSError, ValueError, MemoryError, RuntimeError) as error:
-            _end(reason_of(error), BAD_INPUT, has_flags)
-
-    signature = inspect.signature(command)
-    parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in signature.parameters.values()]
-    guarded.__signature__ = signature.replace(parameters=[*parameters, *_COMMON])  # type: ignore[attr-defined]
-    guarded.__annotations__ = {one.name: one.annotation for one in [*parameters, *_COMMON]}
-    return guarded
+    has_flags = name not in _OF_KEYWORDS
+    # Absurd numbers are counted or refused, and the commands tell of long beams in a line of theirs.
+    force, quiet = arguments["force"], arguments["quiet"]
+    try:
+        with np.errstate(all="ignore"), warnings.catch_warnings(), silenced(quiet), replacing_all(force):
+            warnings.filterwarnings("ignore", r"beam \d+ is ")
+            check_outputs(name, arguments)
+            yield
+    except (BrokenPipeError, typer.Exit):
+        raise
+    except (WrongCall, WrongOption, ImportError) as error:
+        _end(error, WRONG_CALL, has_flags)
+    except (OSError, ValueError, MemoryError, RuntimeError) as error:
+        _end(reason_of(error), BAD_INPUT, has_flags)
 
 
 def reason_of(error: Exception) -> Union[str, Exception]:

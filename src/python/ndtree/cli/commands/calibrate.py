@@ -3,15 +3,11 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Optional
-
-import typer
+from typing import Optional
 
 from ndtree.base.exit_status import WrongCall
-from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.flags import mapping_options, opened
+from ndtree.cli.commands.flags import Call, GivenLog, command, opened
 from ndtree.cli.commands.logs import inspected, print_lines, warn_of_skipped
-from ndtree.cli.commands.options import GivenLog, Json
 from ndtree.cli.commands.output import is_stdout, write, write_json
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import WrongOption
@@ -21,40 +17,30 @@ from ndtree.tuning.config import Config
 
 @command(
     "calibrate",
-    epilog=examples(
+    usual="max_range no_return limit find_mount json_file",
+    examples=(
         "ndtree calibrate office.npz --max-range 20 --no-return ignore",
         "ndtree calibrate room.npz --json room.json",
     ),
 )
-@reports_errors
-@mapping_options
-def calibrate(
-    log: GivenLog,
-    limit: Annotated[Optional[int], typer.Option(min=1, help="Only the first scans, this many.")] = None,
-    find_mount: Annotated[
-        bool,
-        typer.Option("--find-mount", help="Of a ROS bag: find where the sensor sits on its base, instead."),
-    ] = False,
-    json_file: Json = None,
-    given: Any = None,
-) -> None:
+def calibrate(log: GivenLog, call: Call, given: Config) -> None:
     """Estimate the options of the sensor from a log: the noise of its ranges, and its error rates."""
-    if find_mount:
-        _find_mount(log, given, json_file)
+    if call.find_mount:
+        _find_mount(log, given, call.json_file)
         return
     source, config = inspected(opened(given, log), given, with_sigma=False)
     with progress() as advance:
         figures = calibration.calibrate(
-            source, max_range=config.max_range, no_return=config.no_return, limit=limit, progress=advance
+            source, max_range=config.max_range, no_return=config.no_return, limit=call.limit, progress=advance
         )
     warn_of_skipped(source)
-    if not is_stdout(json_file):
+    if not is_stdout(call.json_file):
         print_lines(source, config)
         print(figures)
         flags = [f"--{name.replace('_', '-')} {value:.3g}" for name, value in figures.options().items()]
         if flags:
             print(f"\nfor ndtree map and ndtree compare:\n  {' '.join(flags)}")
-    write(figures.to_json, json_file)
+    write(figures.to_json, call.json_file)
 
 
 def _find_mount(path: Path, given: Config, json_file: Optional[Path]) -> None:

@@ -2,66 +2,47 @@
 """``ndtree clean``: the points of a log without what moved."""
 
 import time
-from pathlib import Path
-from typing import Annotated, Any, Optional
 
 import numpy as np
-import typer
 
 from ndtree.base.words import listed, number_of
-from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.flags import map_options, opened
+from ndtree.cli.commands.flags import Call, GivenLog, command, opened
 from ndtree.cli.commands.logs import inspected, made, skipped, warn_of_skipped
 from ndtree.cli.commands.messages import indented
-from ndtree.cli.commands.options import GivenLog, Json
 from ndtree.cli.commands.output import check_picture, is_stdout, write_json
 from ndtree.cli.commands.pictures import plotting
 from ndtree.cli.commands.progress import progress
 from ndtree.evaluation.cleaned import Cleaned, writer_of
 from ndtree.evaluation.moved import MovedPoints, moved_scores
+from ndtree.tuning.config import Config
 
 
 @command(
     "clean",
-    epilog=examples(
+    usual="mark picture max_range topic trajectory",
+    examples=(
         "ndtree clean drive.npz -o clean.npz",
         "ndtree clean drive.bag -o clean.ply --picture clean.png",
         "ndtree clean clouds/ -o clean/",
         "ndtree clean clouds/ -o marked/ --mark",
     ),
 )
-@reports_errors
-@map_options
-def clean(
-    log: GivenLog,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", help="A log, .npz; one cloud, .ply or .pcd; or of a folder of clouds a folder."
-        ),
-    ],
-    mark: Annotated[
-        bool, typer.Option("--mark", help="Leave out no point: a field moved has the probability of each.")
-    ] = False,
-    picture: Annotated[Optional[Path], typer.Option(help="Draw all points, moving ones in red.")] = None,
-    json_file: Json = None,
-    given: Any = None,
-) -> None:
+def clean(log: GivenLog, call: Call, given: Config) -> None:
     """Write a log's points without moving things: people, cars, doors.
 
     A point moved if other scans surely saw its place empty, before or after.
     """
     begin = time.perf_counter()
     source = opened(given, log)
-    plot = plotting() if picture else None
+    plot = plotting() if call.picture else None
     made(lambda: given.new_map(source.dim))
-    writer = made(lambda: writer_of(source, output, mark))
-    if picture is not None:
-        check_picture(plot, picture)
+    writer = made(lambda: writer_of(source, call.output, call.mark))
+    if call.picture is not None:
+        check_picture(plot, call.picture)
     source, config = inspected(source, given)
     writer.log = source
     points = MovedPoints(source, config.options, config.max_range, config.no_return)
-    cleaned = Cleaned(points, writer, keeps_points=picture is not None)
+    cleaned = Cleaned(points, writer, keeps_points=call.picture is not None)
     with progress() as advance:
         points.look(advance)
         looked = time.perf_counter() - begin
@@ -77,14 +58,14 @@ def clean(
         "seconds": time.perf_counter() - begin,
         "looking_seconds": looked,
         "skipped": skipped(source),
-        "written": str(output),
+        "written": str(call.output),
     }
     if cleaned.truth:
         truth = np.concatenate(cleaned.truth)
         figures["scores"] = moved_scores(np.concatenate(cleaned.removed), truth).figures()
-    if plot and picture:
-        cleaned.draw(picture)
-    if not is_stdout(json_file):
+    if plot and call.picture:
+        cleaned.draw(call.picture)
+    if not is_stdout(call.json_file):
         share = cleaned.moved / max(cleaned.points, 1)
         points_read = number_of(cleaned.points, "point")
         print(f"{source.name}: {number_of(cleaned.scans, 'scan')}, {points_read}")
@@ -98,6 +79,6 @@ def clean(
         if cleaned.truth:
             scores = moved_scores(np.concatenate(cleaned.removed), truth)
             print(f"  compared with the log's array 'moving': {scores}")
-        print(f"in {figures['seconds']:.3f} s; wrote {listed([output, *filter(None, [picture])])}")
-    write_json(figures, json_file)
+        print(f"in {figures['seconds']:.3f} s; wrote {listed([call.output, *filter(None, [call.picture])])}")
+    write_json(figures, call.json_file)
     warn_of_skipped(source)

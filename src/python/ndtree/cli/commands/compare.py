@@ -2,69 +2,53 @@
 """``ndtree compare``: maps of one log, or two maps."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Optional
+from typing import Annotated, Optional
 
 import typer
 
 from ndtree.base.exit_status import WrongCall
-from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.comparing import compared
-from ndtree.cli.commands.flags import map_options, takes
+from ndtree.cli.commands.flags import Call, command
 from ndtree.cli.commands.logs import open_log, placed_map
-from ndtree.cli.commands.options import HeldOut, Json, Repeat, Scans, Seed, World, argument, flag
 from ndtree.cli.commands.output import check_picture, is_stdout, write, write_json
 from ndtree.cli.commands.pictures import plotting
 from ndtree.evaluation.comparison import Turns
 from ndtree.evaluation.map_comparison import compare_maps
-from ndtree.maps.kinds import KINDS
 from ndtree.maps.open import is_map
+from ndtree.tuning.config import Config
 
-
-@dataclass(frozen=True)
-class _Call:
-    log: Optional[Path] = argument("A log, or the first of two maps.", metavar="LOG | A", default=None)
-    other: Optional[Path] = argument(
-        "The second: .ndt, .bt, .ot or map_server's .yaml.", metavar="B", default=None
-    )
-    world: Optional[World] = flag(None, "Simulate this instead of LOG.")
-    maps: Optional[str] = flag(None, f"Of {', '.join(KINDS)}, with @ and a cell size where it differs.")
-    held_out: HeldOut = 10
-    repeat: Repeat = 1
-    scans: Scans = None
-    seed: Seed = 1
-    json_file: Json = None
-    csv_file: Optional[Path] = flag(None, "Write a line a map.", "--csv")
-    picture: Optional[Path] = flag(None, "Draw the first two maps side by side, or how A and B differ.")
-    calibration: bool = flag(False, "Whether beams end as often as each map says.", "--calibration")
-    reliability: Optional[Path] = flag(None, "Draw that: reliability diagrams.")
-    certify: bool = flag(False, "Bound how much of what is called free is occupied.", "--certify")
+_A = "A log, or the first of two maps."
+_B = "The second: .ndt, .bt, .ot or map_server's .yaml."
 
 
 @command(
     "compare",
-    epilog=examples(
+    usual="world maps min_cell_size max_range picture",
+    examples=(
         "ndtree compare office.npz --max-range 20 --no-return ignore --json office.json",
         "ndtree compare --world apartment --maps adaptive,fixed,fixed@0.1,octomap --picture rooms.png",
         "ndtree compare office.npz --calibration --certify --reliability office.png",
         "ndtree compare hall.ndt hall.bt --picture differences.png",
     ),
 )
-@reports_errors
-@map_options
-@takes(_Call)
-def compare_(context: typer.Context, call: _Call, given: Any = None) -> None:
+def compare_(
+    context: typer.Context,
+    call: Call,
+    given: Config,
+    log: Annotated[Optional[Path], typer.Argument(metavar="LOG | A", help=_A)] = None,
+    other: Annotated[Optional[Path], typer.Argument(metavar="B", help=_B)] = None,
+) -> None:
     """Compare maps of the same log: cells, updates, time, memory, and accuracy on held-out scans.
 
     Or two maps A and B of any kind: their states cell by cell, and how far their surfaces are apart.
     """
-    if call.log is not None and (call.other is not None or is_map(call.log)):
-        _compare_two(context, call.log, call.other, call.json_file, call.picture)
+    if log is not None and (other is not None or is_map(log)):
+        _compare_two(context, log, other, call.json_file, call.picture)
         return
-    if (call.log is None) == (call.world is None):
+    if (log is None) == (call.world is None):
         raise WrongCall("compare: expected either LOG or --world")
-    opened = open_log(call.log, call.world, given, call.scans, call.seed)
+    opened = open_log(log, call.world, given, call.scans, call.seed)
     names = [name.strip() for name in call.maps.split(",")] if call.maps is not None else None
     plot = plotting() if call.picture or call.reliability else None
     for path in (call.picture, call.reliability):

@@ -5,42 +5,35 @@ import os
 import shlex
 import shutil
 import sys
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Optional
+from typing import Optional
 
 import typer
 
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
-from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.comparing import compared
-from ndtree.cli.commands.flags import map_options, takes
+from ndtree.cli.commands.flags import Call, LogArgument, command
 from ndtree.cli.commands.logs import open_log
-from ndtree.cli.commands.options import Json, LogArgument, Scans, Seed, World, flag
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.pictures import plotting
+from ndtree.tuning.config import Config
 
 
-@dataclass(frozen=True)
-class _Call:
-    log: LogArgument = None
-    output: Path = flag(Path("ndtree-demo"), "Folder for the pictures.", "--output", "-o")
-    scans: Scans = None
-    seed: Seed = 1
-    json_file: Json = None
-
-
-@command("demo", epilog=examples("ndtree demo", "ndtree demo drive.bag --output pictures"))
-@reports_errors
-@map_options
-@takes(_Call)
-def demo(context: typer.Context, call: _Call, given: Any = None) -> None:
+@command(
+    "demo",
+    usual="min_cell_size max_range no_return every json_file",
+    examples=(
+        "ndtree demo",
+        "ndtree demo drive.bag --output pictures",
+    ),
+)
+def demo(context: typer.Context, call: Call, given: Config, log: LogArgument = None) -> None:
     """Map a log in several ways, draw the maps, and report their cost and accuracy.
 
     Without LOG it simulates an office.
     """
-    opened = open_log(call.log, World.office if call.log is None else None, given, call.scans, call.seed)
+    opened = open_log(log, "office" if log is None else None, given, call.scans, call.seed)
     size = given.get("min_cell_size", _core.default_options()["min_cell_size"])
     maps = ["adaptive", "fixed", f"fixed@{2 * size:g}"]
     if _core.has_octomap:
@@ -61,7 +54,7 @@ def demo(context: typer.Context, call: _Call, given: Any = None) -> None:
         print(f"\n{comparison}")
     write_json(comparison, call.json_file)
     print(f"\nPictures: {', '.join(str(path) for path in pictures)}", file=say)
-    print(*_next_lines(context, call.log, opened.dim), sep="\n", file=say)
+    print(*_next_lines(context, log, opened.dim), sep="\n", file=say)
 
 
 def _first_lines(maps: dict[str, OccupancyMap], picture: Path) -> list[str]:

@@ -2,18 +2,15 @@
 """``ndtree explore``: a simulated robot explores a world by several strategies."""
 
 import math
-from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Any
 
 import typer
 
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.files import replaced
-from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.flags import takes
-from ndtree.cli.commands.options import Json, Scans, Seed
+from ndtree.cli.commands.flags import Call, command
 from ndtree.cli.commands.output import check_picture, is_stdout, write_json
 from ndtree.cli.commands.pictures import plotting
 from ndtree.cli.commands.progress import progress
@@ -31,38 +28,19 @@ class ExploredWorld(str, Enum):
     apartment = "apartment"
 
 
-class StrategyName(str, Enum):
-    """Where the robot goes next."""
-
-    information = "information"
-    nearest = "nearest"
-    random = "random"
-
-
-@dataclass(frozen=True)
-class _Call:
-    world: Annotated[ExploredWorld, typer.Argument(help="office: a laser; apartment: a depth camera.")]
-    strategy: Annotated[
-        Optional[list[StrategyName]], typer.Option(help="One of them alone; may be repeated.")
-    ] = None
-    from_scan: Annotated[int, typer.Option(help="Scan of the world's own log at which it begins.", min=0)] = 0
-    scans: Scans = None
-    seed: Seed = 1
-    picture: Annotated[Optional[Path], typer.Option(help="A picture of maps and paths.")] = None
-    json_file: Json = None
-
-
 @command(
     "explore",
-    epilog=examples(
+    usual="strategy scans seed picture json_file",
+    examples=(
         "ndtree explore office",
         "ndtree explore office --strategy information --picture explored.png",
         "ndtree explore apartment --seed 2 --json explored.json",
     ),
 )
-@reports_errors
-@takes(_Call)
-def explore_world(call: _Call) -> None:
+def explore_world(
+    world: Annotated[ExploredWorld, typer.Argument(help="office: a laser; apartment: a depth camera.")],
+    call: Call,
+) -> None:
     """Let a simulated robot explore a world by several strategies.
 
     It drives to where a metre shows the most, to the nearest frontier, or to a random one. In the office it
@@ -71,15 +49,15 @@ def explore_world(call: _Call) -> None:
     """
     plot = plotting() if call.picture is not None else None
     check_picture(plot, call.picture)
-    if call.picture is not None and call.world is not ExploredWorld.office:
-        raise WrongCall(f"--picture {call.picture}: of 2-D maps alone, and {call.world.value} is 3-D")
-    names = [one.value for one in call.strategy] if call.strategy else list(STRATEGIES)
+    if call.picture is not None and world != "office":
+        raise WrongCall(f"--picture {call.picture}: of 2-D maps alone, and {world} is 3-D")
+    names = call.strategy or STRATEGIES
     done: dict[str, Exploration] = {}
     for name in dict.fromkeys(names):
         with progress() as advance:
             done[name] = explore(
-                call.world.value,
-                name,  # type: ignore[arg-type]
+                world,
+                name,
                 seed=call.seed,
                 start=call.from_scan,
                 max_looks=call.scans or _MOST_LOOKS,
@@ -87,8 +65,8 @@ def explore_world(call: _Call) -> None:
             )
     figures = _figures(done)
     if not is_stdout(call.json_file):
-        _print(call.world.value, figures)
-    write_json({"world": call.world.value, "seed": call.seed, "strategies": figures}, call.json_file)
+        _print(world, figures)
+    write_json({"world": world, "seed": call.seed, "strategies": figures}, call.json_file)
     if plot is not None and call.picture is not None:
         _draw(plot, done, call.picture)
 

@@ -1,95 +1,117 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Flags that several commands share, made from tables: options of the maps, and what of a log is read."""
+"""Makes commands of functions: with the flags that the table of options has for them, read into one call."""
 
 from __future__ import annotations
 
 import functools
 import inspect
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import MISSING, fields
+from collections.abc import Callable
+from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any, Optional, get_type_hints
+from types import SimpleNamespace
+from typing import Annotated, Any, Optional
 
 import typer
 
 from ndtree._errors import WrongOption, marked
 from ndtree.base.exit_status import WrongCall
-from ndtree.cli.commands.options import Dim, MaxRange, NoReturnKind, NoReturnOption
-from ndtree.logs import FORMATS, READER_OPTIONS, Log, contents, require_options
+from ndtree.base.option import Option
+from ndtree.base.options import flag_of, options_of
+from ndtree.cli.commands.app import announced, guarded
+from ndtree.logs import FORMATS, Log, contents, require_options
 from ndtree.logs.core.rules import Selection
 from ndtree.logs.core.source import point_of
 from ndtree.logs.ros.placement.mount import mount_of
-from ndtree.maps.kinds import MAP_OPTIONS
 from ndtree.tuning.config import Config
 
-Command = Callable[..., None]
+_LOGS = ", ".join(FORMATS)
+LogArgument = Annotated[Optional[Path], typer.Argument(metavar="LOG", help=f"File or folder: {_LOGS}.")]
+GivenLog = Annotated[Path, typer.Argument(metavar="LOG", help=f"File or folder: {_LOGS}.")]
+GivenLogs = Annotated[list[Path], typer.Argument(metavar="LOG...", help=f"Files or folders: {_LOGS}.")]
+MapArgument = Annotated[Path, typer.Argument(metavar="MAP", help=".ndt, .bt, .ot, or map_server's .yaml.")]
 
 
-def _flag(name: str, type: Any, help: str, *flags: str) -> inspect.Parameter:
-    """A flag that is None where it was not given."""
-    option = typer.Option(*flags, help=help.replace("[", r"\["))
+class Call(SimpleNamespace):
+    """What was typed, by the names of options and arguments; None where nothing was."""
+
+
+def command(name: str, *, usual: str, examples: tuple[str, ...]) -> Callable[[Callable[..., None]], Any]:
+    """Makes a function the command of a name, with the options of the table that it takes.
+
+    What was typed arrives in its argument `call`, and what of it says how a log is read and mapped as a
+    `Config` in `given`. Its other arguments are typed without flags.
+
+    `usual`: Names of the options that people touch, for the short help.
+    """
+    options = options_of(name)
+
+    def decorate(function: Callable[..., None]) -> Callable[..., None]:
+        takes = inspect.signature(function).parameters.values()
+        own = [one for one in takes if one.name not in ("call", "given")]
+
+        @functools.wraps(function)
+        def run(**typed: Any) -> None:
+            typed = {key: _plain(value) for key, value in typed.items()}
+            arguments = {one.name: typed[one.name] for one in own}
+            with guarded(name, typed):
+                values = {one.name: typed[one.name] for one in options}
+                if any(one.name == "given" for one in takes):
+                    arguments["given"] = _given(options, values)
+                function(**arguments, call=Call(**typed))
+
+        parameters = [
+            *(one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own), *map(_parameter, options)
+        ]  # fmt: skip
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {one.name: one.annotation for one in parameters}
+        announced(name, run, usual.split(), ("Examples:", *examples))
+        return function
+
+    return decorate
+
+
+def _parameter(option: Option) -> inspect.Parameter:
+    """An option as the parser of the command line takes it."""
+    kind: Any = str if option.type == list[float] else option.type
+    if option.words:
+        kind = Enum(option.name, {word: word for word in option.words}, type=str)
+    if option.repeated:
+        kind = list[kind]
+    flags = [option.flags] if "/" in option.flags else option.flags.split() or [option.flag]
+    low, high = option.limits or (None, None)
+    bounds = {"min": low, "max": high} if not option.above else {}
+    typed = typer.Option(
+        *flags,
+        help=option.help.replace("[", r"\["),
+        **{name: bound for name, bound in bounds.items() if bound is not None and abs(bound) < float("inf")},
+    )
+    is_required = option.default is ...
+    # What a file of a `Config` says holds where nothing is typed.
+    default = inspect.Parameter.empty if is_required else None if option.role else option.default
     return inspect.Parameter(
-        name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[Optional[type], option]
+        option.name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=default,
+        annotation=Annotated[kind if is_required else Optional[kind], typed],
     )
 
 
-def _adds_flags(flags: Sequence[inspect.Parameter]) -> Callable[[Command], Command]:
-    """Gives a command flags; what was given arrives as a `Config` in its argument `given`."""
-
-    def decorate(command: Command) -> Command:
-        signature = inspect.signature(command)
-        own = [p for p in signature.parameters.values() if p.name != "given"]
-
-        @functools.wraps(command)
-        def with_flags(**arguments: Any) -> None:
-            values = {flag.name: arguments.pop(flag.name) for flag in flags}
-            given = _gathered({name: value for name, value in values.items() if value not in (None, [])})
-            command(**arguments, given=given)
-
-        parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own] + list(flags)
-        with_flags.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-        with_flags.__annotations__ = {p.name: p.annotation for p in parameters}
-        return with_flags
-
-    return decorate
+def _plain(value: Any) -> Any:
+    """A word, or words, without what the parser makes of them."""
+    if isinstance(value, list):
+        return [_plain(one) for one in value] or None
+    return value.value if isinstance(value, Enum) else value
 
 
-def takes(kind: type) -> Callable[[Command], Command]:
-    """Gives a command the fields of a dataclass as arguments and flags; they arrive together in `call`."""
-    hints = get_type_hints(kind, include_extras=True)
-
-    def decorate(command: Command) -> Command:
-        signature = inspect.signature(command)
-        own = [one for one in signature.parameters.values() if one.name != "call"]
-        typed = [
-            inspect.Parameter(
-                one.name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=inspect.Parameter.empty if one.default is MISSING else one.default,
-                annotation=Annotated[hints[one.name], one.metadata["typed"]]
-                if "typed" in one.metadata
-                else hints[one.name],
-            )
-            for one in fields(kind)
-        ]
-
-        @functools.wraps(command)
-        def with_fields(**arguments: Any) -> None:
-            call = kind(**{one.name: arguments.pop(one.name) for one in typed})
-            command(**arguments, call=call)
-
-        parameters = [*[one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own], *typed]
-        with_fields.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-        with_fields.__annotations__ = {one.name: one.annotation for one in parameters}
-        return with_fields
-
-    return decorate
-
-
-def flag_of(name: str) -> str:
-    """The flag of an option."""
-    return _FLAGS.get(name, f"--{name.replace('_', '-')}")
+def _given(options: list[Option], values: dict[str, Any]) -> Config:
+    """What was typed, instead of what a file says."""
+    for one in options:
+        value = values[one.name]
+        if one.above and value is not None and not value > 0:
+            raise WrongCall(f"{one.flag} {value:g}: must be > 0 m")
+    given = Config.of(**{one.name: values[one.name] for one in options if one.role})
+    file = values.get("config")
+    return given if file is None else Config.load(file).overridden(given.values)
 
 
 def opened(given: Config, path: Path) -> Log:
@@ -132,47 +154,3 @@ def _check_values(given: Config) -> None:
             raise WrongOption(marked(error)) from None
     if given.get("format", FORMATS[0]) not in FORMATS:
         raise WrongCall(f"--format {given.get('format')}: must be one of {', '.join(FORMATS)}")
-
-
-#: Of options whose flags have other names.
-_FLAGS = {"start": "--from", "stop": "--to", "initial_pose": "--guess"}
-_CONFIG = _flag("config", Path, "A file of TOML that says how LOG is read and mapped.")
-#: What is read of a log, and of its format.
-_READING = (
-    _flag("format", str, f"Of {', '.join(FORMATS)}; else recognised from the content."),
-    _flag("keep_going", bool, "Skip damaged parts, and count them.", "--keep-going"),
-    _flag("strict", bool, "Refuse logs with scans whose pose is not known.", "--strict"),
-    _flag("every", int, "Use each n-th scan."),
-    _flag("start", float, "From this time since the first scan on [s].", "--from"),
-    _flag("stop", float, "Up to this time since the first scan [s].", "--to"),
-    _flag("min_range", float, "Leave out shorter beams [m]."),
-    _flag("stride", int, "Use each n-th beam of a scan."),
-    _flag("box", str, "Cut beams to X,Y[,Z],X,Y[,Z], two corners in the map [m]."),
-    _flag("origin", str, "Point X,Y[,Z] of the log that becomes the map's origin [m]."),
-    *(_flag(option.name, option.type, option.help) for option in READER_OPTIONS),
-)
-_MAPPING = tuple(
-    inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
-    for name, annotation in (("dim", Dim), ("max_range", MaxRange), ("no_return", NoReturnOption))
-)
-_OF_A_MAP = tuple(_flag(option.name, option.type, option.help) for option in MAP_OPTIONS)
-
-
-def _gathered(values: dict[str, Any]) -> Config:
-    file = values.pop("config", None)
-    values = {
-        name: value.value if isinstance(value, NoReturnKind) else value for name, value in values.items()
-    }
-    if not values.get("max_range", math.inf) > 0:
-        raise WrongCall(f"--max-range {values['max_range']:g}: must be > 0 m")
-    given = Config.of(**values)
-    return given if file is None else Config.load(file).overridden(given.values)
-
-
-#: Each gives a command flags, and what was given arrives in `given`: of how a log is read alone; also of its
-#: dimension; of how it is mapped; of the map as well; and of all this without the log.
-reading_options = _adds_flags((_CONFIG, *_READING))
-dim_options = _adds_flags((_CONFIG, *_READING, _MAPPING[0]))
-mapping_options = _adds_flags((_CONFIG, *_READING, *_MAPPING))
-map_options = _adds_flags((_CONFIG, *_READING, *_MAPPING, *_OF_A_MAP))
-fleet_options = _adds_flags((_CONFIG, *_MAPPING, *_OF_A_MAP))

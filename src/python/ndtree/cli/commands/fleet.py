@@ -2,18 +2,16 @@
 """``ndtree fleet``: logs of several robots into one map in tiles, on an engine."""
 
 import functools
-from dataclasses import MISSING, dataclass
-from enum import Enum
 from pathlib import Path
-from typing import Any, Optional
+from typing import Annotated
+
+import typer
 
 from ndtree import distributed
 from ndtree.base.words import number_of
-from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.flags import fleet_options, takes
+from ndtree.cli.commands.flags import Call, command
 from ndtree.cli.commands.logs import inspected, made
 from ndtree.cli.commands.messages import indented
-from ndtree.cli.commands.options import Json, argument, flag
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.progress import progress
 from ndtree.tiles import TileGrid
@@ -21,43 +19,24 @@ from ndtree.tiles.order import named, opened
 from ndtree.tuning.config import MAPPING, OF_MAPS, Config
 
 
-class EngineName(str, Enum):
-    """What runs the tasks."""
-
-    processes = "processes"
-    local = "local"
-    ray = "ray"
-    dask = "dask"
-
-
-@dataclass(frozen=True)
-class _Call:
-    logs: list[Path] = argument("Files or folders, as of map.", metavar="LOG...")
-    output: str = flag(MISSING, "Folder of the map, or a URL of fsspec.", "--output", "-o")
-    engine: EngineName = flag(EngineName.processes, "Processes, threads of this one, Ray or Dask.")
-    workers: Optional[int] = flag(None, "Tasks at a time; else all cores.", min=1)
-    tile_size: Optional[float] = flag(None, "Least edge of tiles [m]; else that of 16 largest cells.")
-    fixed: bool = flag(False, "All cells of one size.", "--fixed")
-    json_file: Json = None
-
-
 @command(
     "fleet",
-    epilog=examples(
+    usual="min_cell_size max_range engine workers tile_size",
+    examples=(
         "ndtree fleet monday.bag tuesday.bag -o depot.tiles",
         "ndtree fleet robots/*.bag -o s3://maps/depot --engine ray",
     ),
 )
-@reports_errors
-@fleet_options
-@takes(_Call)
-def fleet(call: _Call, given: Any = None) -> None:
+def fleet(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Files or folders, as of map.")],
+    call: Call,
+    given: Config,
+) -> None:
     """Map logs of several robots into tiles, byte for byte as one machine would: by time, then by name.
 
     The first log chooses options that are not given. The same call continues a killed run.
     """
-    given = given.overridden(Config.of(fixed=call.fixed or None).values)
-    sources = named([str(log) for log in call.logs])
+    sources = named([str(log) for log in logs])
     of_logs = given.values.keys() - {*OF_MAPS, *MAPPING, "fixed"}
     if of_logs:  # Workers read them as well.
         how = Config({name: given.values[name] for name in of_logs})
@@ -71,7 +50,7 @@ def fleet(call: _Call, given: Any = None) -> None:
         report = distributed.map(
             sources,
             call.output,
-            engine=call.engine.value,
+            engine=call.engine,
             like=target,
             tile_size=call.tile_size,
             max_range=config.max_range,

@@ -8,7 +8,6 @@ import typer
 
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.words import number_of
-from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import (
     FIRST_BEAMS,
     log_figures,
@@ -18,10 +17,9 @@ from ndtree.cli.commands.figures import (
     print_log,
     print_map,
 )
-from ndtree.cli.commands.flags import contents_of, dim_options, opened, require_none
+from ndtree.cli.commands.flags import Call, command, contents_of, opened, require_none
 from ndtree.cli.commands.logs import load_map, skipped, warn_of_skipped
 from ndtree.cli.commands.messages import in_words, indented, laid_out
-from ndtree.cli.commands.options import Json, WriteConfig
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log, NotALog
@@ -33,18 +31,17 @@ _LOOK_CLOSER = "to see what mapping will choose, and how long it takes:\n  ndtre
 
 @command(
     "info",
-    epilog=examples("ndtree info drive.bag", "ndtree info drive.bag --look", "ndtree info office.ndt --json"),
+    usual="look topic dim format json_file",
+    examples=(
+        "ndtree info drive.bag",
+        "ndtree info drive.bag --look",
+        "ndtree info office.ndt --json",
+    ),
 )
-@reports_errors
-@dim_options
 def info(
     path: Annotated[Path, typer.Argument(metavar="FILE", help="A map, or a log: a file or a folder.")],
-    look: Annotated[
-        bool, typer.Option("--look", help="Read all of a log, and say what mapping it will choose and cost.")
-    ] = False,
-    write_config: WriteConfig = None,
-    json_file: Json = None,
-    given: Any = None,
+    call: Call,
+    given: Config,
 ) -> None:
     """Say what is in a map or a log.
 
@@ -52,19 +49,19 @@ def info(
     """
     if is_map(path):
         require_none(given, "a map")
-        if look or write_config is not None:
+        if call.look or call.write_config is not None:
             raise WrongCall(f"--look: is for a LOG, and {path} is a map")
         loaded = load_map(path)
         figures = {"map": str(path), **map_figures(loaded)}
-        if not is_stdout(json_file):
+        if not is_stdout(call.json_file):
             low, high = loaded.min_cell_size, loaded.max_cell_size
             sizes = f"{low:g} m" if low == high else f"{low:g} to {high:g} m"
             print(f"{path}: {type(loaded).__name__}, {loaded.dim}-D, cells of {sizes}")
             print_map(figures)
-        write_json(figures, json_file)
+        write_json(figures, call.json_file)
         return
-    says = not is_stdout(json_file)
-    look = look or write_config is not None or bool(given.values.keys() - {"format"})
+    says = not is_stdout(call.json_file)
+    look = call.look or call.write_config is not None or bool(given.values.keys() - {"format"})
     try:
         held = contents_of(given, path, whole=look)
         if held and says:
@@ -72,10 +69,14 @@ def info(
         if held and not look:
             if says:
                 print(_LOOK_CLOSER.format(path))
-            write_json({"log": str(path), "format": "rosbag", "contents": held}, json_file)
+            write_json({"log": str(path), "format": "rosbag", "contents": held}, call.json_file)
             return
         log = opened(given, path)
-        prospect = _prospect(log, given, write_config) if (log.has_sensor and look) or write_config else None
+        prospect = (
+            _prospect(log, given, call.write_config)
+            if (log.has_sensor and look) or call.write_config
+            else None
+        )
         figures = {**log_figures(log, most=None if look else FIRST_BEAMS), "contents": held}
         figures["skipped"] = skipped(log)
         if says:
@@ -92,14 +93,14 @@ def info(
     except NotALog as found:
         held = _points_of(path, given) if found.has_points else {}
         figures = {"file": str(path), "kind": found.kind, "try": list(found.help), **held}
-        if not is_stdout(json_file):
+        if not is_stdout(call.json_file):
             print(laid_out(f"{path}: {found.kind}").removeprefix("ndtree: "))
             if held:
                 lower, upper = (point(held["bounds"][name]) for name in ("lower", "upper"))
                 print(f"  {number_of(held['points'], 'point')} from {lower} to {upper} m")
             for way in found.help:
                 print(f"  try {in_words(way)}")
-    write_json(figures, json_file)
+    write_json(figures, call.json_file)
 
 
 def _prospect(log: Log, given: Config, write_config: Optional[Path]) -> Any:

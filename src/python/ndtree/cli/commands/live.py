@@ -5,18 +5,16 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, fields
-from pathlib import Path
+from dataclasses import fields
 from typing import Any, Optional
 
 from ndtree.alignment.aligning import moves
 from ndtree.base.exit_status import WrongCall
-from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.flags import flag_of, map_options, require_taken, takes
+from ndtree.base.options import flag_of
+from ndtree.cli.commands.flags import Call, LogArgument, command, require_taken
 from ndtree.cli.commands.live_reports import Page, line, report, report_places
 from ndtree.cli.commands.logs import inspected, load_map, made, open_log
-from ndtree.cli.commands.options import Json, LogArgument, Port, World, flag
-from ndtree.cli.commands.shows import FoxgloveOption, RerunOption, foxglove_sink, rerun_sink, wait_at
+from ndtree.cli.commands.shows import foxglove_sink, rerun_sink, wait_at
 from ndtree.live import (
     Intake,
     LiveMapper,
@@ -28,12 +26,10 @@ from ndtree.live import (
     Way,
     play,
 )
-from ndtree.live.corrections import MEMORY
-from ndtree.live.messages import LOOK, NOT_SELECTED
+from ndtree.live.messages import NOT_SELECTED
 from ndtree.live.options import LiveOptions
 from ndtree.live.playing import messages_of, scans_of
 from ndtree.live.serving import MapServer, address_of
-from ndtree.live.settings import PATIENCE, QUEUE
 from ndtree.live.slam import scans_beside
 from ndtree.logs import recognised
 from ndtree.logs.poses.transforms import plain
@@ -44,51 +40,10 @@ from ndtree.logs.ros.survey import PATH
 from ndtree.tuning.config import Config
 
 
-@dataclass(frozen=True)
-class _Call:
-    log: LogArgument = None
-    world: Optional[World] = flag(None, "Simulate instead of a LOG.")
-    output: Optional[Path] = flag(None, "Where the map is written at the end.", "--output", "-o")
-    rate: float = flag(1.0, "Seconds of LOG in one second; 0: as fast as it goes, none is dropped.")
-    queue: int = flag(QUEUE, "Scans that wait at most; of more, the oldest is dropped.", min=1)
-    patience: float = flag(PATIENCE, "A scan waits for its pose at most [s].")
-    look_for: float = flag(LOOK, "Of a ROS bag: messages that decide what is mapped and how [s].", "--look")
-    window: Optional[float] = flag(None, "Forget what is farther from the sensor than this [m].")
-    fade: Optional[float] = flag(None, "Forget what was not seen for this long [s].")
-    follow: Optional[str] = flag(
-        None, "Move scans when a SLAM corrects poses: its nav_msgs/Path, or jumps of map to odom."
-    )
-    follow_frame: Optional[str] = flag(None, "The frame that the poses of the Path are of.")
-    follow_memory: float = flag(MEMORY / 2**20, "Scans that can move [MiB]; of more, the oldest stay.")
-    slam: bool = flag(
-        False, "Find the poses of a planar laser from its scans and odometry, and correct them.", "--slam"
-    )
-    localize: Optional[Path] = flag(
-        None, "Find scans in this 2-D map by their odometry instead of mapping; -o gets poses (TUM)."
-    )
-    guess: Optional[str] = flag(None, "Where the sensor is in MAP at first [m, rad].")
-    save_every: Optional[float] = flag(None, "Write MAP at this interval, too [s].")
-    resume: Optional[Path] = flag(None, "Go on with a saved map.")
-    fixed: bool = flag(False, "All cells of one size.", "--fixed")
-    watch: bool = flag(False, "Show it on a page while it grows.", "--watch")
-    port: Port = None
-    serve: Optional[str] = flag(
-        None, "Serve it to ndtree view http://HOST:PORT; without HOST, only to this computer."
-    )
-    foxglove: FoxgloveOption = None
-    rerun: RerunOption = None
-    json_file: Json = None
-
-    def options(self) -> LiveOptions:
-        """How the map is made."""
-        given = {one.name: getattr(self, one.name, None) for one in fields(LiveOptions)}
-        given |= {"look": self.look_for, "initial_pose": self.guess}
-        return LiveOptions(**{name: value for name, value in given.items() if value is not None})
-
-
 @command(
     "live",
-    epilog=examples(
+    usual="rate window watch resume min_cell_size",
+    examples=(
         "ndtree live drive.bag --watch",
         "ndtree live drive.bag -o drive.ndt --rate 0",
         "ndtree live drive.bag -o drive.ndt --rate 4 --queue 20 --window 30 --save-every 60",
@@ -101,10 +56,7 @@ class _Call:
         "ndtree live drive.bag --rerun drive.rrd --rate 0",
     ),
 )
-@reports_errors
-@map_options
-@takes(_Call)
-def live(call: _Call, given: Any = None) -> None:
+def live(call: Call, given: Config, log: LogArgument = None) -> None:
     """Map a recording as a robot would: message by message, at its own pace, and say what was dropped.
 
     If nothing was dropped, the map is byte for byte that of "ndtree map" with the same options; of recordings
@@ -124,14 +76,20 @@ def live(call: _Call, given: Any = None) -> None:
         run.report(time.perf_counter() - begin)
 
 
-def _refuse_mixtures(call: _Call, given: Config) -> None:
+def _options(call: Call) -> LiveOptions:
+    """How the map is made."""
+    given = {one.name: getattr(call, one.name, None) for one in fields(LiveOptions)}
+    return LiveOptions(**{name: value for name, value in given.items() if value is not None})
+
+
+def _refuse_mixtures(call: Call, given: Config) -> None:
     """Refuse flags that do not go together, beside those of `LiveOptions`."""
     for one, value, needs, is_there in (
         ("save-every", call.save_every, "-o MAP", call.output is not None),
         ("follow-frame", call.follow_frame, "--follow", call.follow is not None),
         (
             "guess",
-            call.guess,
+            call.initial_pose,
             "--localize, or --slam with --resume",
             call.localize is not None or (call.slam and call.resume is not None),
         ),
@@ -155,8 +113,8 @@ class _Run:
 
     mapper: LiveMapper
 
-    def __init__(self, call: _Call, given: Config) -> None:
-        self._call, self._options = call, made(call.options)
+    def __init__(self, call: Call, given: Config) -> None:
+        self._call, self._options = call, made(lambda: _options(call))
         self._given, self._begun = self._options.beginning(given, load_map)
         if call.resume is None and call.localize is None and not call.slam:
             made(lambda: self._given.new_map(self._given.get("dim", 2)))
@@ -202,7 +160,7 @@ class _Run:
         call, mapper = self._call, self.mapper
         if self._given.get("strict") and mapper.figures.left_out.keys() - {NOT_SELECTED}:
             raise ValueError(f"{call.log}: {mapper.figures.summary()}; expected none with --strict")
-        name = str(call.log or f"world {call.world and call.world.value}")
+        name = str(call.log or f"world {call.world}")
         slam = self._how.slam
         if self._how.localizer is not None:
             report_places(mapper, self._how.localizer, self._found, (call.output, call.json_file), name)
@@ -217,7 +175,7 @@ class _Run:
 
 
 def _source(
-    call: _Call, given: Config, options: LiveOptions, stack: ExitStack
+    call: Call, given: Config, options: LiveOptions, stack: ExitStack
 ) -> tuple[Intake, Iterator[tuple[Any, float]]]:
     """How a recording is judged, and what is in it."""
     path = call.log

@@ -12,7 +12,6 @@ from ndtree.base.exit_status import WrongCall
 from ndtree.base.scan import Scan
 from ndtree.cli.commands.flags import opened, require_none
 from ndtree.cli.commands.messages import in_words, indented, laid_out
-from ndtree.cli.commands.options import World
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log, simulate
 from ndtree.maps.open import PlacedMap, open_map
@@ -33,7 +32,7 @@ def placed_map(path: Path, *, is_moved: bool = True) -> PlacedMap:
 
 
 def open_log(
-    path: Optional[Path], world: Optional[World], given: Config, scans: Optional[int] = None, seed: int = 1
+    path: Optional[Path], world: Optional[str], given: Config, scans: Optional[int] = None, seed: int = 1
 ) -> Log:
     if path is not None:
         if scans is not None:
@@ -41,10 +40,10 @@ def open_log(
         return opened(given, path)
     if world is None:
         raise WrongCall("expected a LOG")
-    require_none(given, f"the simulated {world.value}")
-    simulated = simulate(world.value, seed=seed, scans=scans)
+    require_none(given, f"the simulated {world}")
+    simulated = simulate(world, seed=seed, scans=scans)  # type: ignore[arg-type]
     if given.get("dim", simulated.dim) != simulated.dim:
-        raise WrongCall(f"--dim {given.get('dim')}: the {world.value} is {simulated.dim}-D")
+        raise WrongCall(f"--dim {given.get('dim')}: the {world} is {simulated.dim}-D")
     return simulated
 
 

@@ -11,53 +11,24 @@ from typing import Any, Optional
 import typer
 
 from ndtree.base.exit_status import BAD_INPUT, WrongCall
-from ndtree.cli.commands.app import command, examples, print_error, reason_of, reports_errors
-from ndtree.cli.commands.flags import map_options, opened, takes
+from ndtree.cli.commands.app import print_error, reason_of
+from ndtree.cli.commands.flags import Call, GivenLogs, command, opened
 from ndtree.cli.commands.logs import inspected, made, skipped, warn_of_skipped
 from ndtree.cli.commands.map_tiles import is_tiled, map_into_tiles, print_tiled
 from ndtree.cli.commands.mapping import Mapped, mapped, written
 from ndtree.cli.commands.messages import in_words
-from ndtree.cli.commands.options import GivenLogs, Json, Port, WriteConfig, flag
 from ndtree.cli.commands.output import check_output, check_picture, fits_map, is_stdout, write_json
 from ndtree.cli.commands.pictures import observers_of, plotting, stay
-from ndtree.cli.commands.shows import FoxgloveOption, RerunOption, showing, wait_at
+from ndtree.cli.commands.shows import showing, wait_at
 from ndtree.logs import JoinedLog, Log
 from ndtree.maps.open import is_map
 from ndtree.tuning.config import Config
 
 
-@dataclass(frozen=True)
-class _Call:
-    logs: GivenLogs
-    output: Optional[Path] = flag(
-        None,
-        "Where the map is written, or the folder for several; else LOG's name with .ndt, "
-        "here. .tiles: a folder of tiles.",
-        "--output",
-        "-o",
-    )
-    merge: bool = flag(False, "One map of all logs, in the order given: they are in one frame.", "--merge")
-    fixed: bool = flag(False, "All cells of one size.", "--fixed")
-    static: bool = flag(
-        False, "Leave out what moved, such as people and cars: reads the log 3 times.", "--static"
-    )
-    align: bool = flag(False, "Find the poses of a 2-D log first, where its own drift.", "--align")
-    picture: Optional[Path] = flag(None, "Draw the map, too.")
-    watch: bool = flag(False, "Show it on a page while it grows.", "--watch")
-    port: Port = None
-    foxglove: FoxgloveOption = None
-    rerun: RerunOption = None
-    record: Optional[Path] = flag(None, "Film how the map grows: .mp4 or .gif.")
-    record_every: Optional[int] = flag(None, "Scans between pictures of the film; else 10.", min=1)
-    max_resident: Optional[str] = flag(None, "Memory of the cells of a .tiles map, as 500MB; else 2GiB.")
-    tile_size: Optional[float] = flag(None, "Least edge of its tiles [m]; else that of 16 largest cells.")
-    write_config: WriteConfig = None
-    json_file: Json = None
-
-
 @command(
     "map",
-    epilog=examples(
+    usual="min_cell_size max_range topic trajectory picture",
+    examples=(
         "ndtree map drive.bag",
         "ndtree map office.npz -o office.ndt --picture office.png",
         "ndtree map room.npz -o room.ndt --min-cell-size 0.025 --range-sigma-quadratic 0.0015",
@@ -69,38 +40,34 @@ class _Call:
         "ndtree map city.bag -o city.tiles --max-resident 500MB",
     ),
 )
-@reports_errors
-@map_options
-@takes(_Call)
-def map_(call: _Call, given: Any = None) -> None:
+def map_(logs: GivenLogs, call: Call, given: Config) -> None:
     """Build a map from a log, and write it to a file. Several logs make a map each, or with --merge one.
 
     A map in tiles may be larger than memory; the same call continues a killed run.
     """
     output = call.output
-    given = given.overridden(Config.of(fixed=call.fixed or None).values)
     wanted = _Wanted(given, call.static, call.align, call.write_config)
     if call.align and call.merge:
         raise WrongCall("--align: makes a frame for each log, expected no --merge")
     of_one = {"--picture": call.picture, "--record": call.record, "--watch": call.watch or None}
     of_one |= {"--foxglove": call.foxglove, "--rerun": call.rerun}
     of_tiles = {"--max-resident": call.max_resident, "--tile-size": call.tile_size}
-    if len(call.logs) > 1 and not call.merge:
+    if len(logs) > 1 and not call.merge:
         of_one["--write-config"] = call.write_config
         _refuse(of_one, "is for one map, expected one LOG, or --merge")
         if output is not None and is_tiled(output):
             raise WrongCall(f"{output}: is a map in tiles, expected one LOG, or --merge")
         _refuse(of_tiles, f"is for a map in tiles, -o {output or 'MAP'}")
-        outputs = _maps_in(output, call.logs)
+        outputs = _maps_in(output, logs)
         for path in outputs:
-            check_output("-o", path, call.logs, fits_map)
-        _map_each(call.logs, outputs, wanted, call.json_file)
+            check_output("-o", path, logs, fits_map)
+        _map_each(logs, outputs, wanted, call.json_file)
         return
     if output is None:
-        output = _named_as(call.logs[0])
-        check_output("-o", output, call.logs, fits_map)
+        output = _named_as(logs[0])
+        check_output("-o", output, logs, fits_map)
     begin = time.perf_counter()
-    log = wanted.open(call.logs)
+    log = wanted.open(logs)
     read_seconds = time.perf_counter() - begin
     plot = plotting() if call.picture else None
     if is_tiled(output):

@@ -12,7 +12,7 @@ import sys
 import textwrap
 
 from ndtree._errors import WrongOption, spelled
-from ndtree.cli.commands.flags import flag_of
+from ndtree.base.options import flag_of
 
 #: A message of more characters than this is parted, and into lines of how many; a narrower terminal counts.
 MOST, WIDTH = 159, 110

@@ -8,8 +8,10 @@ import textwrap
 from collections.abc import Iterable
 from typing import Any
 
+from ndtree.base.option import Option
+from ndtree.base.options import QUESTIONS, options_of
 from ndtree.cli.commands import COMMANDS, every
-from ndtree.cli.commands.questions import DEFAULTS, QUESTIONS, TOUCHED, Row, row_of
+from ndtree.cli.commands.app import USUAL
 from ndtree.cli.help import LEFT, WIDTH
 
 #: Lines of a page of ``--help``.
@@ -26,15 +28,11 @@ def pages() -> dict[tuple[str, bool], str]:
     return found
 
 
-def flags_of(parameter: Any) -> str:
-    """A parameter's flags, the shortest first; of a switch that is on by default, also what turns it off."""
-    off = parameter.secondary_opts if parameter.name in ("deskew", "loops", "free") else []
-    return ", ".join([*sorted(parameter.opts, key=len), *off])
-
-
-def default_of(command: str, row: Row) -> str:
-    """What stands if an option is left out, with its unit."""
-    return DEFAULTS.get((command, row.name), row.default)
+def flags_of(option: Option) -> str:
+    """An option's flags, the shortest first, with what is typed behind; also what turns a switch off."""
+    on, _, off = (option.flags or option.flag).partition("/")
+    flags = sorted(on.split(), key=len) + [off] * bool(off)
+    return f"{', '.join(flags)} {option.placeholder}".strip()
 
 
 def _first_page() -> str:
@@ -51,36 +49,27 @@ def _first_page() -> str:
 
 
 def _short(name: str, command: Any) -> str:
-    by_name = {parameter.name: parameter for parameter in command.params}
+    by_name = {one.name: one for one in options_of(name)}
     lines = [*_head(name, command), "", *_arguments(command)]
     if "output" in by_name:
         lines += _option(name, by_name["output"])
     lines.append("")
-    for one in TOUCHED.get(name, ()):
+    for one in USUAL[name]:
         lines += _option(name, by_name[one])
     lines += ["", *_examples(command, _EXAMPLES), f"more: ndtree {name} --help-all"]
     return "\n".join(lines) + "\n"
 
 
 def _whole(name: str, command: Any) -> str:
-    by_name = {parameter.name: parameter for parameter in command.params}
     paragraphs = [_plain(part) for part in (command.help or "").split("\n\n")[1:]]
     lines = _head(name, command)
     for paragraph in paragraphs:
         lines += ["", *textwrap.wrap(paragraph, WIDTH)]
     lines += ["", *_arguments(command)]
-    listed: set[str] = set()
-    for question, rows in QUESTIONS.items():
-        mine = [row for row in rows if row.name in by_name and _is_option(by_name[row.name])]
-        if mine:
-            lines += ["", question]
-        for row in mine:
-            listed.add(row.name)
-            lines += _option(name, by_name[row.name])
-    others = [one for one in command.params if _is_option(one) and one.name not in listed]
-    if others:
-        lines += ["", "Others"]
-        for one in others:
+    for question, options in QUESTIONS.items():
+        mine = [one for one in options if one.taken_by(name)]
+        lines += ["", question] if mine else []
+        for one in mine:
             lines += _option(name, one)
     lines += ["", *_examples(command, 99)]
     return "\n".join(lines) + "\n"
@@ -109,17 +98,8 @@ def _arguments(command: Any) -> list[str]:
     return lines
 
 
-def _option(command: str, parameter: Any) -> list[str]:
-    row = row_of(parameter.name)
-    flags = flags_of(parameter)
-    said = _plain(parameter.help)
-    if row is None:
-        return _entry(flags if parameter.is_flag else f"{flags} VALUE", said)
-    # The default stands in its own words.
-    said = re.sub(r"(; else [^.;]*(?:\.(?! |$)[^.;]*)*| \(default\)|; auto: see)(?=\.|;|$)", "", said)
-    return _entry(
-        f"{flags} {row.value}".strip(), f"{said.rstrip('.')} (default: {default_of(command, row)})."
-    )
+def _option(command: str, option: Option) -> list[str]:
+    return _entry(flags_of(option), f"{option.help.rstrip('.')} (default: {option.shown(command)}).")
 
 
 def _entry(left: str, right: str, width: int = LEFT) -> list[str]:
@@ -141,25 +121,15 @@ def _plain(text: str | None) -> str:
 
 def table_of_options() -> Iterable[tuple[str, list[tuple[str, str, str, str]]]]:
     """By question: flag with its value, default, when to touch it, and the commands that take it."""
-    commands = every()
-    for question, rows in QUESTIONS.items():
-        found = []
-        for row in rows:
-            takers = [
-                name
-                for name, command in commands.items()
-                if any(_is_option(one) and one.name == row.name for one in command.params)
-            ]
-            parameter = next(
-                one for one in commands[takers[0]].params if _is_option(one) and one.name == row.name
-            )
-            shown = f"{flags_of(parameter)} {row.value}".strip()
-            found.append(
-                (
-                    shown,
-                    default_of(takers[-1] if row.name == "output" else takers[0], row),
-                    row.when,
-                    ", ".join(takers),
-                )
-            )
-        yield question, found
+    for question, options in QUESTIONS.items():
+        found: dict[str, list[Option]] = {}
+        for one in options:
+            if one.of != "node":
+                found.setdefault(flags_of(one), []).append(one)
+        rows = []
+        for flags, same in found.items():
+            takers = [name for name in COMMANDS if any(one.taken_by(name) for one in same)]
+            first = next(name for name in COMMANDS if same[0].taken_by(name))
+            rows.append((flags, same[0].shown(first), same[0].when, ", ".join(takers)))
+        if rows:
+            yield question, rows

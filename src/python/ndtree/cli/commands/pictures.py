@@ -11,7 +11,6 @@ from typing import Any, Optional
 from ndtree._native._core import OccupancyMap
 from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.logs import made
-from ndtree.cli.commands.options import CellColor
 from ndtree.cli.commands.output import is_stdout
 
 
@@ -69,11 +68,11 @@ def parsed_slice(text: Optional[str]) -> tuple[Optional[int], Optional[float]]:
     return "xyz".index(axis), at
 
 
-def suited(m: OccupancyMap, color: Optional[CellColor], axis: Optional[int]) -> OccupancyMap:
+def suited(m: OccupancyMap, color: Optional[str], axis: Optional[int]) -> OccupancyMap:
     """The map, if it can be shown so."""
     if m.dim != 3 and axis is not None:
         raise WrongCall(f"--slice: the map is {m.dim}-D, only 3-D maps can be cut")
-    if m.dim != 3 and color is CellColor.height:
+    if m.dim != 3 and color == "height":
         raise WrongCall(f"--color height: the map is {m.dim}-D and has none, expected size or probability")
     return m
 
@@ -88,7 +87,7 @@ def plotting() -> Any:
 def draw(
     m: OccupancyMap,
     path: Path,
-    color: Optional[CellColor] = None,
+    color: Optional[str] = None,
     cut: tuple[Optional[int], Optional[float]] = (None, None),
     *,
     track: Any = None,
@@ -96,7 +95,7 @@ def draw(
     """Draws a map, cut at a slice if there is one; a flat one with the robot's track in the frame."""
     axis, at = cut
     plot = plotting()
-    more: dict[str, Any] = {} if color is None else {"color": color.value}
+    more: dict[str, Any] = {} if color is None else {"color": color}
     if m.dim == 2:
         plot.overview(m, path, track=track, **more)
         return

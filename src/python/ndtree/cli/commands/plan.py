@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree plan``: a way for a robot through a map."""
 
-from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import Any, Optional
+from typing import Any
 
 import numpy as np
 
@@ -11,10 +10,8 @@ from ndtree._native._core import Sphere
 from ndtree._native.results import Path as Way
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.files import replaced
-from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.flags import takes
+from ndtree.cli.commands.flags import Call, MapArgument, command
 from ndtree.cli.commands.logs import load_map
-from ndtree.cli.commands.options import argument, flag
 from ndtree.cli.commands.output import check_picture, is_stdout, write, write_json
 from ndtree.cli.commands.pictures import plotting
 
@@ -22,32 +19,16 @@ from ndtree.cli.commands.pictures import plotting
 ENDINGS = (".csv", ".yaml", ".json")
 
 
-@dataclass(frozen=True)
-class _Call:
-    source: Path = argument(".ndt, .bt, .ot, or map_server's .yaml.", metavar="MAP")
-    start_at: str = flag(MISSING, "Where the robot is [m].", "--from")
-    goal: str = flag(MISSING, "Where it shall go [m].", "--to")
-    radius: float = flag(MISSING, "Radius of the ball that it fits in [m].", "--body", min=0.0)
-    clearance: float = flag(0.0, "What it keeps from obstacles at least [m].", min=0.0)
-    unknown_space: str = flag(
-        "blocked", "Unknown space: blocked, free, or a cost >= 1, the factor of its length.", "--unknown"
-    )
-    max_seconds: Optional[float] = flag(None, "That the search may take [s].", min=0.0)
-    output: Optional[Path] = flag(None, f"The path: {', '.join(ENDINGS)}.", "--output", "-o")
-    picture: Optional[Path] = flag(None, "A picture of the map and the path.")
-
-
 @command(
     "plan",
-    epilog=examples(
+    usual="start_at goal radius unknown_space picture",
+    examples=(
         "ndtree plan office.ndt --from 2,4 --to 22,17 --body 0.3",
         "ndtree plan office.ndt --from 2,4 --to 22,17 --body 0.3 -o path.csv --picture path.png",
         "ndtree plan campus.bt --from 0,0,1 --to 40,10,1 --body 0.35 --unknown free -o path.json",
     ),
 )
-@reports_errors
-@takes(_Call)
-def plan(call: _Call) -> None:
+def plan(source: MapArgument, call: Call) -> None:
     """Find a short path for a robot through a map.
 
     The path is straight between its points, free for the whole ball that moves along it, and nearly the
@@ -57,11 +38,9 @@ def plan(call: _Call) -> None:
         raise WrongCall(f"-o {call.output}: the name must end in {', '.join(ENDINGS)}")
     plot = plotting() if call.picture is not None else None
     check_picture(plot, call.picture)
-    m = load_map(call.source)
+    m = load_map(source)
     if call.picture is not None and m.dim != 2:
-        raise WrongCall(
-            f"--picture {call.picture}: of paths in 2-D maps alone, and {call.source} is {m.dim}-D"
-        )
+        raise WrongCall(f"--picture {call.picture}: of paths in 2-D maps alone, and {source} is {m.dim}-D")
     way = m.plan(
         _point("--from", call.start_at, m.dim),
         _point("--to", call.goal, m.dim),
@@ -78,7 +57,7 @@ def plan(call: _Call) -> None:
         _draw(plot, m, way, call.picture)
     if not is_stdout(call.output):
         print(
-            f"{call.source}: {way.length:.3f} m in {len(way) - 1} segments, "
+            f"{source}: {way.length:.3f} m in {len(way) - 1} segments, "
             f"{way.clearance:.3f} m from obstacles; {way.expanded:,} cells expanded"
         )
 

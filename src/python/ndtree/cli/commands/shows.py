@@ -6,9 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING, Annotated, Any, Optional
-
-import typer
+from typing import TYPE_CHECKING, Any, Optional
 
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
@@ -18,10 +16,6 @@ from ndtree.live import Way
 if TYPE_CHECKING:
     from ndtree.live import FoxgloveSink, RerunSink
 
-FoxgloveOption = Annotated[
-    Optional[int], typer.Option(help="Serve it to Foxglove, on 8765 or a free port: 0.")
-]
-RerunOption = Annotated[Optional[str], typer.Option(help="Write it for rerun: FILE.rrd, or rerun+http://...")]
 #: A sink is left alone for this many times as long as it took.
 RESTS = 5.0
 

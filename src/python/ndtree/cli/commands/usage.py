@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-import enum
 import re
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
+from enum import Enum
 from typing import Any
 
 from ndtree._native._calls import ELSEWHERE
-from ndtree.cli.commands.questions import row_of
+from ndtree.base.options import option
 
 #: What others call an option, by a part of the flag.
 _ELSEWHERE = (
@@ -53,15 +53,15 @@ def _said(error: Any, command: Any, words: Sequence[str]) -> str:
         if parameter.param_type_name == "argument":
             whole = f"ndtree {error.ctx.info_name} {_arguments(command)}"
             return f"{_called(parameter)} is missing, expected {whole}"
-        return f"{_called(parameter)} is missing, expected {_expected(parameter)}"
+        return f"{_called(parameter)} is missing, expected {_expected(command, parameter)}"
     if kind == "BadOptionUsage":
         known = command.params if command is not None else []
         found = next((one for one in known if error.option_name in one.opts), None)
-        expected = f", expected {_expected(found)}" if found is not None else ""
+        expected = f", expected {_expected(command, found)}" if found is not None else ""
         return f"{error.option_name}: a value is missing{expected}"
     if kind == "BadParameter" and parameter is not None:
         value = _value_of(parameter, words)
-        return f"{_called(parameter)}{value}: must be {_expected(parameter)}"
+        return f"{_called(parameter)}{value}: must be {_expected(command, parameter)}"
     known = getattr(command, "commands", None)
     if known is not None and words and words[0] not in known:
         near = get_close_matches(words[0], known, 1)
@@ -84,29 +84,16 @@ def _called(parameter: Any) -> str:
     return str(max(parameter.opts, key=len))
 
 
-def _expected(parameter: Any) -> str:
+def _expected(command: Any, parameter: Any) -> str:
     """What a parameter takes, in words."""
+    if parameter.param_type_name == "option":
+        return option(parameter.name, command.name).expected
     kind = getattr(getattr(parameter, "type_descriptor", None), "annotation", None)
     choices = getattr(getattr(parameter, "type", None), "choices", None)
-    if isinstance(kind, type) and issubclass(kind, enum.Enum):
-        choices = [one.value for one in kind]
+    choices = [one.value for one in kind] if isinstance(kind, type(Enum)) else choices
     if choices:
         return f"one of {', '.join(map(str, choices))}"
-    old = getattr(parameter, "type", None)
-    low, high = (getattr(parameter, bound, None) or getattr(old, bound, None) for bound in ("min", "max"))
-    low = getattr(parameter, "min", None) if low is None else low
-    limits = (
-        f" from {low} to {high}" if high is not None else f" of at least {low}" if low is not None else ""
-    )
-    text = f"{getattr(kind, '__name__', '')} {getattr(old, 'name', '')}".lower()
-    if "int" in text:
-        return f"a whole number{limits}"
-    if "float" in text:
-        return f"a number{limits}"
-    if parameter.param_type_name == "argument":
-        return " ".join(str(parameter.help or "a file").replace("\\[", "[").rstrip(".").split())
-    row = row_of(parameter.name)
-    return row.value if row is not None and row.value else "a value"
+    return " ".join(str(parameter.help or "a file").replace("\\[", "[").rstrip(".").split())
 
 
 def _value_of(parameter: Any, words: Sequence[str]) -> str:

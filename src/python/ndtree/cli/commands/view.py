@@ -5,52 +5,38 @@ import sys
 import time
 import webbrowser
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Optional
+from typing import Annotated, Any
+
+import typer
 
 from ndtree.base.exit_status import WrongCall
-from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.flags import opened, reading_options, require_none, takes
+from ndtree.cli.commands.flags import Call, command, opened, require_none
 from ndtree.cli.commands.logs import length_of, load_map
-from ndtree.cli.commands.options import CellColor, Port, argument, flag
 from ndtree.cli.commands.output import check_picture
 from ndtree.cli.commands.pictures import draw, parsed_slice, plotting, suited
 from ndtree.cli.commands.progress import progress
 from ndtree.maps.running import RunningMap, is_address
+from ndtree.tuning.config import Config
 
 #: How often a live mapper is asked for its map [s], and its rest, in times of what that took.
 ASKS, RESTS = 0.5, 4.0
-
-
-@dataclass(frozen=True)
-class _Call:
-    map_name: str = argument("A map: .ndt, .bt, .ot, .yaml of map_server; http://ROBOT:PORT.", metavar="MAP")
-    color: Optional[CellColor] = flag(
-        None, "What colors say; else height; in 2-D probability, or states (--png)."
-    )
-    slice_: Optional[str] = flag(None, "Cut a 3-D map, as at z=1.2.", "--slice")
-    png: Optional[Path] = flag(None, "Draw it into this file instead of a page.")
-    free: Optional[bool] = flag(None, "Show free cells.", "--free/--no-free")
-    unknown: Optional[bool] = flag(None, "Show unknown cells by free ones.", "--unknown")
-    log: Optional[Path] = flag(None, "Show where its scans were taken.")
-    port: Port = None
-    open_: bool = flag(False, "Open the page in the browser.", "--open")
+_MAPS = "A map: .ndt, .bt, .ot, .yaml of map_server; http://ROBOT:PORT."
 
 
 @command(
     "view",
-    epilog=examples(
+    usual="open_ png color slice_ log",
+    examples=(
         "ndtree view intel.ndt --open",
         "ndtree view room.ndt --color size --slice z=1.2 --log room.npz",
         "ndtree view room.ndt --png room.png --color probability",
         "ndtree view http://robot:8090",
     ),
 )
-@reports_errors
-@reading_options
-@takes(_Call)
-def view(call: _Call, given: Any = None) -> None:
+def view(
+    map_name: Annotated[str, typer.Argument(metavar="MAP", help=_MAPS)], call: Call, given: Config
+) -> None:
     """Show a map in the browser until Ctrl-C, or draw it into a file.
 
     Rooms are cut below their ceiling unless --slice is given; the page's switch "Slice" shows all.
@@ -66,19 +52,17 @@ def view(call: _Call, given: Any = None) -> None:
             raise WrongCall("--open: is for the page, not for --png")
         plot = plotting()
         check_picture(plot, call.png, "--png")
-        m = suited(_loaded(call.map_name), call.color, axis)
+        m = suited(_loaded(map_name), call.color, axis)
         draw(m, call.png, call.color, (axis, at))
         print(f"wrote {call.png}")
         return
     from ndtree.viewer import PORT, Look, Viewer
 
-    m = suited(_loaded(call.map_name), call.color, axis)
-    shown = {"color": call.color and call.color.value, "free": call.free, "unknown": call.unknown}
+    m = suited(_loaded(map_name), call.color, axis)
+    shown = {"color": call.color, "free": call.free, "unknown": call.unknown}
     look = Look.below_ceiling(m, **shown, axis=axis, slice_at=at)
     read = opened(given, call.log) if call.log is not None else None
-    with Viewer(
-        m, port=PORT if call.port is None else call.port, look=look, name=_title(call.map_name)
-    ) as page:
+    with Viewer(m, port=PORT if call.port is None else call.port, look=look, name=_title(map_name)) as page:
         if read is not None:
             with progress() as advance:
                 for done, scan in enumerate(read, start=1):
@@ -86,11 +70,11 @@ def view(call: _Call, given: Any = None) -> None:
                     advance("reading", done, length_of(read))
             page.refresh()
         with suppress(KeyboardInterrupt):
-            print(f"{call.map_name}: {page.url} until Ctrl-C", flush=True)
+            print(f"{map_name}: {page.url} until Ctrl-C", flush=True)
             if call.open_:
                 webbrowser.open(page.url)
-            if is_address(call.map_name):
-                _follow(call.map_name, page)
+            if is_address(map_name):
+                _follow(map_name, page)
             else:
                 page.wait()
 

@@ -81,8 +81,8 @@ class MapNode:
         self.name: str = rospy.get_name()
         self._parameters = Parameters(rospy.get_param("~", {}), _current, rospy.logwarn)
         for row in ROWS:
-            if row.name in CHANGING:
-                rospy.set_param(f"~{row.name}", self._parameters.value(row.name))
+            if row.key in CHANGING:
+                rospy.set_param(f"~{row.key}", self._parameters.value(row.key))
         self._publishers: list[_Publisher] = []
         self._map = MapService(self)
         self._sources = Sources(

@@ -6,10 +6,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from ndtree.live.ros.parameters import CHANGING, ROWS, Row
-from ndtree.maps.kinds import MAP_OPTIONS
+from ndtree.base.option import Option
+from ndtree.base.options import MAP_OPTIONS
+from ndtree.live.ros.parameters import CHANGING, ROWS
 
-_ROWS = {row.name: row for row in ROWS}
+_ROWS = {row.key: row for row in ROWS}
 _OPTIONS = {option.name: option for option in MAP_OPTIONS}
 
 
@@ -30,7 +31,7 @@ class Parameters:
         for name in given:
             if name not in _ROWS and name not in _OPTIONS:
                 raise ValueError(f"~{name}: there is no such parameter, expected one of {_names()}")
-        self._values = {row.name: _checked(row, given.get(row.name, row.default)) for row in ROWS}
+        self._values = {row.key: _checked(row, given.get(row.key, row.start)) for row in ROWS}
         self.map_options = {
             name: _typed(name, option.type, given[name]) for name, option in _OPTIONS.items() if name in given
         }
@@ -53,17 +54,17 @@ def _names() -> str:
     return ", ".join(sorted([*_ROWS, *_OPTIONS]))
 
 
-def _checked(row: Row, value: Any) -> Any:
-    if isinstance(row.default, list):
+def _checked(row: Option, value: Any) -> Any:
+    if row.kind is list:
         values = [value] if isinstance(value, str) else value
         if not isinstance(values, list) or not all(isinstance(one, str) for one in values):
-            raise ValueError(f"~{row.name} = {value}: must be a list of names")
+            raise ValueError(f"~{row.key} = {value}: must be a list of names")
         return values
-    value = _typed(row.name, type(row.default), value)
-    row.check(value)
-    if row.limits is not None and not row.limits[0] <= value <= row.limits[1]:
-        low, high = row.limits
-        raise ValueError(f"~{row.name} = {value}: must be from {low:g} to {high:g}")
+    value = _typed(row.key, row.kind, value)
+    row.require_word(value)
+    if row.range is not None and not row.range[0] <= value <= row.range[1]:
+        low, high = row.range
+        raise ValueError(f"~{row.key} = {value}: must be from {low:g} to {high:g}")
     return value
 
 

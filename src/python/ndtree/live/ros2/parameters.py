@@ -9,8 +9,8 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from ndtree.base.options import MAP_OPTIONS
 from ndtree.live.ros.parameters import ROWS
-from ndtree.maps.kinds import MAP_OPTIONS
 
 _TYPES = {
     bool: Parameter.Type.BOOL,
@@ -23,14 +23,14 @@ _TYPES = {
 def declare(node: Node) -> None:
     """Give a node all of them; options of the map stay unset until they are given."""
     for row in ROWS:
-        descriptor = ParameterDescriptor(description=row.text, read_only=False)
-        if row.limits is not None and isinstance(row.default, int):
-            low, high = (int(value) for value in row.limits)
+        descriptor = ParameterDescriptor(description=row.help, read_only=False)
+        if row.range is not None and row.kind is int:
+            low, high = (int(value) for value in row.range)
             descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=0)]
-        elif row.limits is not None:
-            low, high = row.limits
+        elif row.range is not None:
+            low, high = row.range
             descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
-        node.declare_parameter(row.name, row.default, descriptor)
+        node.declare_parameter(row.key, row.start, descriptor)
     for option in MAP_OPTIONS:
         descriptor = ParameterDescriptor(description=f"{option.help} Unset: the map's own, or measured.")
         node.declare_parameter(option.name, _TYPES[option.type], descriptor)

@@ -20,7 +20,7 @@ from ndtree.logs.core.log import Log
 from ndtree.logs.core.plain_file import open_plain
 from ndtree.logs.core.rules import INVALID, NO_ECHO
 
-__all__ = ["TIME_OFFSET", "Format", "ReaderOption", "Source", "WrongOption", "source_of"]
+__all__ = ["Format", "Source", "WrongOption", "source_of"]
 
 HEAD_BYTES = 1 << 18
 
@@ -42,24 +42,6 @@ class Source:
     def inside(self, *parts: str) -> str:
         """Path of something in the folder."""
         return os.path.join(self.path, *parts)
-
-
-@dataclass(frozen=True)
-class ReaderOption:
-    """A keyword that `read` hands to a format, and a flag of the command line.
-
-    Formats that mean the same by a name share one object.
-    """
-
-    name: str
-    type: type
-    help: str
-
-
-TIME_OFFSET = ReaderOption("time_offset", float, "Added to the times of scans to find their poses [s].")
-ZERO_IS = ReaderOption(
-    "zero_is", str, "Of lasers: what range 0 is, no-echo or invalid; else the log decides."
-)
 
 
 def check_zero_is(path: str, zero_is: str | None) -> None:
@@ -85,7 +67,7 @@ class Format:
     description: str  # With its article, for messages: "a CARMEN log".
     recognises: Callable[[Source], bool]
     open: Callable[..., Log]  # ``open(source, **options)`` makes the `Log`.
-    options: tuple[ReaderOption, ...] = ()  # What ``open`` takes.
+    options: tuple[str, ...] = ()  # Names of what ``open`` takes, in the table of options.
     stored_as: str = "file"
     contents: Callable[[Source, bool], dict[str, Any]] | None = None
     dim: int | None = 3
@@ -132,14 +114,6 @@ def _head(path: str, expected: str) -> tuple[bytes, str]:
     if not head.strip():
         raise ValueError(f"{path}: the file is empty, expected {expected}")
     return head, packed
-
-
-ORIGIN_OF_SCAN = ReaderOption(
-    "origin_of_scan", str, "Of points without poses: X,Y,Z that all were measured from [m]."
-)
-POINTS_ONLY = ReaderOption(
-    "points_only", bool, "Of points without poses: cells that hold one are occupied, none is free."
-)
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,9 @@ from numpy.typing import NDArray
 from ndtree._errors import key
 from ndtree.logs.core.failures import NotALog, at_place, one_line
 from ndtree.logs.core.plain_file import open_regular, text_lines
-from ndtree.logs.core.source import TIME_OFFSET, Format, Source
+from ndtree.logs.core.source import Format, Source
 from ndtree.logs.folders.depth_image import (
-    CAMERA,
     ENDINGS,
-    PIXEL_STRIDE,
     Camera,
     camera_of,
     check_stride,
@@ -33,7 +31,7 @@ from ndtree.logs.folders.folder import FolderLog, PosesOfFiles, number_in, stem_
 from ndtree.logs.folders.scan_folder import several_trajectories
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.trajectory import Trajectory
-from ndtree.logs.poses.trajectory_files import TRAJECTORY, read_pose, read_trajectory, trajectory_kind
+from ndtree.logs.poses.trajectory_files import read_pose, read_trajectory, trajectory_kind
 
 #: What drivers write where they have no depth, beside 0.
 NO_DEPTH = 65535
@@ -56,7 +54,7 @@ _LISTS = ("associations.txt", "association.txt", "associate.txt", "associated.tx
 
 
 class DepthLog(FolderLog):
-    """Depth images of 16 bits, each from where its camera was; options are those of `CAMERA`, and so on."""
+    """Depth images of 16 bits, each from where its camera was; options are those of the table."""
 
     is_depth_camera = True
     no_depth: tuple[int, ...] = (NO_DEPTH,)
@@ -277,7 +275,7 @@ def _is_tum(source: Source) -> bool:
     return _TUM_IMAGES in source.names and not {_GROUND_TRUTH, "depth"}.isdisjoint(source.names)
 
 
-_OF_CAMERA, _OF_POSES = (CAMERA, PIXEL_STRIDE), (TRAJECTORY, TIME_OFFSET)
+_OF_CAMERA, _OF_POSES = ("camera", "pixel_stride"), ("trajectory", "time_offset")
 _ALL, _OPEN3D = (*_OF_CAMERA, *_OF_POSES), "a folder of depth images with a trajectory, as Open3D's"
 SEVEN_SCENES = Format(
     "seven_scenes", "a 7-Scenes folder", _is_seven_scenes, SevenScenesLog, _OF_CAMERA, "folder"

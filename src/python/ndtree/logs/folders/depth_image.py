@@ -16,9 +16,7 @@ from ndtree._errors import WrongValue, key
 from ndtree._lazy import needs
 from ndtree._native._core import depth_points
 from ndtree.logs.core.plain_file import open_regular
-from ndtree.logs.core.source import ReaderOption
 
-CAMERA = ReaderOption("camera", str, "Of depth images: fx,fy,cx,cy[,image values per metre].")
 ENDINGS = (".png", ".pgm")
 #: More pixels are no depth camera's.
 _MOST_PIXELS = 1 << 25
@@ -26,7 +24,6 @@ _PGM_HEADER = 1 << 12
 _PNG = b"\x89PNG\r\n\x1a\n"
 _GAP = rb"(?:\s|#[^\n]*\n)+"
 _PGM = re.compile(rb"P5" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})\s")
-PIXEL_STRIDE = ReaderOption("pixel_stride", int, "Use each n-th row and column of depth images.")
 
 
 @dataclass(frozen=True)

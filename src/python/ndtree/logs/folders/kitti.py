@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from ndtree.base.words import number_of
 from ndtree.logs.core.failures import NotALog, at_place
 from ndtree.logs.core.plain_file import text_lines
-from ndtree.logs.core.source import TIME_OFFSET, Format, Source
+from ndtree.logs.core.source import Format, Source
 from ndtree.logs.folders.cloud_files import WIDTHS, bin_points, floats_a_point
 from ndtree.logs.folders.folder import FolderLog, PosesOfFiles, number_in, stem_of
 from ndtree.logs.poses.pose import Pose, about_axes
-from ndtree.logs.poses.trajectory_files import TRAJECTORY
 
 _SCANS, _POSES, _TIMES, _CALIBRATION = "velodyne", "poses.txt", "times.txt", "calib.txt"
 _RAW_SCANS = os.path.join("velodyne_points", "data")
@@ -254,7 +253,7 @@ def _seconds(path: str, line: int, text: str) -> float:
         ) from None
 
 
-_OPTIONS = (TRAJECTORY, TIME_OFFSET)
+_OPTIONS = ("trajectory", "time_offset")
 KITTI = Format("kitti", "a KITTI odometry sequence", KittiLog.recognises, KittiLog, _OPTIONS, "folder")
 KITTI_RAW = Format(
     "kitti_raw", "a drive of KITTI's raw data", KittiRawLog.recognises, KittiRawLog, _OPTIONS, "folder"

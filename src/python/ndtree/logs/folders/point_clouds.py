@@ -18,11 +18,7 @@ from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
 from ndtree.logs.core.silence import without_zeros
 from ndtree.logs.core.source import (
-    ORIGIN_OF_SCAN,
-    POINTS_ONLY,
-    TIME_OFFSET,
     Format,
-    ReaderOption,
     Source,
     Unplaced,
     source_of,
@@ -54,9 +50,8 @@ from ndtree.logs.folders.scan_folder import (
 from ndtree.logs.folders.text_clouds import ENDINGS, MAYBE, columns_in, ends_as_points
 from ndtree.logs.formats.text import dimension_of, first_fields, looks_like_points
 from ndtree.logs.poses.pose import Pose
-from ndtree.logs.poses.trajectory_files import TRAJECTORY, read_pose, trajectory_kind
+from ndtree.logs.poses.trajectory_files import read_pose, trajectory_kind
 
-POINTS_IN = ReaderOption("points_in", str, "Frame of the points of point clouds: sensor or map; else sensor.")
 FRAMES = ("sensor", "map")
 _PCD = kind_of_name("a.pcd")
 
@@ -309,6 +304,6 @@ POINT_CLOUDS = Format(
     "a folder of PCD, PLY, LAS, LAZ, text or .bin files",
     _recognises,
     PointCloudLog,
-    (TRAJECTORY, TIME_OFFSET, POINTS_IN, ORIGIN_OF_SCAN, POINTS_ONLY),
+    ("trajectory", "time_offset", "points_in", "origin_of_scan", "points_only"),
     stored_as="either",
 )

@@ -14,7 +14,7 @@ from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
 from ndtree.logs.core.log import LineLog
 from ndtree.logs.core.rules import NO_ECHO, Rules
-from ndtree.logs.core.source import ZERO_IS, Format, ReaderOption, Source, check_zero_is
+from ndtree.logs.core.source import Format, Source, check_zero_is
 from ndtree.logs.formats.text import first_fields
 
 #: Records of the format.
@@ -28,8 +28,6 @@ _LASER_RECORD = re.compile(
     rb"^(?:FLASER[ \t]+\d+(?:[ \t]+[-+0-9.einfa]+)+|ROBOTLASER1(?:[ \t]+[-+0-9.einfa]+){8,})", re.MULTILINE
 )
 
-
-FOV = ReaderOption("fov", float, "Field of view of FLASER records [deg]; else as PARAM or the beams say.")
 
 #: Where the ranges of a record begin; their number stands before them.
 _FIRST_RANGE = {"FLASER": 2, "ROBOTLASER1": 9}
@@ -142,4 +140,4 @@ def _is_zero(field: str) -> bool:
     return _ZERO.fullmatch(field) is not None
 
 
-CARMEN = Format("carmen", "a CARMEN log", _recognises, CarmenLog, (ZERO_IS, FOV), dim=2)
+CARMEN = Format("carmen", "a CARMEN log", _recognises, CarmenLog, ("zero_is", "fov"), dim=2)

@@ -17,7 +17,7 @@ from ndtree.base.words import number_of
 from ndtree.logs.core.failures import readable
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.plain_file import open_regular
-from ndtree.logs.core.source import ORIGIN_OF_SCAN, POINTS_ONLY, Format, Source, Unplaced, without_sensor
+from ndtree.logs.core.source import Format, Source, Unplaced, without_sensor
 from ndtree.logs.poses.pose import Pose
 
 MAGIC = b"ASTM-E57"
@@ -157,5 +157,5 @@ E57 = Format(
     "an E57 of laser scans",
     lambda source: source.head.startswith(MAGIC),
     E57Log,
-    (ORIGIN_OF_SCAN, POINTS_ONLY),
+    ("origin_of_scan", "points_only"),
 )

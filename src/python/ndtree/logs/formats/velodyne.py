@@ -17,11 +17,11 @@ from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import NoPose, NotALog, one_line
 from ndtree.logs.core.log import Log
 from ndtree.logs.core.silence import without_padding
-from ndtree.logs.core.source import TIME_OFFSET, Format, ReaderOption, Source, WrongOption
+from ndtree.logs.core.source import Format, Source, WrongOption
 from ndtree.logs.formats.packets import MAGICS, is_velodyne, packets, sender_of
 from ndtree.logs.poses.pose import matrices_of, rotated
 from ndtree.logs.poses.trajectory import Trajectory
-from ndtree.logs.poses.trajectory_files import TRAJECTORY, read_trajectory
+from ndtree.logs.poses.trajectory_files import read_trajectory
 
 Floats = NDArray[np.float64]
 
@@ -139,12 +139,10 @@ def _open(
     return VelodyneLog(source.path, poses, time_offset)
 
 
-STILL = ReaderOption("still", bool, "Of a ROS bag or packets: the sensor stands still.")
-
 VELODYNE = Format(
     "velodyne",
     "packets of a Velodyne (.pcap)",
     lambda source: source.head.startswith(MAGICS),
     _open,
-    (TRAJECTORY, TIME_OFFSET, STILL),
+    ("trajectory", "time_offset", "still"),
 )

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import are_numbers, floats_of, text_lines, with_points
-from ndtree.logs.core.source import ReaderOption
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.pose_columns import TUM, PoseColumns, columns_named, order_in_doubt, seconds_of
 from ndtree.logs.poses.pose_lists import PoseList, kind_of_list, read_list
@@ -21,9 +20,6 @@ from ndtree.logs.poses.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 
-TRAJECTORY = ReaderOption(
-    "trajectory", str, "File of poses: TUM (t x y z qx qy qz qw), KITTI (3x4), EuRoC, g2o, Open3D's log."
-)
 
 EXPECTED = "expected 8 numbers a line (t x y z qx qy qz qw), or 12 or 16 (3x4 or 4x4 matrix)"
 

@@ -6,27 +6,22 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import fields
 from typing import Any
 
 from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.rules import Decision, Rules
-from ndtree.logs.core.source import TIME_OFFSET, ZERO_IS, Format, ReaderOption, Source
-from ndtree.logs.folders.depth_image import CAMERA, PIXEL_STRIDE
-from ndtree.logs.formats.velodyne import STILL
-from ndtree.logs.poses.covariances import USES
-from ndtree.logs.poses.trajectory_files import TRAJECTORY
+from ndtree.logs.core.source import Format, Source
 from ndtree.logs.ros.clock import in_order
 from ndtree.logs.ros.files.bag import ENDINGS, MAGICS, METADATA, METADATA_BEGINS, ZSTD_MAGIC, Bag, open_bag
 from ndtree.logs.ros.messages.beams import IMAGES
-from ndtree.logs.ros.messages.sweep import BY_WORD
 from ndtree.logs.ros.options import BagOptions
 from ndtree.logs.ros.outline import outline
 from ndtree.logs.ros.placement.placement import Placement
 from ndtree.logs.ros.plan import planned
 from ndtree.logs.ros.reading import MessageReader, OtherFrame, elsewhere_said
-from ndtree.logs.ros.survey import POSE_NAMES
 
 
 class RosbagLog(SizedLog):
@@ -134,44 +129,6 @@ class RosbagLog(SizedLog):
             yield scan
 
 
-TOPIC = ReaderOption(
-    "topic", list[str], "Of a ROS bag: topic with scans, clouds or depth images; @SIGMA [m] may follow."
-)
-FIXED_FRAME = ReaderOption(
-    "fixed_frame", str, "Of a ROS bag: frame of the map; else map, odom, world or a root."
-)
-ODOMETRY = ReaderOption("odometry", str, "Of a ROS bag: topic with Odometry, for poses instead of /tf.")
-POSE_TOPIC = ReaderOption("poses", str, f"Of a ROS bag: topic with poses: {POSE_NAMES}.")
-MOUNT = ReaderOption("mount", str, "Of a ROS bag: sensor on its base, X,Y,Z,ROLL,PITCH,YAW or X,Y,YAW.")
-SENSOR_FRAME = ReaderOption(
-    "sensor_frame", str, "Of a ROS bag: the sensor's frame, whatever its messages say."
-)
-BASE_FRAME = ReaderOption(
-    "base_frame",
-    str,
-    "Of a ROS bag: frame of the mount, that the poses are of, or that a cloud was seen from.",
-)
-DESKEW = ReaderOption("deskew", bool, "Of a ROS bag: each beam from the pose of its own time (default).")
-
-SWEEP = ReaderOption(
-    "sweep", str, f"Of a ROS bag: when its beams were measured: {', '.join(BY_WORD)}; else the log decides."
-)
-
-BODY = ReaderOption(
-    "body",
-    str,
-    "Of a ROS bag: the robot itself, box:LX,LY,LZ[,X,Y,Z], sphere:, capsule: or footprint:, + more, @FRAME.",
-)
-
-COLORS = ReaderOption("colors", bool, "Of a ROS bag: colours of clouds become a layer of the map, color.")
-
-POSE_COVARIANCE = ReaderOption(
-    "pose_covariance",
-    str,
-    f"Of a ROS bag: covariances of poses widen beams: {', '.join(USES)}; auto unless a driver's default.",
-)
-
-
 def _recognises(source: Source) -> bool:
     if source.is_folder:
         return METADATA in source.names or any(name.endswith(ENDINGS) for name in source.names)
@@ -199,10 +156,7 @@ ROSBAG = Format(
     "a ROS bag",
     _recognises,
     _open,
-    options=(
-        TOPIC, FIXED_FRAME, ODOMETRY, POSE_TOPIC, TRAJECTORY, STILL, MOUNT, SENSOR_FRAME, BASE_FRAME,
-        TIME_OFFSET, DESKEW, SWEEP, CAMERA, PIXEL_STRIDE, ZERO_IS, BODY, POSE_COVARIANCE, COLORS,
-    ),
+    options=tuple(one.name for one in fields(BagOptions)),
     stored_as="either",
     contents=_contents,
     dim=None,

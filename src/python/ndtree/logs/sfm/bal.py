@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ndtree.logs.core.plain_file import PlainFile, open_plain
 from ndtree.logs.core.source import Format, Source
-from ndtree.logs.sfm.triangulation import PIXEL_SIGMA, Model, ModelLog
+from ndtree.logs.sfm.triangulation import Model, ModelLog
 
 LINES_AT_ONCE = 1 << 15
 CAMERA_NUMBERS = 9  # Turn as axis times angle, translation, focal length, two of distortion.
@@ -137,4 +137,4 @@ def _recognises(source: Source) -> bool:
     return len(first) == 2 and _header(first[0]) is not None and _table(first[1:], 4) is not None
 
 
-BAL = Format("bal", "a problem of Bundle Adjustment in the Large", _recognises, BalLog, (PIXEL_SIGMA,))
+BAL = Format("bal", "a problem of Bundle Adjustment in the Large", _recognises, BalLog, ("pixel_sigma",))

@@ -11,7 +11,7 @@ from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import open_plain
 from ndtree.logs.core.source import Format, Source
 from ndtree.logs.poses.pose import nearest_rotations, rotated
-from ndtree.logs.sfm.triangulation import DEFAULT_PIXEL_SIGMA, PIXEL_SIGMA, Model, ModelLog
+from ndtree.logs.sfm.triangulation import DEFAULT_PIXEL_SIGMA, Model, ModelLog
 
 MAGIC = b"# Bundle file v"
 VERSION = b"0.3"
@@ -139,5 +139,5 @@ class _Lines:
 
 
 BUNDLER = Format(
-    "bundler", "a Bundler model", lambda source: source.head.startswith(MAGIC), BundlerLog, (PIXEL_SIGMA,)
+    "bundler", "a Bundler model", lambda source: source.head.startswith(MAGIC), BundlerLog, ("pixel_sigma",)
 )

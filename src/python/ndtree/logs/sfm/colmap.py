@@ -18,7 +18,7 @@ from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import open_regular, text_lines
 from ndtree.logs.core.source import Format, Source
 from ndtree.logs.poses.pose import Pose
-from ndtree.logs.sfm.triangulation import DEFAULT_PIXEL_SIGMA, PIXEL_SIGMA, SfmLog, Triangulation
+from ndtree.logs.sfm.triangulation import DEFAULT_PIXEL_SIGMA, SfmLog, Triangulation
 
 PARTS = ("cameras", "images", "points3D")
 
@@ -319,6 +319,6 @@ COLMAP = Format(
     "a COLMAP model",
     lambda source: _ending(source.names) is not None,
     ColmapLog,
-    (PIXEL_SIGMA,),
+    ("pixel_sigma",),
     "folder",
 )

@@ -14,11 +14,8 @@ from numpy.typing import NDArray
 from ndtree._errors import WrongValue
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import SizedLog, Skipped
-from ndtree.logs.core.source import ReaderOption, Source
+from ndtree.logs.core.source import Source
 
-PIXEL_SIGMA = ReaderOption(
-    "pixel_sigma", float, "Of structure from motion: standard deviation of a feature's place [px]; else 1."
-)
 DEFAULT_PIXEL_SIGMA = 1.0
 
 #: Observations whose range is less sure than this share of it are left out: 3 sigma reach back to the camera.

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What an option is: its flag, its key in a file, its parameter of a node, and what each of them takes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ndtree._errors import WrongValue
+from ndtree.base import checks
+from ndtree.base.checks import Check, integer, number, one_of, text, true_or_false
+
+#: Up to where a number of a node may be set, where nothing else is said.
+_MOST = 1e6
+
+
+@dataclass(frozen=True)
+class Option:
+    """A row of the table of options.
+
+    `type`: bool, int, float, str, Path, tuple[float, float]; list[float], which is typed with commas; or the
+        words that it may be.
+    `without`: What holds if it is left out, in words; behind the default if there is one.
+    `of`: The commands that take it, and "node".
+    `default`: What the program takes instead; `...` where it must be given.
+    `limits`: The least and the largest value.
+    `flags`: Where they are not made of the name, as "--output -o" and "--loops/--no-loops".
+    `parameter`: Its name for the nodes if that is another one.
+    `but`: Instead of the default, what holds in some commands.
+    `role`: What it says of a `Config`: "read", "format" (see `READER_OPTIONS`), "select", "mapping" or "map".
+    """
+
+    name: str
+    type: Any
+    help: str
+    value: str = ""  # What is typed behind the flag; empty for a switch, and where words say it.
+    without: str = ""
+    when: str = ""  # When to touch it.
+    of: str = ""
+    default: Any = None
+    unit: str = ""
+    limits: tuple[float, float] | None = None
+    above: bool = False  # Whether the least value is refused as well.
+    flags: str = ""
+    repeated: bool = False  # Whether it may be given several times.
+    parameter: str = ""
+    but: Mapping[str, str] = field(default_factory=dict)
+    role: str = ""
+    section: str = "log"  # Of a file of a `Config`.
+    changes: bool = False  # Whether a node takes another value while it maps.
+    read_by: tuple[str, ...] = ()  # Refinements of the maps: "evidence", "paper", "fixed", "octomap".
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """All that it may be, if they are some words."""
+        return self.type if isinstance(self.type, tuple) else ()
+
+    @property
+    def flag(self) -> str:
+        """Its flag, the longest of them."""
+        return max(self.flags.split("/")[0].split(), key=len, default=f"--{self.name.replace('_', '-')}")
+
+    @property
+    def placeholder(self) -> str:
+        """What is typed behind the flag; empty for a switch."""
+        return self.value or "|".join(self.words)
+
+    @property
+    def check(self) -> Check:
+        """What a value in a file must be."""
+        if self.repeated:
+            return checks.one_or_more(text)
+        if self.words:
+            return one_of(*self.words)
+        low, high = self.limits or (-math.inf, math.inf)
+        of_type: dict[Any, Check] = {
+            bool: true_or_false, int: integer(low, high), float: number(low, high, above=self.above),
+            list[float]: checks.numbers,
+        }  # fmt: skip
+        return of_type.get(self.type, text)
+
+    @property
+    def expected(self) -> str:
+        """What must be typed, in words."""
+        return self.check.expected if self.words or self.type in (int, float) else self.value or "a value"
+
+    def taken_by(self, command: str) -> bool:
+        """Whether a command, or "node", takes it."""
+        return command in self.of.split()
+
+    def shown(self, command: str) -> str:
+        """What holds in a command if it is left out, with its unit."""
+        other = next((said for commands, said in self.but.items() if command in commands.split()), None)
+        if other is not None or self.default is ...:
+            return other or "none: must be given"
+        if self.default is None or isinstance(self.default, bool):
+            on_or_off = "on" if self.default else "off"
+            return self.without or (on_or_off if self.type is bool else "none")
+        number = f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
+        return f"{number} {self.unit}".strip() + self.without
+
+    # --- Of the nodes, whose parameters always have a value ------------------------------------------
+
+    @property
+    def key(self) -> str:
+        """Name of the parameter."""
+        return self.parameter or self.name
+
+    @property
+    def kind(self) -> type:
+        """Type of the parameter."""
+        return self.type if self.type in (bool, int, float) else list if self.repeated else str
+
+    @property
+    def start(self) -> Any:
+        """Value of the parameter until another one is set; 0, false or empty where nothing is said."""
+        return [""] if self.kind is list else self.kind() if self.default is None else self.default
+
+    @property
+    def range(self) -> tuple[float, float] | None:
+        """From where to where it may be set; None where nothing limits it."""
+        if self.kind not in (int, float) or self.limits == (-math.inf, math.inf):
+            return None
+        low, high = self.limits or (0, _MOST)
+        return min(low, self.start), min(high, _MOST)
+
+    def require_word(self, value: Any) -> None:
+        """Refuse a parameter that is none of the words; raises WrongValue."""
+        if self.words and value not in (*self.words, self.start):
+            raise WrongValue.of(self.key, value, " or ".join([", ".join(self.words[:-1]), self.words[-1]]))
