@@ -10,7 +10,7 @@ import math
 import operator
 import os
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
 
@@ -176,92 +176,62 @@ def _readers() -> dict[str, list[str]]:
     return {name: readers for name, *_, readers, kind, _, _ in _core.option_table() if kind is not None}
 
 
-class Call:
-    """What a compiled function takes, to say what is wrong with a call of it.
+def error_of(
+    call: str, parameters: Sequence[inspect.Parameter], arguments: Sequence[Any], keywords: dict[str, Any]
+) -> Exception:
+    """What is wrong with a call of a compiled function, whose name is `call`.
 
-    `name`: "Class.method", or that of a function.
-    `line`: The one that pybind11 writes above its docstring.
+    ValueError for an integer out of bounds, else TypeError.
     """
+    positional = [one.name for one in parameters if one.kind not in (one.KEYWORD_ONLY, one.VAR_KEYWORD)]
+    if len(arguments) > len(positional):
+        return TypeError(f"{call}(): {_too_many(call, parameters, arguments, positional)}")
+    given = {**dict(zip(positional, arguments)), **keywords}
+    known = [one for one in parameters if one.kind is not one.VAR_KEYWORD]
+    names = ", ".join(one.name for one in known)
+    for name in keywords:
+        if len(known) == len(parameters) and name not in (one.name for one in known):
+            return TypeError(f"{call}(): no argument {name}, expected {names or 'none'}")
+    for one in known:
+        if one.name not in given and one.default is one.empty:
+            return TypeError(f"{call}(): {one.name} is missing, expected {names}")
+    said = ", ".join(f"{name} = {shown(value)}" for name, value in given.items()) or "no arguments"
+    return refused(call, known, given) or TypeError(
+        f"{call}(): {said}: a value is out of bounds, or of another kind than expected"
+    )
 
-    def __init__(self, name: str, line: str, *, is_method: bool) -> None:
-        short = name.rpartition(".")[2]
-        self.name = name.partition(".")[0] if short == "__init__" else short
-        self._skipped = int(is_method)
-        known = [
-            (one, wanted, default is not None) for one, wanted, default in parameters_of(line) if one != "/"
-        ]
-        self._known = known[self._skipped :]
 
-    def error_of(self, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> Exception:
-        """What is wrong with a call: ValueError for an integer out of bounds, else TypeError."""
-        try:
-            return TypeError(f"{self.name}(): {self._said(arguments[self._skipped :], keywords)}")
-        except ValueError as error:
-            error.__context__ = None  # That of pybind11, in several lines.
-            return error.with_traceback(None)
-
-    def refused(self, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> str:
-        """What the first argument of a wrong kind must be; empty where all suit."""
-        given = {**dict(zip((one for one, *_ in self._known), arguments[self._skipped :])), **keywords}
-        wrong = (self._refused(one, given[one], wanted) for one, wanted, _ in self._known if one in given)
-        return next(filter(None, wrong), "")
-
-    def _said(self, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> str:
-        names = [one for one, _, _ in self._known if not one.startswith("*")]
-        starred = next((i for i, one in enumerate(self._known) if one[0][0] == "*"), None)
-        positional = [one for one, _, _ in self._known[:starred]]
-        if len(arguments) > len(positional):
-            return self._too_many(arguments, positional)
-        given = {**dict(zip(positional, arguments)), **keywords}
-        if not any(one.startswith("**") for one, _, _ in self._known):
-            for key in keywords:
-                if key not in names:
-                    return f"no argument {key}, expected {', '.join(names) or 'none'}"
-        for one, wanted, has_default in self._known:
-            if one.startswith("*") or (one not in given and has_default):
-                continue
-            if one not in given:
-                return f"{one} is missing, expected {', '.join(names)}"
-            refused = self._refused(one, given[one], wanted)
-            if refused:
-                return refused
-        said = ", ".join(f"{key} = {shown(value)}" for key, value in given.items())
-        return f"{said or 'no arguments'}: a value is out of bounds, or of another kind than expected"
-
-    def _too_many(self, arguments: tuple[Any, ...], positional: list[str]) -> str:
-        most = f"at most {len(positional)} ({', '.join(positional)})" if positional else "none"
-        own = _FIRST.get(self.name)
-        if own and len(arguments) == 1:
-            given = shown(arguments[0])
-            is_file = isinstance(arguments[0], (str, os.PathLike))
-            meant = f": did you mean {f'ndtree.load({given})' if is_file else f'{own} = {given}'}?"
-        else:
-            named = [one for one, *_ in self._known if not one.startswith("*") and one not in positional]
-            named = [*([own] if own else []), *named]
-            meant = f"; the others by name: {', '.join(named[:_MOST_NAMED])}" if named else ""
-        count = (
-            "1 argument without a name"
-            if len(arguments) == 1
-            else f"{len(arguments)} arguments without names"
-        )
-        return f"{count}, expected {most}{meant}"
-
-    def _refused(self, name: str, value: Any, wanted: str) -> str:
-        """What a value must be; empty if it suits."""
-        if wanted == "object" or wanted.endswith("Iterable"):
-            wanted = _OF_OBJECTS.get(name, wanted)
-        plain = "" if wanted == "object" else str(_annotation(wanted))
-        words = words_for(value, plain)
-        if plain == "bool" and not isinstance(value, bool):  # An integer, which pybind11 takes for none.
+def refused(call: str, parameters: Sequence[inspect.Parameter], given: Mapping[str, Any]) -> Exception | None:
+    """The error of the first argument that cannot be what its annotation says; None where all suit."""
+    for one in parameters:
+        if one.name not in given:
+            continue
+        value, wanted = given[one.name], str(one.annotation)
+        if one.annotation is one.empty or wanted.endswith("Iterable"):
+            wanted = _OF_OBJECTS.get(one.name, "")
+        words = words_for(value, wanted)
+        if wanted == "bool" and not isinstance(value, bool):  # An integer, which pybind11 takes for none.
             words = "True or False"
         if words:
-            return f"{name} = {shown(value)}: must be {words}"
-        if value is not None and plain.startswith("int"):
-            _check_bounds(f"{self.name}(): {name}", value, _BOUNDS.get(name, _OF_INT))
-        return ""
+            return TypeError(f"{call}(): {one.name} = {shown(value)}: must be {words}")
+        low, high = _BOUNDS.get(one.name, _OF_INT)
+        if value is not None and wanted.startswith("int") and not low <= operator.index(value) <= high:
+            number = shown(operator.index(value))
+            return ValueError(f"{call}(): {one.name} = {number}: must be from {low} to {high}")
+    return None
 
 
-def _check_bounds(what: str, value: Any, bounds: tuple[int, int]) -> None:
-    number = operator.index(value)
-    if not bounds[0] <= number <= bounds[1]:
-        raise ValueError(f"{what} = {shown(number)}: must be from {bounds[0]} to {bounds[1]}")
+def _too_many(
+    call: str, parameters: Sequence[inspect.Parameter], arguments: Sequence[Any], positional: list[str]
+) -> str:
+    most = f"at most {len(positional)} ({', '.join(positional)})" if positional else "none"
+    own = [_FIRST[call]] if call in _FIRST else []
+    named = dict.fromkeys([*own, *(one.name for one in parameters if one.kind is one.KEYWORD_ONLY)])
+    one = len(arguments) == 1
+    meant = f"; the others by name: {', '.join([*named][:_MOST_NAMED])}" if named else ""
+    if own and one:
+        given = shown(arguments[0])
+        is_file = isinstance(arguments[0], (str, os.PathLike))
+        meant = f": did you mean {f'ndtree.load({given})' if is_file else f'{own[0]} = {given}'}?"
+    said = "1 argument without a name" if one else f"{len(arguments)} arguments without names"
+    return f"{said}, expected {most}{meant}"

@@ -18,7 +18,7 @@ from typing import Any
 from ndtree import _lazy
 from ndtree._native import _core, results
 from ndtree._native._arguments import TAKEN, flattened, refuse_masked, shaped
-from ndtree._native._calls import Call, require_options, signature_of, text_of
+from ndtree._native._calls import error_of, refused, require_options, signature_of, text_of
 
 #: By the compiled type of a result: the one that takes its place.
 RESULTS: dict[type, type] = {
@@ -110,8 +110,10 @@ def _wrapped(
     asks_for_dim = signature is not None and name in ASK_FOR_DIM
     if signature is not None and asks_for_dim:
         signature = _without_default(signature, "dim")
-    names = tuple(signature.parameters)[is_method:] if signature is not None else ()
+    parameters = list(signature.parameters.values())[is_method:] if signature is not None else []
+    names = tuple(one.name for one in parameters)
     class_name, _, short = name.rpartition(".")
+    called = class_name if short == "__init__" else short
     axes = TAKEN.get(name, TAKEN.get(short)) if is_method else None
     takes_path = "path" in names
     writes = takes_path and short.startswith(("save", "write"))
@@ -142,15 +144,13 @@ def _wrapped(
                 if "\n" not in said:
                     raise
                 raise TypeError(" ".join(said.split())) from error.__cause__
-            takes = Call(name, function.__doc__.partition("\n")[0], is_method=is_method)
-            refused = takes.error_of(arguments, keywords)
+            wrong = error_of(called, parameters, arguments[is_method:], keywords)
         except AttributeError:  # Of what is in an argument, which Python's own code in the module asks.
-            takes = Call(name, function.__doc__.partition("\n")[0], is_method=is_method)
-            found = takes.refused(arguments, keywords)
-            if not found:
+            found = refused(called, parameters, given)
+            if found is None:
                 raise
-            refused = TypeError(f"{takes.name}(): {found}")
-        raise refused
+            wrong = found
+        raise wrong
 
     call.__qualname__ = name  # pybind11's own is that of a class of its.
     call.__doc__ = text_of(function.__doc__)
