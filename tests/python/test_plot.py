@@ -19,12 +19,11 @@ pytest.importorskip("matplotlib")
 
 from conftest import with_room
 from matplotlib import colormaps
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 
 from ndtree import plot
 from ndtree.cells.lattice import Cells
-from ndtree.plot import cubes, raster
+from ndtree.plot import cubes
 from ndtree.plot.close_ups import close_up_region
 from ndtree.plot.colors import CUBE_SIZE_COLORS, HEIGHT_COLORS, round_length
 from ndtree.plot.figures import SIZE_COLORS
@@ -296,48 +295,6 @@ def test_many_faces_are_an_image_in_vector_graphics(solid: Any, tmp_path: Path, 
         plot.occupied(solid).figure.savefig(path)
         sizes.append((path.stat().st_size, path.read_text().count("<image")))
     assert sizes[1][0] < 0.5 * sizes[0][0] and [count for _, count in sizes] == [0, 1]
-
-
-def test_the_image_of_many_faces_is_what_painting_them_one_after_the_other_gives() -> None:
-    width, height, line = 61, 47, 0.5
-    generator = np.random.default_rng(5)
-    for spread in (2.0, 9.0, 60.0):
-        corners = generator.uniform(-0.2, 1.2, (300, 1, 2)) * (width, height)
-        corners = corners + np.array([[0, 0], [1, 0], [0, 1]]) @ generator.normal(0, spread, (300, 2, 2))
-        corners[::50, 2] = corners[::50, 1]  # Seen from their sides.
-        corners = corners.astype(np.float32)
-        expected = np.zeros((height, width), dtype=int)
-        middles = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1)
-        for number, (first, *others) in enumerate(corners.astype(float)):
-            both = np.stack(others, axis=1) - first[:, None]
-            low, high = (
-                limit([first, *others, others[0] + others[1] - first], axis=0) for limit in (np.min, np.max)
-            )
-            if abs(np.linalg.det(both)) < 1e-6:
-                continue
-            shares = np.abs((middles - first) @ np.linalg.inv(both).T - 0.5)
-            lines = line * np.linalg.norm(np.linalg.inv(both), axis=1)
-            inside = (shares <= 0.5 + lines).all(axis=-1)
-            inside &= ((middles >= low - line) & (middles <= high + line)).all(axis=-1)
-            is_inner = (shares < 0.5 - lines).all(axis=-1)
-            expected[inside] = 2 * number + 1 + is_inner[inside]
-        seen = raster._front(corners, width, height, line)
-        assert (seen != expected).mean() < 1e-3  # Those in the rounding of a border.
-        assert (expected > 0).mean() > 0.1
-
-
-def test_the_image_of_many_faces_has_the_colors_of_the_faces(solid: Any, monkeypatch: Any) -> None:
-    shown = []
-    for most in (10**9, 0):
-        monkeypatch.setattr(cubes, "MAX_VECTOR_FACES", most)
-        figure = plot.occupied(solid, region=(-3.0, 3.0) * 3).figure
-        canvas = FigureCanvasAgg(figure)
-        canvas.draw()
-        shown.append(np.asarray(canvas.buffer_rgba())[..., :3].astype(float))
-    assert np.abs(shown[0] - 255).max() > 100
-    drawn = np.abs(shown[0] - 255).mean()
-    assert np.abs(shown[0] - shown[1]).mean() < 0.05 * drawn  # Of edges, there are few samples a pixel.
-    assert abs((shown[0] - shown[1]).mean()) < 0.01 * drawn
 
 
 # --- Files, errors, speed ---------------------------------------------------------------------------

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ndtree._native._core import OccupancyMap
 from ndtree.cells.lattice import (
@@ -27,12 +27,11 @@ from ndtree.cells.lattice import (
 from ndtree.cells.regions import ceiling, found_region
 from ndtree.plot.colors import Coloring, coloring
 from ndtree.plot.figures import CutAbove, Region, axes_or_new, framed, require_dim
-from ndtree.plot.raster import FacesImage
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-MAX_VECTOR_FACES = 20_000  # More are an image, also in SVG and PDF.
+MAX_VECTOR_FACES = 20_000  # More are an image in SVG and PDF, too.
 _OUTLINE = 0.8  # Brightness of a face's border, of that of the face.
 _LINEWIDTH = 0.25  # Of it [points].
 
@@ -180,15 +179,17 @@ def draw_cubes(
         cubes = joined
     number, axis = _open_faces(cubes, to_viewer)
     corners = _corners(cubes, bounds, number, axis, to_viewer >= 0, screen)
-    shades = np.array([0.15, 0.5, 1.0], dtype=corners.dtype) * 0.38 + 0.62
-    fill = fills.astype(corners.dtype)[number] * shades[axis, None]  # Darker to the sides.
-    if len(corners) > MAX_VECTOR_FACES:
-        ax.add_image(FacesImage(ax, corners, fill, _OUTLINE, _LINEWIDTH))
-    else:
-        first, one, two = np.moveaxis(corners, 1, 0)
-        quads = np.stack([first, one, one + two - first, two], axis=1)
-        faces = PolyCollection(quads, facecolors=fill, edgecolors=_OUTLINE * fill, linewidths=_LINEWIDTH)
-        ax.add_collection(faces, autolim=False)
+    shades = np.array([0.15, 0.5, 1.0]) * 0.38 + 0.62
+    fill = fills[number] * shades[axis, None]  # Darker to the sides.
+    first, one, two = np.moveaxis(corners, 1, 0)
+    faces = PolyCollection(
+        np.stack([first, one, one + two - first, two], axis=1),
+        facecolors=fill,
+        edgecolors=_OUTLINE * fill,
+        linewidths=_LINEWIDTH,
+        rasterized=len(corners) > MAX_VECTOR_FACES,
+    )
+    ax.add_collection(faces, autolim=False)
     ax.set_axis_off()
     return ax
 
@@ -207,19 +208,18 @@ def _open_faces(cubes: Cells, to_viewer: Floats) -> tuple[Integers, Integers]:
 
 def _corners(
     cubes: Cells, bounds: Region, number: Integers, axis: Integers, is_upper: Booleans, screen: Floats
-) -> NDArray[Any]:
+) -> Floats:
     """Three corners (n, 3, 2) of faces on the screen [m], the one between the others first."""
-    kind = np.float32 if len(number) > MAX_VECTOR_FACES else np.float64
     lower, upper = _clipped(cubes, bounds)
-    corner, extent = (lower @ screen).astype(kind), (upper - lower).astype(kind)
+    corner, extent = lower @ screen, upper - lower
     corners = np.repeat(corner[number, None], 3, axis=1)
     for a in range(3):
         of_axis = np.flatnonzero(axis == a)
         of_cube = extent[number[of_axis]]
         if is_upper[a]:
-            corners[of_axis] += (of_cube[:, a, None] * screen[a].astype(kind))[:, None]
+            corners[of_axis] += (of_cube[:, a, None] * screen[a])[:, None]
         for k, b in enumerate(b for b in range(3) if b != a):
-            corners[of_axis, 1 + k] += of_cube[:, b, None] * screen[b].astype(kind)
+            corners[of_axis, 1 + k] += of_cube[:, b, None] * screen[b]
     return corners
 
 
