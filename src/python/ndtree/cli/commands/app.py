@@ -15,7 +15,7 @@ import typer.main
 
 from ndtree.base.exit_status import BAD_INPUT, WRONG_CALL, WrongCall
 from ndtree.cli import interrupt
-from ndtree.cli.help import page_asked_for
+from ndtree.cli.help import page, page_asked_for
 from ndtree.cli.streams import heard, silenced
 
 
@@ -78,8 +78,8 @@ def loaded(name: str, module: str) -> Any:
     return _LOADED[name]
 
 
-def announce(name: str, module: str, summary: str) -> None:
-    """Puts a command into the help, without its module."""
+def announce(name: str, module: str) -> None:
+    """Puts a command into the help, without its module; what it does, its page says."""
 
     class Late(typer.core.TyperCommand):
         """What stands in the help; to be called, it becomes the command itself."""
@@ -91,7 +91,8 @@ def announce(name: str, module: str, summary: str) -> None:
                 raise typer.Exit
             return loaded(name, module).make_context(info_name, _with_stdout(args), *more, **keywords)
 
-    app.command(name, cls=Late, help=summary)(lambda: None)
+    summary = (page(name) or "").split("\n\n")
+    app.command(name, cls=Late, help=" ".join(summary[1:2]))(lambda: None)
 
 
 def _with_stdout(words: list[str]) -> list[str]:

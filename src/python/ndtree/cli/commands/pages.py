@@ -38,8 +38,8 @@ def flags_of(option: Option) -> str:
 def _first_page() -> str:
     lines = ["usage: ndtree COMMAND [ARGUMENTS] [OPTIONS]", ""]
     lines += ["Occupancy maps whose cells adapt to what is measured.", ""]
-    for name, (_, summary) in COMMANDS.items():
-        lines += _entry(name, re.split(r"[:.](?: |$)", summary)[0] + ".", 12)
+    for name, command in every().items():
+        lines += _entry(name, re.split(r"[:.](?: |$)", _plain(command.help))[0] + ".", 12)
     lines += ["", "Each with --help, --quiet, and most with --json."]
     lines += _entry("--version", "Print the version.", 22)
     lines += _entry("--install-completion", "The Tab key completes commands and flags.", 22)
