@@ -13,7 +13,7 @@ from ndtree.base import checks
 from ndtree.base.checks import Check, integer, number, one_of, text, true_or_false
 
 #: Up to where a number of a node may be set, where nothing else is said.
-_MOST = 1e6
+MOST = 1e6
 
 
 @dataclass(frozen=True)
@@ -123,8 +123,8 @@ class Option:
         """From where to where it may be set; None where nothing limits it."""
         if self.kind not in (int, float) or self.limits == (-math.inf, math.inf):
             return None
-        low, high = self.limits or (0, _MOST)
-        return min(low, self.start), min(high, _MOST)
+        low, high = self.limits or (0, MOST)
+        return min(low, self.start), min(high, MOST)
 
     def require_word(self, value: Any) -> None:
         """Refuse a parameter that is none of the words; raises WrongValue."""

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ndtree._native import _core
-from ndtree.base.option import Option
+from ndtree.base.option import MOST, Option
 
 DEFAULT_REFINEMENT = _core.AdaptiveMap(dim=2).refinement
 
@@ -81,7 +81,6 @@ def _picture(of: str, help: str) -> Option:
     return Option("picture", Path, help, "FILE", "", "to see the map at once", of)
 
 
-_MOST = 1e6
 _POSITIVE = (0.0, math.inf)
 _ANY = (-math.inf, math.inf)
 _COUNT = (1, math.inf)
@@ -165,11 +164,11 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
     "How good is the sensor?": (
         Option("max_range", float, "Longer beams are cut off here, and free up to it [m].", "M",
                "as the log says, else none", "far points are noise; missing returns are free up to here",
-               _MAPPING_LIVE, limits=_POSITIVE, above=True, role="mapping", section="sensor",
+               _MAPPING_LIVE, unit="m", limits=_POSITIVE, above=True, role="mapping", section="sensor",
                but={"compare demo calibrate": "none"}),
         Option("max_range", float, "Farther end points are not matched [m].", "M", "40 m, by kiss-icp 100 m",
-               "far points are noise; missing returns are free up to here", "align", limits=_POSITIVE,
-               above=True),
+               "far points are noise; missing returns are free up to here", "align", unit="m",
+               limits=_POSITIVE, above=True),
         Option("no_return", ("auto", "free", "ignore"), "A beam without return is free up to its end point, "
                "or ignored.", "", "", "free space is missing, or goes through glass", _MAPPING_LIVE, "auto",
                role="mapping", section="sensor"),
@@ -366,7 +365,7 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "the robot's base", "the Path is of another frame", "live node"),
         Option("follow_memory", float, "Scans that can move [MiB]; of more, the oldest stay.", "MIB", "",
                "a long drive, or less memory: the oldest scans stay then", "live node", 1024.0, "MiB",
-               (1, _MOST)),
+               (1, MOST)),
     ),
     "On which machines?": (
         Option("engine", ("processes", "local", "ray", "dask"), "Processes, threads of this one, Ray or "
@@ -391,8 +390,8 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
               "blocked"),
         _node("grid_cell_size", float, "Of the grid [m]; 0: that of the smallest cells."),
         _node("grid_low", float, "Of a 3-D map, the grid is of cells between this height", 0.1,
-              limits=(-_MOST, _MOST), changes=True),
-        _node("grid_high", float, "and this one [m].", 1.8, limits=(-_MOST, _MOST), changes=True),
+              limits=(-MOST, MOST), changes=True),
+        _node("grid_high", float, "and this one [m].", 1.8, limits=(-MOST, MOST), changes=True),
         _node("grid_above", ("map", "robot", "ground"), "What these count from: map, its z = 0; robot, its "
               "base; or ground, below each.", "map", changes=True),
         _node("ground_slope", float, "The steepest ground [m/m].", 0.3, changes=True),

@@ -3,19 +3,19 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ndtree._errors import WrongOption, key
 from ndtree._native._core import OccupancyMap
-from ndtree.live.corrections import MEMORY, Corrections
+from ndtree.base.options import options_of
+from ndtree.live.corrections import Corrections
 from ndtree.live.fading import Fading
 from ndtree.live.localizing import ODOMETRY, Localizer, place_of
-from ndtree.live.messages import LOOK, MessagesIntake
+from ndtree.live.messages import MessagesIntake
 from ndtree.live.session import Session
-from ndtree.live.settings import PATIENCE, QUEUE, LiveSettings
+from ndtree.live.settings import LiveSettings
 from ndtree.live.slam import Slam, scans_beside
 from ndtree.live.window import Window
 from ndtree.tuning.config import Config
@@ -29,36 +29,32 @@ _EXCLUDES = {
 }
 
 
-@dataclass(frozen=True)
 class LiveOptions:
-    """How a live map is made, as far as a `Config` does not say it; WrongOption if two do not go together."""
+    """How a live map is made, as far as a `Config` does not say it: what ``ndtree live`` takes, by the table.
 
-    look: float = LOOK  # As of `MessagesIntake` [s].
-    queue: int = QUEUE  # As of `LiveSettings`, ...
-    patience: float = PATIENCE
-    threads: int = 0
-    window: float | None = None  # Of a `Window` [m].
-    fade: float | None = None  # Of `Fading` [s].
-    follow: str = ""  # As of `MessagesIntake`; the frame is its `body`.
-    follow_frame: str = ""
-    follow_memory: float = MEMORY / 2**20  # Of scans that can move [MiB].
-    slam: bool = False  # Poses are found.
-    localize: str | os.PathLike[str] | None = None  # A map that the sensor is found in; nothing is mapped.
-    initial_pose: str = ""  # X,Y,YAW of the sensor in a saved map; else it is looked for.
-    resume: str | os.PathLike[str] | None = None  # A map that is gone on with.
-    fixed: bool = False  # All cells have one size.
+    `given`: What a user said, by the names of options; None and what is not there is as the table has it.
+    Raises WrongOption if two do not go together.
+    """
 
-    def __post_init__(self) -> None:
+    def __init__(self, given: Mapping[str, Any]) -> None:
+        self.threads = given.get("threads", 0)
+        for one in options_of("live"):
+            value = given.get(one.name)
+            setattr(self, one.name, one.default if value is None else value)
         for way, (others, why) in _EXCLUDES.items():
             for name in others if getattr(self, way) else ():
                 if getattr(self, name) not in (None, "", False):
                     why = "which corrects poses itself" if name == "follow" and way == "slam" else why
                     raise WrongOption(f"{key(name)}: not with {key(way)}, {why}")
 
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...
+
     @property
     def finds_poses(self) -> bool:
         """Whether scans are placed in the frame of odometry, and found in the map."""
-        return self.slam or self.localize is not None
+        return bool(self.slam or self.localize is not None)
 
     def beginning(
         self, given: Config, load: Callable[[Path], OccupancyMap]
@@ -68,7 +64,6 @@ class LiveOptions:
         `load`: Opens a map; what it raises is raised.
         """
         file = self.localize or self.resume
-        given = given.overridden(Config.of(fixed=self.fixed or None).values)
         if file is None:
             return given, None
         begun = Session.load(scans_beside(file)) if self.slam else load(Path(file))
@@ -82,8 +77,8 @@ class LiveOptions:
             name,
             given,
             look=self.look,
-            follow=self.follow,
-            body=self.follow_frame,
+            follow=self.follow or "",
+            body=self.follow_frame or "",
             poses_are_found=self.slam,
         )
 

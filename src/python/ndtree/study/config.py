@@ -4,17 +4,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-from ndtree.base.checks import Check, Table, integer, list_of, one_of, one_or_more, parsed, text
+from ndtree.base.checks import Table, list_of, one_of, one_or_more, parsed, text
+from ndtree.base.options import option
 from ndtree.maps.kinds import KINDS
 from ndtree.tuning.config import MAPPING, OF_FORMATS, OF_MAPS, READING, SELECTING, Config, beside
 
-_SIMULATING: Mapping[str, Check] = {"scans": integer(1), "seed": integer(0)}
+_SIMULATING = {name: option(name).check for name in ("scans", "seed")}
 PICTURES = ("png", "pdf", "svg")
 
 
@@ -93,10 +93,11 @@ def load(path: str | os.PathLike[str]) -> Study:
     file = Path(path)
     top = Table(file, "", parsed(file))
     output = top.take("output", text, f"{file.stem}-results")
-    held_out = top.take("held_out", integer(0), 10)
+    held_out, repeat = (
+        top.take(one.name, one.check, one.default) for one in map(option, ("held_out", "repeat"))
+    )
     if held_out == 1:
         raise top.wrong("held_out", 1, "0, or at least 2: else nothing is left to map")
-    repeat = top.take("repeat", integer(1), 1)
     pictures = top.take("pictures", list_of(one_of(*PICTURES)), ["png"])
     logs = tuple(_log(name, table, file) for name, table in top.tables("logs"))
     sets = tuple(one for name, table in top.tables("maps") for one in _sets(name, table))
@@ -106,7 +107,7 @@ def load(path: str | os.PathLike[str]) -> Study:
 
 def _log(name: str, table: Table, file: Path) -> StudyLog:
     path = table.take("path", text, None)
-    world = table.take("simulate", one_of("office", "apartment", "street"), None)
+    world = table.take("simulate", option("world").check, None)
     if (path is None) == (world is None):
         raise ValueError(f"{file}: logs.{name}: expected either path or simulate")
     if world is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 from collections.abc import Callable
 from enum import Enum
 from pathlib import Path
@@ -54,9 +55,8 @@ def command(name: str, *, usual: str, examples: tuple[str, ...]) -> Callable[[Ca
             typed = {key: _plain(value) for key, value in typed.items()}
             arguments = {one.name: typed[one.name] for one in own}
             with guarded(name, typed):
-                values = {one.name: typed[one.name] for one in options}
                 if any(one.name == "given" for one in takes):
-                    arguments["given"] = _given(options, values)
+                    arguments["given"] = _given(options, typed)
                 function(**arguments, call=Call(**typed))
 
         parameters = [
@@ -78,12 +78,11 @@ def _parameter(option: Option) -> inspect.Parameter:
     if option.repeated:
         kind = list[kind]
     flags = [option.flags] if "/" in option.flags else option.flags.split() or [option.flag]
-    low, high = option.limits or (None, None)
-    bounds = {"min": low, "max": high} if not option.above else {}
+    bounds = {} if option.above else dict(zip(("min", "max"), option.limits or ()))
     typed = typer.Option(
         *flags,
         help=option.help.replace("[", r"\["),
-        **{name: bound for name, bound in bounds.items() if bound is not None and abs(bound) < float("inf")},
+        **{name: bound for name, bound in bounds.items() if math.isfinite(bound)},
     )
     is_required = option.default is ...
     # What a file of a `Config` says holds where nothing is typed.
@@ -103,14 +102,14 @@ def _plain(value: Any) -> Any:
     return value.value if isinstance(value, Enum) else value
 
 
-def _given(options: list[Option], values: dict[str, Any]) -> Config:
+def _given(options: list[Option], typed: dict[str, Any]) -> Config:
     """What was typed, instead of what a file says."""
     for one in options:
-        value = values[one.name]
-        if one.above and value is not None and not value > 0:
-            raise WrongCall(f"{one.flag} {value:g}: must be > 0 m")
-    given = Config.of(**{one.name: values[one.name] for one in options if one.role})
-    file = values.get("config")
+        value = typed[one.name]
+        if one.above and one.limits and value is not None and not value > one.limits[0]:
+            raise WrongCall(f"{one.flag} {value:g}: must be > {one.limits[0]:g} {one.unit}".rstrip())
+    given = Config.of(**{one.name: typed[one.name] for one in options if one.role})
+    file = typed.get("config")
     return given if file is None else Config.load(file).overridden(given.values)
 
 

@@ -5,7 +5,6 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import fields
 from typing import Any, Optional
 
 from ndtree.alignment.aligning import moves
@@ -76,12 +75,6 @@ def live(call: Call, given: Config, log: LogArgument = None) -> None:
         run.report(time.perf_counter() - begin)
 
 
-def _options(call: Call) -> LiveOptions:
-    """How the map is made."""
-    given = {one.name: getattr(call, one.name, None) for one in fields(LiveOptions)}
-    return LiveOptions(**{name: value for name, value in given.items() if value is not None})
-
-
 def _refuse_mixtures(call: Call, given: Config) -> None:
     """Refuse flags that do not go together, beside those of `LiveOptions`."""
     for one, value, needs, is_there in (
@@ -114,7 +107,7 @@ class _Run:
     mapper: LiveMapper
 
     def __init__(self, call: Call, given: Config) -> None:
-        self._call, self._options = call, made(lambda: _options(call))
+        self._call, self._options = call, made(lambda: LiveOptions(vars(call)))
         self._given, self._begun = self._options.beginning(given, load_map)
         if call.resume is None and call.localize is None and not call.slam:
             made(lambda: self._given.new_map(self._given.get("dim", 2)))

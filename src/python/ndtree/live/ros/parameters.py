@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -88,14 +88,12 @@ def in_parameters(text: str | Exception) -> str:
 
 def live_options_of(value: Callable[[str], Any]) -> LiveOptions:
     """What a user said of the map, of a function that tells the value of a parameter."""
-    names = {one.name for one in fields(LiveOptions)}
-    rows = [row for row in ROWS if row.name in names and (row.default is not None or value(row.key))]
-    given = {row.name: value(row.key) for row in rows}
+    said = {row.name: value(row.key) for row in ROWS if row.default is not None or value(row.key)}
     file = value("map_file")
     kept = scans_beside(file) if value("slam") and file else Path(file)
     is_there = bool(file) and kept.exists()
-    given["resume"] = (file or "map_file") if value("resume") and (is_there or value("localize")) else None
-    return LiveOptions(**given)
+    said["resume"] = (file or "map_file") if value("resume") and (is_there or value("localize")) else None
+    return LiveOptions(said)
 
 
 def followed(follow: str) -> dict[str, Any]:
