@@ -143,7 +143,7 @@ OPTION_PLACES = {
         "from ndtree.live.ros1.parameters import Parameters\n"
         "try: Parameters({'drum': 10}, lambda name, value: value, print)\n"
         "except ValueError as error: print(error)",
-        "~drum = 10: must be from 1 to 9",
+        "drum = 10: must be a whole number from 1 to 9",
     ),
 }
 

@@ -197,7 +197,7 @@ def test_it_has_all_of_octomap_server(robot: Robot, tmp_path: Path) -> None:
     ground.follow(m)
     assert ground.values is not None and np.array_equal(found["above ground"], ground.values)
     assert not np.array_equal(found["above robot"], found["above ground"])
-    assert "must be map, robot or ground" in found["said of sky"][0] and found["said of robot"][0] == ""
+    assert "must be one of map, robot, ground" in found["said of sky"][0] and found["said of robot"][0] == ""
     assert np.array_equal(found["above sky"], found["above robot"])
     m.clear([[-50.0] * 3, [0.0, 50.0, 50.0]])
     assert found["cleared"].tobytes() == octomap_of(m, tmp_path / "map.ot", cell_size=0.2)
@@ -346,7 +346,7 @@ def test_a_node_that_is_configured_again_begins_anew(robot: Robot) -> None:
 @pytest.mark.parametrize(
     "given, said",
     [
-        ({"no_return": "maybe"}, "no_return maybe: must be auto, free or ignore"),
+        ({"no_return": "maybe"}, "no_return maybe: must be one of auto, free, ignore"),
         ({"min_cell_size": -1.0}, "min_cell_size -1"),
         ({"queue": 0}, "queue"),
         ({"slam": "true", "window": 3.0}, "window: not with slam"),

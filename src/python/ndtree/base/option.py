@@ -121,12 +121,24 @@ class Option:
     @property
     def range(self) -> tuple[float, float] | None:
         """From where to where it may be set; None where nothing limits it."""
-        if self.kind not in (int, float) or self.limits == (-math.inf, math.inf):
+        if self.kind not in (int, float) or self.role == "map" or self.limits == (-math.inf, math.inf):
             return None
         low, high = self.limits or (0, MOST)
         return min(low, self.start), min(high, MOST)
 
-    def require_word(self, value: Any) -> None:
-        """Refuse a parameter that is none of the words; raises WrongValue."""
-        if self.words and value not in (*self.words, self.start):
-            raise WrongValue.of(self.key, value, " or ".join([", ".join(self.words[:-1]), self.words[-1]]))
+    def taken(self, value: Any) -> Any:
+        """A value that a node takes, where also the one that it starts with stands for nothing.
+
+        Raises WrongValue.
+        """
+        if self.repeated:
+            value = [value] if isinstance(value, str) else value or self.start
+        if type(value) is self.kind and value == self.start:
+            return value
+        low, high = self.range or (-math.inf, math.inf)
+        limited = {int: integer(low, high), float: number(low, high)}
+        check = limited.get(self.kind, self.check)
+        try:
+            return check(value)
+        except ValueError:
+            raise WrongValue.of(self.name, value, check.expected) from None

@@ -52,10 +52,10 @@ def layers_of(texts: Sequence[str]) -> list[Layer]:
 
 
 def check(name: str, value: Any) -> None:
-    """Refuse a value that is none of a parameter's words; raises ValueError."""
+    """Refuse a value that a parameter cannot have; raises ValueError."""
     for row in ROWS:
         if row.key == name:
-            row.require_word(value)
+            row.taken(value)
 
 
 def config_of(value: Callable[[str], Any], options: dict[str, Any] | None = None) -> Config:
@@ -64,7 +64,7 @@ def config_of(value: Callable[[str], Any], options: dict[str, Any] | None = None
     A parameter that is at its default leaves what the file says.
     """
     for row in ROWS:
-        row.require_word(value(row.key))
+        row.taken(value(row.key))
     given = {row.name: value(row.key) for row in ROWS if row.role and value(row.key) != row.start}
     given["topic"] = [topic for topic in value("topics") if topic] or None
     whole = Config.load(value("config")) if value("config") else Config()

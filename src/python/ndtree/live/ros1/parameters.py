@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from ndtree.base.option import Option
 from ndtree.base.options import MAP_OPTIONS
 from ndtree.live.ros.parameters import CHANGING, ROWS
 
@@ -31,9 +30,9 @@ class Parameters:
         for name in given:
             if name not in _ROWS and name not in _OPTIONS:
                 raise ValueError(f"~{name}: there is no such parameter, expected one of {_names()}")
-        self._values = {row.key: _checked(row, given.get(row.key, row.start)) for row in ROWS}
+        self._values = {row.key: row.taken(given.get(row.key, row.start)) for row in ROWS}
         self.map_options = {
-            name: _typed(name, option.type, given[name]) for name, option in _OPTIONS.items() if name in given
+            name: option.taken(given[name]) for name, option in _OPTIONS.items() if name in given
         }
 
     def value(self, name: str) -> Any:
@@ -42,7 +41,7 @@ class Parameters:
             return self._values[name]
         found = self._current(name, self._values[name])
         try:
-            self._values[name] = _checked(_ROWS[name], found)
+            self._values[name] = _ROWS[name].taken(found)
         except ValueError as error:
             if self._warned.get(name) != found:
                 self._warned[name] = found
@@ -52,27 +51,3 @@ class Parameters:
 
 def _names() -> str:
     return ", ".join(sorted([*_ROWS, *_OPTIONS]))
-
-
-def _checked(row: Option, value: Any) -> Any:
-    if row.kind is list:
-        values = [value] if isinstance(value, str) else value
-        if not isinstance(values, list) or not all(isinstance(one, str) for one in values):
-            raise ValueError(f"~{row.key} = {value}: must be a list of names")
-        return values
-    value = _typed(row.key, row.kind, value)
-    row.require_word(value)
-    if row.range is not None and not row.range[0] <= value <= row.range[1]:
-        low, high = row.range
-        raise ValueError(f"~{row.key} = {value}: must be from {low:g} to {high:g}")
-    return value
-
-
-def _typed(name: str, kind: type, value: Any) -> Any:
-    """A value of a type; whole numbers are numbers, but True is none."""
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-        what = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}[kind]
-        raise ValueError(f"~{name} = {value}: must be {what}")
-    return value
