@@ -29,7 +29,8 @@ class Option:
     `flags`: Where they are not made of the name, as "--output -o" and "--loops/--no-loops".
     `parameter`: Its name for the nodes if that is another one.
     `but`: Instead of the default, what holds in some commands.
-    `role`: What it says of a `Config`: "read", "format" (see `READER_OPTIONS`), "select", "mapping" or "map".
+    `role`: What it says in a `Config`: "read", "format" (see `READER_OPTIONS`), "select", "mapping", "map" or
+        "kind"; empty if it is none of its words.
     """
 
     name: str
