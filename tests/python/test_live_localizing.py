@@ -19,7 +19,16 @@ from calling import cli
 
 import ndtree
 from ndtree.live import FramesIntake, LiveMapper, Localizer, Reading, Transform, Window
-from ndtree.live.hypotheses import NOT_HERE, Hypothesis, ScanEvidence, Viewpoint
+from ndtree.live.hypotheses import (
+    NOT_HERE,
+    SECTORS,
+    Evidence,
+    Hypothesis,
+    Prior,
+    ScanEvidence,
+    Viewpoint,
+    leads,
+)
 from ndtree.live.localizing import FINDS, LOSES, VIEWPOINTS, inverse, matrix_of, place_of, quaternion_of
 from ndtree.tuning.config import Config
 
@@ -101,7 +110,7 @@ def test_a_kidnapped_one_says_so_and_finds_itself(world: World) -> None:
     told = kidnapped(world, localizer, order)
     assert all(not found.is_lost and world.far(i, found.pose) < 0.1 for i, found in told[:40])
     lost = [k for k, (_, found) in enumerate(told) if found.is_lost]
-    assert lost and 40 < lost[0] <= 40 + LOSES and localizer.times_lost == 1
+    assert lost and 40 <= lost[0] <= 40 + LOSES and localizer.times_lost == 1
     assert lost == list(range(lost[0], lost[-1] + 1))
     assert lost[-1] < 75 and not localizer.is_lost
     assert all(world.far(i, found.pose) < 0.1 for i, found in told[lost[-1] + 1 :])
@@ -185,11 +194,76 @@ def test_a_carried_one_is_not_told_where_the_room_looks_alike() -> None:
         assert not localizer.track(seen(walls, pose), pose).is_lost
     there = np.array([8.0 - drive[7][0], 5.0 - drive[7][1], drive[7][2] + math.pi])
     far = []
-    for _ in range(30):
+    for _ in range(20):
         found = localizer.track(seen(walls, there), drive[7])
         far.append(np.inf if found.is_lost else np.hypot(*(found.pose[:2, 2] - there[:2])))
+    for i in range(8, len(drive)):  # One box could have been moved; from elsewhere, others tell as well.
+        x, y, yaw = drive[i]
+        found = localizer.track(seen(walls, np.array([8.0 - x, 5.0 - y, yaw + math.pi])), drive[i])
+        far.append(
+            np.inf if found.is_lost else np.hypot(found.pose[0, 2] - 8.0 + x, found.pose[1, 2] - 5.0 + y)
+        )
     told_wrong = [d for d in far if np.isfinite(d) and d > 0.1]
     assert len(told_wrong) <= 5 and far[-1] < 0.1
+
+
+@pytest.mark.parametrize("period", [1.3, 2.6])
+def test_no_pilaster_is_taken_for_the_next_one(period: float) -> None:
+    """Equal ones at equal distances, ends out of sight, odometry that slips by two thirds of that at once."""
+    walls = []
+    for side in (-1.0, 1.0):
+        for i in range(int(-20 / period), int(40 / period)):
+            x, deep = i * period, side * 0.8
+            wall = side * 1.0
+            line = [(x, wall), (x, deep), (x + 0.3, deep), (x + 0.3, wall), (x + period, wall)]
+            walls += list(zip(line[:-1], line[1:]))
+    rng = np.random.default_rng(7)
+
+    def scan(x: float) -> Floats:
+        ends = seen(np.array(walls), np.array([x, 0.1, 0.0]), 360)
+        ends = ends[np.hypot(*ends.T) < 12.0]
+        return ends * (1 + rng.normal(0, 0.005, (len(ends), 1)) / np.hypot(*ends.T)[:, None])
+
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05)
+    for x in np.arange(0.0, 9.0, 0.15):
+        m.insert(scan(x) + np.array([x, 0.1]), (x, 0.1))
+    localizer, told = Localizer(m, (0.0, 0.1, 0.0)), 0
+    for x in np.arange(0.0, 8.0, 0.15):
+        found = localizer.track(scan(x), (x + (0.67 * period if x > 4.0 else 0.0), 0.1, 0.0))
+        off = abs(found.pose[0, 2] - x)
+        assert found.is_lost or off < max(0.15, 3 * math.sqrt(found.covariance[0, 0])), x
+        assert x > 4.0 or not found.is_lost, "before it slips, odometry tells"
+        told += not found.is_lost
+    assert told > 20
+
+
+def evidence_of(*values: float) -> Hypothesis:
+    one = Hypothesis(np.eye(3), np.eye(3))
+    one.see(Evidence(np.array([*values, *np.zeros(SECTORS - len(values))]), 50, 1.0), is_new=True)
+    return one
+
+
+def test_what_few_bearings_say_tells_little_for_a_pose() -> None:
+    """The same difference at one bearing and at many: against a pose it counts in full."""
+    right, one, many = evidence_of(), evidence_of(-30.0), evidence_of(*[-1.0] * 30)
+    by = leads([right, one, many])
+    assert by[0, 1] == pytest.approx(0.5) and by[0, 2] == pytest.approx(15.0)
+    assert by[1, 0] == by[2, 0] == -30.0 and by[1, 2] == by[2, 1] == by[0, 0] == 0.0
+    right.prior = -2.0
+    np.testing.assert_allclose(leads([right, many]), [[0.0, 13.0], [-28.0, 0.0]])
+    # The mean of a viewpoint's scans is what it says, however many they are.
+    for _ in range(9):
+        many.see(Evidence(many.seen[0].copy(), 50, 1.0), is_new=False)
+    assert many.scans == [10] and many.likely == pytest.approx(-30.0)
+
+
+def test_a_pose_that_is_farther_is_less_likely_beforehand() -> None:
+    prior = Prior(np.eye(3), np.diag([0.01, 0.01, 0.001]), np.array([20.0, 20.0]), 1)
+    logs = [prior.of(matrix_of((x, 0.0, 0.0)), np.eye(3)) for x in (0.0, 0.2, 0.5, 2.0, 5.0, 1e3)]
+    assert logs[0] == pytest.approx(0.0, abs=1e-2) and (np.diff(logs) < 0).all()
+    assert logs[1] == pytest.approx(-2.0, abs=0.02), "within odometry's own error"
+    anywhere = prior.of(matrix_of((9.0, 9.0, 3.0)), np.eye(3))
+    assert math.log(math.exp(-9.0) / (1600 * 2 * math.pi / 0.35)) <= anywhere < logs[3]
 
 
 def test_in_another_building_it_is_never_found() -> None:
@@ -390,5 +464,7 @@ def test_a_lost_robot_is_found_only_where_most_of_what_it_sees_is_known(
     m.mark([[0.0, 0.0], [1.0, 1.0]], "occupied")
     lost, pieces = Localizer(m), 100
     lost._viewpoints = [Viewpoint(np.eye(3), np.zeros((1, 2)), pieces)] * VIEWPOINTS
-    said = [[pieces * all_of_them]] * (VIEWPOINTS - 1) + [[pieces * last]]
-    assert lost._is_found(Hypothesis(np.eye(3), np.eye(3), seen=said)) is expected
+    means = [all_of_them] * (VIEWPOINTS - 1) + [last]
+    seen = [np.full(SECTORS, pieces * mean / SECTORS) for mean in means]
+    said = Hypothesis(np.eye(3), np.eye(3), seen=seen, scans=[1] * VIEWPOINTS)
+    assert lost._is_found(said) is expected

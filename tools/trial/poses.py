@@ -135,6 +135,7 @@ def localize_trial(case: Case) -> tuple[Recording, Outcome]:
         again = getattr(faults, fault)(again, rng)
     if fault == "carried":
         again.told = np.concatenate([true[:15], np.tile(true[14:15], (45, 1, 1))])
+    outcome.may_doubt = not world.is_tellable
     first = planar(again.true)[0]
     it = Localizer(m, None if fault == "other_building" else first)
     off, told, lost = [], [], []

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ndtree._native._core import Matcher, OccupancyMap, pose_matrix
-from ndtree.live.hypotheses import Evidence, Floats, Hypothesis, ScanEvidence, motion_between
+from ndtree.live.hypotheses import Evidence, Floats, Hypothesis, Prior, ScanEvidence, motion_between
 
 #: Standard deviations of a guess of where it is [m, m, rad].
 GUESS = 0.3, 0.3, 0.15
@@ -27,8 +27,6 @@ STILL, WALK, SHARE = (0.005, 0.003), (0.06, 0.03), 0.1
 JUMP, JUMPS_BY, STEPS_BEFORE = 2.0, 0.2, 10
 #: A pose of the window's grid is taken instead of the predicted one if its score is larger by this factor.
 CLEARLY = 1.03
-#: A pose of a wider window is taken instead if its log-likelihood is larger by this.
-CLEARER = 7.0
 #: A scan says nothing of a way along which its modes spread by more than this [m], if it may be as far away
 #: as this from where it fits best [m]; they are looked for with this number of points.
 SPREAD, ALIKE, MODES_OF = 0.1, 1.0, 150
@@ -97,12 +95,6 @@ class Follower:
         one.slides(len(ways))
         before, after = (math.sqrt(np.linalg.eigvalsh(c[:2, :2])[1]) for c in (prior, covariance))
         evidence = self.evidence.of(pose, ends)
-        if not fits(evidence):  # It may have moved anyhow.
-            wide = self.match(ends, guess, WIDEST)
-            found_there = self.evidence.of(wide.pose, ends)
-            if fits(found_there) and found_there.total > evidence.total + CLEARER:
-                match, evidence = wide, found_there
-                pose, covariance = np.asarray(wide.pose), np.asarray(wide.covariance)
         if fits(evidence):
             one.map_odometry, one.covariance = pose @ inverse(at), covariance
             one.matched, one.failed = at, 0
@@ -128,6 +120,11 @@ class Follower:
         modes = self.matcher.match(few, pose, window=(ALIKE, ALIKE, 0.0), second=False)
         variances, axes = np.linalg.eigh(modes.covariance[:2, :2])
         return [np.append(way, 0.0) for way in axes.T[variances > SPREAD**2]]
+
+    def prior(self, one: Hypothesis, extent: Floats, at: Floats) -> Prior:
+        """Where a hypothesis may be before a scan, in a map of an extent [m]."""
+        spread = np.diag(np.square(GUESS)) if one.matched is None else self.predicted(one, at)
+        return Prior(one.map_odometry, spread, extent, 1 + one.untold)
 
     def predicted(self, one: Hypothesis, at: Floats) -> Floats:
         """The covariance of where odometry has the sensor, by that of the last match."""

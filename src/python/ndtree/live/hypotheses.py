@@ -11,6 +11,7 @@ the others.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,11 +26,15 @@ Floats = NDArray[np.float64]
 THROUGH, BEFORE, UNKNOWN = 0.02, 0.05, 0.5
 #: Logarithm of the likelihood of a scan that is not in the map, for each piece of surface that it sees.
 NOT_HERE = math.log(UNKNOWN)
+#: Parts of a turn whose beams err alike.
+SECTORS = 180
 #: End points on one piece of surface of this size err alike, and count once [m].
 PIECE = 0.2
-#: How often odometry slips far or a robot is carried, for one scan; and what a normal distribution has beyond
-#: three standard deviations.
-UNSEEN, BEYOND = math.exp(-7.5), 0.0027
+#: Poses as far from each other are of different places [m, rad].
+APART = 0.5, 0.35
+#: How often, in a scan, odometry slips or a robot is carried; and what a normal distribution has beyond three
+#: standard deviations.
+SLIPS, CARRIED, BEYOND = math.exp(-7.5), math.exp(-9.0), 0.0027
 #: Standard deviations of one pose that is found twice, from the grid's steps [m, m, rad].
 SAME = 0.02, 0.02, 0.015
 
@@ -38,19 +43,23 @@ SAME = 0.02, 0.02, 0.015
 class Evidence:
     """What a scan says for a pose.
 
-    `mean`: Mean log-likelihood of its beams: 0 if all end as expected, NOT_HERE if it is not in the map.
+    `by_bearing` (SECTORS,) float64: Log-likelihood of the scan, as a sum over bearings in the sensor's frame.
     `pieces`: Of surface that it sees: as many beams are independent.
     `known`: Fraction of beams that the map ends on a surface.
     """
 
-    mean: float
+    by_bearing: Floats
     pieces: int
     known: float
 
     @property
+    def mean(self) -> float:
+        """Of the beams: 0 if all end as expected, NOT_HERE if it is not in the map."""
+        return self.total / self.pieces if self.pieces else NOT_HERE
+
+    @property
     def total(self) -> float:
-        """Log-likelihood of the scan."""
-        return self.mean * self.pieces
+        return float(self.by_bearing.sum())
 
 
 class ScanEvidence:
@@ -62,6 +71,8 @@ class ScanEvidence:
     def __init__(self, m: OccupancyMap) -> None:
         self._map = m
         self._sigma = math.hypot(0.5 * m.min_cell_size, m.options["range_sigma"])
+        # For all beams that a cell ends alike, its surface is anywhere in it, or just before it.
+        self._deep = m.min_cell_size
         self._begin = 2.0 * m.min_cell_size  # The sensor's own cell may be unknown.
 
     def of(self, pose: Floats, ends: Floats) -> Evidence:
@@ -69,9 +80,10 @@ class ScanEvidence:
         ranges = np.hypot(ends[:, 0], ends[:, 1])
         ends, ranges = ends[ranges > self._begin], ranges[ranges > self._begin]
         if not len(ends):
-            return Evidence(NOT_HERE, 0, 0.0)
-        order = np.argsort(np.arctan2(ends[:, 1], ends[:, 0]), kind="stable")
-        ends, ranges = ends[order], ranges[order]
+            return Evidence(np.zeros(SECTORS), 0, 0.0)
+        bearings = np.arctan2(ends[:, 1], ends[:, 0])
+        order = np.argsort(bearings, kind="stable")
+        ends, ranges, bearings = ends[order], ranges[order], bearings[order]
         ahead = ends / ranges[:, None] @ pose[:2, :2].T
         cast = self._map.cast_rays(pose[:2, 2] + self._begin * ahead, ahead, unknown="stop", details=True)
         first = np.where(np.isnan(cast.distance), np.inf, cast.distance + self._begin)
@@ -80,12 +92,16 @@ class ScanEvidence:
         first = np.minimum(first, np.minimum(np.roll(first, 1), np.roll(first, -1)))
         is_known = np.isfinite(last)
         last = np.maximum(last, np.maximum(np.roll(last, 1), np.roll(last, -1)))
-        before, through = np.maximum(first - ranges, 0.0), np.maximum(ranges - last, 0.0)
+        before = np.maximum(first - ranges - 0.5 * self._deep, 0.0)
+        through = np.maximum(ranges - last - self._deep, 0.0)
         near = np.exp(-0.5 * np.square(np.maximum(before, through) / self._sigma))
         least = np.where(before > 0.0, BEFORE, THROUGH)
         likely = least + (1.0 - least) * near
         likely = np.where(is_known, likely, np.minimum(likely, UNKNOWN))
-        return Evidence(float(np.log(likely).mean()), pieces_of(ends), float(is_known.mean()))
+        sectors = np.floor((bearings + math.pi) * (SECTORS / (2.0 * math.pi))).astype(np.int64) % SECTORS
+        pieces = pieces_of(ends)
+        by_bearing = np.bincount(sectors, np.log(likely), SECTORS) * (pieces / len(ends))
+        return Evidence(by_bearing, pieces, float(is_known.mean()))
 
 
 def pieces_of(ends: Floats) -> int:
@@ -98,6 +114,35 @@ def motion_between(one: Floats, other: Floats) -> Floats:
     """(3,): x, y and yaw from one (3, 3) pose to another, along and about the map's axes."""
     turn = other[:2, :2] @ one[:2, :2].T
     return np.array([*(other - one)[:2, 2], math.atan2(turn[1, 0], turn[0, 0])])
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Where a robot that was tracked may be: as odometry says; or it slipped, or was carried anywhere.
+
+    `map_odometry` (3, 3) float64: Of the pose that odometry says, with
+    `covariance` (3, 3) float64: of x, y and yaw in the map.
+    `extent` (2,) float64: Of the map [m].
+    `scans`: In which it may have been carried unseen.
+    """
+
+    map_odometry: Floats
+    covariance: Floats
+    extent: Floats
+    scans: int
+
+    def of(self, other: Floats, at: Floats) -> float:
+        """Logarithm for the place that another odometry's frame in the map is of, with odometry at a pose."""
+        away = motion_between(self.map_odometry @ at, other @ at)
+        told = math.exp(-0.5 * float(away @ np.linalg.solve(self.covariance, away)))
+        slipped = SLIPS / _places(2.0 * np.abs(away[:2]), 2.0 * abs(away[2]))
+        carried = CARRIED / _places(self.extent, 2.0 * math.pi)
+        return math.log(told + self.scans * (slipped + carried))
+
+
+def _places(extent: Floats, turn: float) -> float:
+    """How many different places there are in a box of an extent (2,) [m] and a range of yaws [rad]."""
+    return float(np.prod(np.maximum(extent / APART[0], 1.0))) * max(turn / APART[1], 1.0)
 
 
 @dataclass
@@ -123,7 +168,8 @@ class Hypothesis:
     `matched` (3, 3) float64, optional: Odometry of that.
     `prior`: Logarithm, before all viewpoints.
     `failed`: Scans in a row that did not fit.
-    `seen`: Log-likelihoods of the scans of each viewpoint.
+    `seen` list of (SECTORS,) float64: The mean evidence of the scans of each viewpoint, by bearing.
+    `scans`: Of each viewpoint.
     `untold`: Scans in a row that told nothing of some way.
     `ways`: On how many axes.
     """
@@ -133,14 +179,29 @@ class Hypothesis:
     matched: Floats | None = None
     prior: float = 0.0
     failed: int = 0
-    seen: list[list[float]] = field(default_factory=list)
+    seen: list[Floats] = field(default_factory=list)
+    scans: list[int] = field(default_factory=list)
     untold: int = 0
     ways: int = 0
 
     @property
-    def weight(self) -> float:
+    def likely(self) -> float:
         """Log-likelihood of all viewpoints."""
-        return self.prior + sum(float(np.mean(one)) for one in self.seen)
+        return float(np.sum(self.seen))
+
+    @property
+    def weight(self) -> float:
+        """Logarithm of the posterior, but for a constant."""
+        return self.prior + self.likely
+
+    def see(self, evidence: Evidence, *, is_new: bool) -> None:
+        """Take what a scan says, from a new viewpoint or the last one."""
+        if is_new:
+            self.seen.append(evidence.by_bearing)
+            self.scans.append(1)
+        else:
+            self.scans[-1] += 1
+            self.seen[-1] = self.seen[-1] + (evidence.by_bearing - self.seen[-1]) / self.scans[-1]
 
     def slides(self, ways: int) -> None:
         """Note on how many axes a scan fits elsewhere, too."""
@@ -154,7 +215,7 @@ class Hypothesis:
         then it may be anywhere in the map, `extent` (2,) [m] large. Three standard deviations hold as much
         of that as of a normal distribution.
         """
-        unseen = -math.expm1(-self.untold * UNSEEN)
+        unseen = -math.expm1(-self.untold * SLIPS)
         half = 0.5 * max(0.0, 1.0 - BEYOND / unseen) if self.untold else 0.0
         told = (self.covariance if covariance is None else covariance).copy()
         for way in np.linalg.eigh(self.covariance[:2, :2])[1].T[2 - self.ways :]:  # Where it is least sure.
@@ -165,8 +226,32 @@ class Hypothesis:
         """(3,): from this one's pose to another one's, with odometry at a pose; along the map's axes."""
         return motion_between(self.map_odometry @ at, other.map_odometry @ at)
 
-    def is_same(self, other: Hypothesis, at: Floats, extent: Floats) -> bool:
-        """Whether another one is within three standard deviations of what is told, at an odometry."""
+    def tells(self, other: Hypothesis, at: Floats, extent: Floats) -> bool:
+        """Whether another one is within three standard deviations of what is told, or near, unfit."""
         away = self.away(other, at)
+        if other.failed and math.hypot(away[0], away[1]) < APART[0] and abs(away[2]) < APART[1]:
+            return True
         both = self.told_covariance(extent) + other.covariance + np.diag(np.square(SAME))
         return float(away @ np.linalg.solve(both, away)) < 9.0
+
+    def is_same(self, other: Hypothesis, at: Floats) -> bool:
+        """Whether another one is within three standard deviations of the matches, at an odometry."""
+        away = self.away(other, at)
+        both = self.covariance + other.covariance + np.diag(np.square(SAME))
+        return float(away @ np.linalg.solve(both, away)) < 9.0
+
+
+def leads(hypotheses: Sequence[Hypothesis]) -> Floats:
+    """(n, n): logarithms of how much likelier each hypothesis is than each other one.
+
+    Because of glass, people and gaps in the map, evidence is not calibrated. A difference D of it counts in
+    full only against a hypothesis. For it, where few bearings make all of it, chance may: with the sum V of
+    its squares over bearings, it is no more than D^2 / 2V, by which a mean of D is likelier than one of 0.
+    """
+    seen = np.array([np.concatenate(one.seen) if one.seen else np.zeros(0) for one in hypotheses])
+    prior, total, products = np.array([one.prior for one in hypotheses]), seen.sum(axis=1), seen @ seen.T
+    off = total[:, None] - total
+    squares = np.diag(products)[:, None] + np.diag(products) - 2.0 * products
+    off *= np.minimum(1.0, np.where(off > 0.0, 0.5 * off / np.maximum(squares, 1e-12), 1.0))
+    found: Floats = prior[:, None] - prior + off
+    return found

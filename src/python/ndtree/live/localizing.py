@@ -4,9 +4,10 @@
 Strategy: hypotheses, each a normal distribution of the pose. Odometry moves them and widens them by its
 noise; `Matcher` searches a window around each, and gives the next posterior: what scans do not tell, as the
 way along a corridor, keeps odometry's mean, and a variance that grows with the way. `ScanEvidence` compares
-the beams with where the map ends them, and weighs hypotheses. While one is left, and scans fit it as those
-before did, that is where the robot is. A scan that fits clearly worse asks for others: near, and in all of
-the map. A pose is told again when one explains all that was seen since then, and no other does nearly.
+the beams with where the map ends them, and `leads` weighs hypotheses by that and by how a robot moves. While
+one is left, and scans fit it as those before did, that is where the robot is. A scan that fits clearly worse,
+or tells a place that odometry had left open, asks for others: near, and in all of the map. A pose is told
+again when one explains all that was seen since then, and none that is elsewhere does nearly.
 
 Invariants: a pose is told only while the robot is not lost; the same scans give the same poses. Cost: some
 milliseconds a scan while it is tracked, and for a lost one what `Matcher` takes for the map.
@@ -23,9 +24,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ndtree._native._core import Matcher, OccupancyMap
-from ndtree.live.following import GUESS, WIDEST, Follower, inverse, matrix_of
-from ndtree.live.hypotheses import NOT_HERE, Evidence, Floats, Hypothesis, Viewpoint, pieces_of
+from ndtree.live.following import GUESS, LEAST, WIDEST, Follower, inverse, matrix_of
+from ndtree.live.hypotheses import (
+    NOT_HERE,
+    Evidence,
+    Floats,
+    Hypothesis,
+    Prior,
+    Viewpoint,
+    leads,
+    pieces_of,
+)
 
+#: A hypothesis, a scan's match near it, and what the scan says for it.
+_Said = tuple[Hypothesis, Any, Evidence]
 #: The frame of odometry, unless another is said: scans are placed in it, and found in the map.
 ODOMETRY = "odom"
 #: A scan with fewer points says nothing.
@@ -49,9 +61,8 @@ ASKS, USUAL, RESTS = 8.0, 0.93, 16
 CERTAIN, DOUBTS, FORGETS = 7.0, 4.0, 15.0
 #: Fraction of beams that end where the map is known, of a pose that may be another one.
 LEAST_KNOWN = 0.5
-#: Logarithms: of how often a robot is carried elsewhere between two scans; and of how many poses there are
-#: in a map, of which any may fit by chance.
-CARRIED, ANYWHERE = 9.0, 14.0
+#: Logarithm of how many poses there are in a map, of which any may fit by chance.
+ANYWHERE = 14.0
 #: A viewpoint begins after a way [m] or a turn [rad]. A robot that was never found is found after this
 #: number of viewpoints, if their mean log-likelihood is at least this, and the last one's; or where it
 #: stands, after this number of scans that are at least this likely.
@@ -131,6 +142,7 @@ class Localizer:
         self._told = Hypothesis(np.eye(3), np.diag(np.square(GUESS)))  # The last that was likeliest.
         self._hypotheses: list[Hypothesis] = [] if guess is None else [self._told]
         self._viewpoints: list[Viewpoint] = []  # Since it is not sure which.
+        self._prior: Prior | None = None  # Where it may have been when it was not sure; None: anywhere.
         self._usual: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)  # Means and scores that fitted.
         self._rests = self._rested = 0  # Scans until others may be asked for.
 
@@ -181,29 +193,38 @@ class Localizer:
 
     def _weigh(self, ends: Floats, at: Floats) -> Any:
         """Move all hypotheses to where the scan has them, look for others, judge; the likeliest's match."""
-        said: list[tuple[Hypothesis, Any, Evidence]] = []
+        said: list[_Said] = []
         narrowed = False
+        if not self.is_lost and not self._viewpoints:
+            self._prior = self._follower.prior(self._told, self._extent, at)
         for one in self._hypotheses:
             match, evidence, was_open = self._follower.follow(one, ends, at, self._fits)
             said.append((one, match, evidence))
             narrowed = narrowed or (was_open and one is self._told)
+        said = _apart(said, at)
         if self.is_lost or self._viewpoints:
             self._see(ends, at, [(one, evidence) for one, _, evidence in said])
         elif said and (narrowed or self._is_odd(said[0][2], said[0][1].score)):
             self._viewpoints = [Viewpoint(at, ends, said[0][2].pieces)]
-            self._told.prior = 0.0 if narrowed else CARRIED
-            self._told.seen = [[said[0][2].total]]
-            self._rests = 0 if narrowed else self._rests
+            self._told.prior = self._prior_of(self._told, at)
+            self._told.see(said[0][2], is_new=True)
+            self._rests = 0 if narrowed or self._told.failed else self._rests
         if self._viewpoints and self._may_ask():
             said += self._ask(ends, at)
         said = [one for one in said if one[0].failed < LOSES]
         if not said:
             self._hypotheses = []
             return None
-        best, match, evidence = max(said, key=lambda one: one[0].weight)
-        self._hypotheses = [one for one, _, _ in said if one.weight >= best.weight - FORGETS]
-        others = [one.weight for one in self._hypotheses if one is not best]
-        lead = best.weight - max(others, default=-math.inf)
+        likelier = leads([one for one, _, _ in said])
+        first = int(likelier.min(axis=1).argmax())
+        best, match, evidence = said[first]
+        elsewhere = [
+            float(by)
+            for (one, _, _), by in zip(said, likelier[first])
+            if not best.tells(one, at, self._extent)
+        ]
+        lead = min(elsewhere, default=math.inf)
+        self._hypotheses = [one for (one, _, _), by in zip(said, likelier[first]) if by <= FORGETS]
         self._judge(best, lead, self._is_odd(evidence, match.score))
         if best.failed == 0 and not self.is_lost and lead >= CERTAIN and best is self._told:
             self._usual.append((evidence.mean, match.score))
@@ -219,15 +240,18 @@ class Localizer:
             if lead >= CERTAIN and self._is_found(best):
                 self.is_lost = False
                 self._settle(best)
-        elif lead < DOUBTS or (best is not self._told and not self._is_near(best)):
+        elif lead < DOUBTS:
             self._lose()
-        elif (
-            self._viewpoints
-            and best.failed == 0
-            and lead >= CERTAIN
-            and (best is not self._told or not is_odd)
-        ):
+        elif best is not self._told:
+            if best.failed == 0 and (lead >= CERTAIN and self._is_near(best)):
+                self._settle(best)
+            elif not self._told.tells(best, self._follower.before, self._extent):
+                self._lose()
+        elif self._viewpoints and best.failed == 0 and lead >= CERTAIN and not is_odd:
             self._settle(best)
+
+    def _prior_of(self, one: Hypothesis, at: Floats) -> float:
+        return 0.0 if self._prior is None else self._prior.of(one.map_odometry, at)
 
     def _is_near(self, one: Hypothesis) -> bool:
         """Whether the robot may have moved there by itself."""
@@ -237,21 +261,21 @@ class Localizer:
 
     def _is_found(self, one: Hypothesis) -> bool:
         """Whether enough was seen from where a hypothesis has the lost robot."""
-        count = sum(len(seen) for seen in one.seen)
+        count = sum(one.scans)
         pieces = [view.pieces for view in self._viewpoints]
         least = CERTAIN if self._usual else ANYWHERE
-        if one.failed or one.untold or count <= FINDS or one.weight < NOT_HERE * sum(pieces) + least:
+        if one.failed or one.untold or count <= FINDS or one.likely < NOT_HERE * sum(pieces) + least:
             return False
         if self._usual:
             return True
-        means = [float(np.mean(seen)) / max(many, 1) for seen, many in zip(one.seen, pieces)]
-        if one.weight < KNOWN * sum(pieces) or means[-1] < KNOWN:
+        means = [float(seen.sum()) / max(many, 1) for seen, many in zip(one.seen, pieces)]
+        if one.likely < KNOWN * sum(pieces) or means[-1] < KNOWN:
             return False
         return len(means) >= VIEWPOINTS or (count >= STANDS and min(means) >= WELL)
 
     def _settle(self, one: Hypothesis) -> None:
         """One is left."""
-        one.prior, one.seen = 0.0, []
+        one.prior, one.seen, one.scans = 0.0, [], []
         self._hypotheses, self._viewpoints = [one], []
         self._told = one
 
@@ -291,35 +315,33 @@ class Localizer:
             self._viewpoints.append(Viewpoint(at, ends, pieces_of(ends)))
             self._rests = 0 if self.is_lost else self._rests
         for one, evidence in said:
-            if is_new:
-                one.seen.append([])
-            one.seen[-1].append(evidence.total)
+            one.see(evidence, is_new=is_new)
         if len(self._viewpoints) > MOST:
             del self._viewpoints[0]
             for one, _ in said:
-                del one.seen[0]
+                del one.seen[0], one.scans[0]
 
     def _may_ask(self) -> bool:
         """Whether it is time to look for others."""
         self._rests -= 1
         return self._rests < 0
 
-    def _ask(self, ends: Floats, at: Floats) -> list[tuple[Hypothesis, Any, Evidence]]:
+    def _ask(self, ends: Floats, at: Floats) -> list[_Said]:
         """Other hypotheses, near and in all of the map, that explain the scan."""
-        new: list[tuple[Hypothesis, Any, Evidence]] = []
+        new: list[_Said] = []
         for match in self._others(ends, at):
             one = Hypothesis(match.pose @ inverse(at), np.asarray(match.covariance), at, untold=1)
-            known = [*self._hypotheses, *(other for other, _, _ in new)]
-            if any(other.is_same(one, at, self._extent) for other in known):
+            known = [other for other in self._hypotheses if not other.failed] + [other for other, _, _ in new]
+            if any(other.is_same(one, at) for other in known):
                 continue
             evidence = self._follower.evidence.of(match.pose, ends)
             if not self._fits(evidence) or evidence.known < LEAST_KNOWN:
                 continue
-            one.seen = [
-                [self._follower.evidence.of(one.map_odometry @ view.odometry, view.ends).total]
-                for view in self._viewpoints
-            ]
-            one.seen[-1] = [evidence.total]
+            for view in self._viewpoints[:-1]:
+                before = self._follower.evidence.of(one.map_odometry @ view.odometry, view.ends)
+                one.see(before, is_new=True)
+            one.see(evidence, is_new=True)
+            one.prior = self._prior_of(one, at)
             new.append((one, match, evidence))
         self._rested = min(2 * self._rested + 1, RESTS) if not new else 1
         self._rests = LOSES if self.is_lost else self._rested
@@ -330,12 +352,11 @@ class Localizer:
         few = ends[:: _stride(ends, LOST)]
         near = self._told.map_odometry @ at
         window = (2.0 * WIDEST[0], 2.0 * WIDEST[0], WIDEST[1])
-        apart = 2.0 * self._step / COARSER
         found = []
         if self._hypotheses:
-            found += self._follower.matcher.modes(
-                few, near, window=window, apart=apart, apart_angle=0.1, most=MOST
-            )
+            found.append(self._follower.match(ends, near, WIDEST))
+            for mode in self._follower.matcher.modes(few, near, window=window, most=MOST):
+                found.append(self._follower.match(ends, np.asarray(mode.pose), LEAST))
         everywhere = np.eye(3)
         everywhere[:2, 2] = self._center
         window = (self._half, self._half, math.pi)
@@ -363,6 +384,15 @@ def quaternion_of(pose: Floats) -> tuple[float, float, float, float]:
 def quaternion_of_yaw(yaw: float) -> tuple[float, float, float, float]:
     """x, y, z and w of a turn about z [rad]."""
     return 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+
+
+def _apart(said: list[_Said], at: Floats) -> list[_Said]:
+    """Of hypotheses that scans moved to one pose the likeliest."""
+    kept: list[_Said] = []
+    for one in sorted(said, key=lambda one: -one[0].weight):
+        if not any(other.is_same(one[0], at) for other, _, _ in kept):
+            kept.append(one)
+    return kept
 
 
 def _stride(ends: Floats, most: int) -> int:
