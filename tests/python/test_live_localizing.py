@@ -207,6 +207,27 @@ def test_a_carried_one_is_not_told_where_the_room_looks_alike() -> None:
     assert len(told_wrong) <= 5 and far[-1] < 0.1
 
 
+@pytest.mark.parametrize("wrong", [-0.4, 0.5])
+def test_a_lost_one_is_found_though_odometry_slips_in_each_scan(wrong: float) -> None:
+    """Scans a metre apart, and a mount that is told wrongly: each step points elsewhere."""
+    walls = room(12.0, 8.0, [(5.0, 3.5, 1.5, 0.8), (0.0, 0.0, 1.5, 0.7), (10.5, 5.0, 0.4, 2.0)])
+
+    def ring(step: float) -> list[Floats]:
+        at = np.arange(0.0, 2.0 * math.pi, step)
+        return list(np.stack([6.0 + 4.0 * np.cos(at), 4.0 + 2.5 * np.sin(at), at + 0.5 * math.pi], axis=1))
+
+    localizer, drive = Localizer(mapped(walls, ring(0.05))), ring(0.3)
+    odometry, turned, told = np.eye(3), matrix_of((0.0, 0.0, wrong)), 0
+    for before, pose in zip([drive[0], *drive], drive):
+        step = inverse(matrix_of(before)) @ matrix_of(pose)
+        step[:2, 2] = turned[:2, :2] @ step[:2, 2]
+        odometry = odometry @ step
+        found = localizer.track(seen(walls, pose), odometry)
+        told += not found.is_lost
+        assert found.is_lost or np.hypot(*(found.pose[:2, 2] - pose[:2])) < 0.15
+    assert told > 10
+
+
 @pytest.mark.parametrize("period", [1.3, 2.6])
 def test_no_pilaster_is_taken_for_the_next_one(period: float) -> None:
     """Equal ones at equal distances, ends out of sight, odometry that slips by two thirds of that at once."""

@@ -203,6 +203,12 @@ class Hypothesis:
             self.scans[-1] += 1
             self.seen[-1] = self.seen[-1] + (evidence.by_bearing - self.seen[-1]) / self.scans[-1]
 
+    def inherit(self, other: Hypothesis, prior: float) -> None:
+        """Begin at another one before the last viewpoint, if that is likelier; by its logarithm `prior`."""
+        if other.weight - float(other.seen[-1].sum()) + prior > self.weight:
+            self.prior = other.prior + prior
+            self.seen, self.scans = other.seen[:-1], other.scans[:-1]
+
     def slides(self, ways: int) -> None:
         """Note on how many axes a scan fits elsewhere, too."""
         self.ways = ways or self.ways

@@ -209,7 +209,7 @@ class Localizer:
             self._told.prior = self._prior_of(self._told, at)
             self._told.see(said[0][2], is_new=True)
             self._rests = 0 if narrowed or self._told.failed else self._rests
-        if self._viewpoints and self._may_ask():
+        if self._viewpoints:
             said += self._ask(ends, at)
         said = [one for one in said if one[0].failed < LOSES]
         if not said:
@@ -328,8 +328,13 @@ class Localizer:
 
     def _ask(self, ends: Floats, at: Floats) -> list[_Said]:
         """Other hypotheses, near and in all of the map, that explain the scan."""
+        is_due = self._may_ask()
+        slipped = self._told if self._told in self._hypotheses and self._told.failed else None
         new: list[_Said] = []
-        for match in self._others(ends, at):
+        others = self._near(ends, at) if self._hypotheses and (is_due or slipped) else []
+        nearby = len(others)
+        others += self._anywhere(ends) if is_due else []
+        for i, match in enumerate(others):
             one = Hypothesis(match.pose @ inverse(at), np.asarray(match.covariance), at, untold=1)
             known = [other for other in self._hypotheses if not other.failed] + [other for other, _, _ in new]
             if any(other.is_same(one, at) for other in known):
@@ -340,29 +345,34 @@ class Localizer:
             for view in self._viewpoints[:-1]:
                 before = self._follower.evidence.of(one.map_odometry @ view.odometry, view.ends)
                 one.see(before, is_new=True)
-            one.see(evidence, is_new=True)
             one.prior = self._prior_of(one, at)
+            if slipped is not None and i < nearby:  # Just now, or before all viewpoints.
+                one.inherit(slipped, self._follower.prior(slipped, self._extent, at).of(one.map_odometry, at))
+            one.see(evidence, is_new=True)
             new.append((one, match, evidence))
+        if not is_due:
+            return new
         self._rested = min(2 * self._rested + 1, RESTS) if not new else 1
         self._rests = LOSES if self.is_lost else self._rested
         return new
 
-    def _others(self, ends: Floats, at: Floats) -> list[Any]:
-        """Matches near the last pose, and in all of the map."""
-        few = ends[:: _stride(ends, LOST)]
+    def _near(self, ends: Floats, at: Floats) -> list[Any]:
+        """Matches near the last pose."""
         near = self._told.map_odometry @ at
         window = (2.0 * WIDEST[0], 2.0 * WIDEST[0], WIDEST[1])
-        found = []
-        if self._hypotheses:
-            found.append(self._follower.match(ends, near, WIDEST))
-            for mode in self._follower.matcher.modes(few, near, window=window, most=MOST):
-                found.append(self._follower.match(ends, np.asarray(mode.pose), LEAST))
+        modes = self._follower.matcher.modes(ends[:: _stride(ends, LOST)], near, window=window, most=MOST)
+        found = [self._follower.match(ends, near, WIDEST)]
+        return found + [self._follower.match(ends, np.asarray(mode.pose), LEAST) for mode in modes]
+
+    def _anywhere(self, ends: Floats) -> list[Any]:
+        """Matches in all of the map."""
         everywhere = np.eye(3)
         everywhere[:2, 2] = self._center
         window = (self._half, self._half, math.pi)
-        for mode in self._coarse.modes(few, everywhere, window=window, apart=2.0 * self._step, most=MOST):
-            found.append(self._follower.match(ends, np.asarray(mode.pose), (STEPS * self._step, TURN)))
-        return found
+        few = ends[:: _stride(ends, LOST)]
+        modes = self._coarse.modes(few, everywhere, window=window, apart=2.0 * self._step, most=MOST)
+        near = STEPS * self._step, TURN
+        return [self._follower.match(ends, np.asarray(mode.pose), near) for mode in modes]
 
 
 def place_of(text: str) -> Floats:
