@@ -267,11 +267,15 @@ def evidence_of(*values: float) -> Hypothesis:
 def test_what_few_bearings_say_tells_little_for_a_pose() -> None:
     """The same difference at one bearing and at many: against a pose it counts in full."""
     right, one, many = evidence_of(), evidence_of(-30.0), evidence_of(*[-1.0] * 30)
-    by = leads([right, one, many])
+    by = leads([right, one, many], [50])
     assert by[0, 1] == pytest.approx(0.5) and by[0, 2] == pytest.approx(15.0)
     assert by[1, 0] == by[2, 0] == -30.0 and by[1, 2] == by[2, 1] == by[0, 0] == 0.0
     right.prior = -2.0
-    np.testing.assert_allclose(leads([right, many]), [[0.0, 13.0], [-28.0, 0.0]])
+    np.testing.assert_allclose(leads([right, many], [50]), [[0.0, 13.0], [-28.0, 0.0]])
+    # What is likelier out of the map tells neither of two poses, and something for the right one.
+    far, farther = evidence_of(*[-5.0] * 100), evidence_of(*[-9.0] * 100)
+    np.testing.assert_allclose(leads([far, farther], [50]), 0.0, atol=1e-9)
+    assert leads([far, evidence_of()], [50])[0, 1] == pytest.approx(50 * NOT_HERE)
     # The mean of a viewpoint's scans is what it says, however many they are.
     for _ in range(9):
         many.see(Evidence(many.seen[0].copy(), 50, 1.0), is_new=False)

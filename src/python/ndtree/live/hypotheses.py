@@ -247,14 +247,19 @@ class Hypothesis:
         return float(away @ np.linalg.solve(both, away)) < 9.0
 
 
-def leads(hypotheses: Sequence[Hypothesis]) -> Floats:
+def leads(hypotheses: Sequence[Hypothesis], pieces: Sequence[int]) -> Floats:
     """(n, n): logarithms of how much likelier each hypothesis is than each other one.
 
-    Because of glass, people and gaps in the map, evidence is not calibrated. A difference D of it counts in
-    full only against a hypothesis. For it, where few bearings make all of it, chance may: with the sum V of
-    its squares over bearings, it is no more than D^2 / 2V, by which a mean of D is likelier than one of 0.
+    Where a viewpoint's scans are likelier out of the map, something else was before the sensor: they count
+    as out of the map, by the `pieces` of surface that the viewpoint sees. Because of glass, people and gaps
+    in the map, evidence is not calibrated. A difference D of it counts in full only against a hypothesis. For
+    it, where few bearings make all of it, chance may: with the sum V of its squares over bearings, it is no
+    more than D^2 / 2V, by which a mean of D is likelier than one of 0.
     """
-    seen = np.array([np.concatenate(one.seen) if one.seen else np.zeros(0) for one in hypotheses])
+    seen = np.array([one.seen for one in hypotheses]).reshape(len(hypotheses), -1, SECTORS)
+    least = np.minimum(NOT_HERE * np.array(pieces[: seen.shape[1]], dtype=np.float64), -1e-12)
+    seen *= (least / np.minimum(seen.sum(axis=2), least))[:, :, None]
+    seen = seen.reshape(len(hypotheses), -1)
     prior, total, products = np.array([one.prior for one in hypotheses]), seen.sum(axis=1), seen @ seen.T
     off = total[:, None] - total
     squares = np.diag(products)[:, None] + np.diag(products) - 2.0 * products

@@ -215,7 +215,7 @@ class Localizer:
         if not said:
             self._hypotheses = []
             return None
-        likelier = leads([one for one, _, _ in said])
+        likelier = leads([one for one, _, _ in said], [view.pieces for view in self._viewpoints])
         first = int(likelier.min(axis=1).argmax())
         best, match, evidence = said[first]
         elsewhere = [
