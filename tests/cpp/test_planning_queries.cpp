@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <map>
 #include <optional>
 #include <set>
 #include <stdexcept>
@@ -326,6 +327,7 @@ TEST(PlanningQueries, FieldsAreLinearBetweenCentres) {
   EXPECT_TRUE(std::isnan(field.distance(Vector<2>(0.9, 2.8))));
   EXPECT_TRUE(std::isnan(field.gradient(Vector<2>(1.6, 3.6))[0]));
   EXPECT_NEAR(field.distance(Vector<2>(1.0, 2.25)), 0.0, 1e-6) << "as at the last centre";
+  EXPECT_EQ(field.gradient(Vector<2>(1.6, 3.4))[1], 0.0) << "as at the last centre";
 }
 
 /// Every face between smallest cells, one by one.
@@ -335,7 +337,8 @@ void frontiers_are_those_of_all_faces(Random& random) {
   const Map map = random_map<Map>(random);
   const auto leaves = plain_leaves(map);
   double area = 0.0;
-  std::set<std::vector<double>> cells;
+  std::map<std::vector<double>, std::pair<Vector<D>, Vector<D>>>
+      cells;  // Sums of centres, and of directions.
   const auto state_at = [&](const Vector<D>& point) {
     const auto leaf = map.tree().find_leaf(point);
     return leaf ? leaf->cell().state() : CellState::unknown;
@@ -359,27 +362,43 @@ void frontiers_are_those_of_all_faces(Random& random) {
             rest /= n;
           }
           if (state_at(point) != CellState::unknown) continue;
-          area += std::pow(0.25, D - 1);
-          cells.insert(std::vector<double>(leaf.box.lower.data(), leaf.box.lower.data() + D));
+          const double face = std::pow(0.25, D - 1);
+          area += face;
+          const std::vector<double> place(leaf.box.lower.data(), leaf.box.lower.data() + D);
+          auto& [center, direction] =
+              cells.emplace(place, std::pair(Vector<D>::Zero(), Vector<D>::Zero())).first->second;
+          point[axis] -= 0.1 * side;
+          center += face * point;
+          direction[axis] += face * side;
         }
       }
   }
   const auto all = frontiers(map, std::nullopt, 0.0);
   double found = 0.0;
   std::set<std::vector<double>> of_frontiers;
+  std::size_t directed = 0;
   for (std::size_t f = 0; f < all.size(); ++f) {
     found += all[f].area;
     if (f > 0) {
       ASSERT_LE(all[f].area, all[f - 1].area);
     }
-    ASSERT_TRUE(all[f].direction.isZero() || std::abs(all[f].direction.norm() - 1.0) < 1e-12);
+    Vector<D> center = Vector<D>::Zero(), direction = Vector<D>::Zero();
     for (const Box<D>& cell : all[f].cells) {
-      ASSERT_TRUE(of_frontiers.insert(std::vector<double>(cell.lower.data(), cell.lower.data() + D)).second);
+      const std::vector<double> place(cell.lower.data(), cell.lower.data() + D);
+      ASSERT_TRUE(of_frontiers.insert(place).second);
+      ASSERT_EQ(cells.count(place), 1u);
+      center += cells.at(place).first;
+      direction += cells.at(place).second;
       for (std::size_t g = 0; g < f; ++g)
         for (const Box<D>& other : all[g].cells) ASSERT_FALSE(cell.touches(other)) << "they are one";
     }
+    ASSERT_LT((all[f].center - center / all[f].area).norm(), 1e-9);
+    const bool on_all_sides = direction.norm() < 1e-6 * all[f].area;
+    directed += !on_all_sides;
+    ASSERT_LT((all[f].direction - (on_all_sides ? direction : direction.normalized())).norm(), 1e-5);
   }
-  EXPECT_EQ(of_frontiers, cells);
+  EXPECT_EQ(of_frontiers.size(), cells.size());
+  EXPECT_GT(directed, 1u);
   EXPECT_NEAR(found, area, 1e-9 * area);
   EXPECT_GT(all.size(), 1u);
   std::size_t large = 0;
