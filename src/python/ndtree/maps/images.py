@@ -9,7 +9,7 @@ import struct
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,7 +186,7 @@ def _image_of(name: str, image: str) -> str:
     return path
 
 
-def _opened(path: str, file: BinaryIO) -> Any:
+def _opened(path: str, file: IO[bytes]) -> Any:
     """As Pillow opens images, which warns of large ones: all threads share what filters warnings."""
     from PIL import Image
 
