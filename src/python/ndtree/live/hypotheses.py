@@ -70,7 +70,7 @@ class ScanEvidence:
 
     def __init__(self, m: OccupancyMap) -> None:
         self._map = m
-        self._sigma = math.hypot(0.5 * m.min_cell_size, m.options["range_sigma"])
+        self._noise = m.options["range_sigma"], m.options["range_sigma_quadratic"]
         # For all beams that a cell ends alike, its surface is anywhere in it, or just before it.
         self._deep = m.min_cell_size
         self._begin = 2.0 * m.min_cell_size  # The sensor's own cell may be unknown.
@@ -94,7 +94,8 @@ class ScanEvidence:
         last = np.maximum(last, np.maximum(np.roll(last, 1), np.roll(last, -1)))
         before = np.maximum(first - ranges - 0.5 * self._deep, 0.0)
         through = np.maximum(ranges - last - self._deep, 0.0)
-        near = np.exp(-0.5 * np.square(np.maximum(before, through) / self._sigma))
+        sigma = np.hypot(0.5 * self._deep, self._noise[0] + self._noise[1] * np.square(ranges))
+        near = np.exp(-0.5 * np.square(np.maximum(before, through) / sigma))
         least = np.where(before > 0.0, BEFORE, THROUGH)
         likely = least + (1.0 - least) * near
         likely = np.where(is_known, likely, np.minimum(likely, UNKNOWN))
