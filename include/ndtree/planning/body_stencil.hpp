@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -38,9 +39,22 @@ class BodyStencil {
   BodyStencil(const Body<D>& body, double unit, Touches touches = Touches::from_some) : touches_(touches) {
     for (std::size_t a = 0; a < kAxes; ++a) lower_[a] = upper_[a] = 0;
     for (const BodyPart<D>& part : body) add(part, unit);
+    const auto row = [&](const Run& run) { return row_of(run.at[1], run.at[kAxes - 1]); };
+    std::sort(runs_.begin(), runs_.end(), [&](const Run& a, const Run& b) { return row(a) < row(b); });
+    firsts_.assign(row_of(upper_[1], upper_[kAxes - 1]) + 2, 0);
+    for (const Run& run : runs_) ++firsts_[row(run) + 1];
+    std::partial_sum(firsts_.begin(), firsts_.end(), firsts_.begin());
   }
 
-  [[nodiscard]] const std::vector<Run>& runs() const { return runs_; }
+  /// Calls `visit(run)` for those at offsets first..last on axis 1; in space, at `plane` on the last axis.
+  template <class Visit>
+  void for_each_run(int first, int last, int plane, const Visit& visit) const {
+    first = std::max(first, lower_[1]);
+    last = std::min(last, upper_[1]);
+    if (first > last || (D > 2 && (plane < lower_[kAxes - 1] || plane > upper_[kAxes - 1]))) return;
+    const std::size_t end = firsts_[row_of(last, plane) + 1];
+    for (std::size_t i = firsts_[row_of(first, plane)]; i < end; ++i) visit(runs_[i]);
+  }
   [[nodiscard]] const std::vector<Span>& spans() const { return spans_; }
   /// The least and the greatest offset on each axis.
   [[nodiscard]] const std::array<int, std::size_t{D}>& lower() const { return lower_; }
@@ -48,6 +62,12 @@ class BodyStencil {
 
  private:
   static constexpr auto kAxes = static_cast<std::size_t>(D);
+
+  /// By their offsets, that on axis 1 the fastest.
+  [[nodiscard]] std::size_t row_of(int at, int plane) const {
+    const int planes_before = D == 2 ? 0 : plane - lower_[kAxes - 1];
+    return static_cast<std::size_t>(planes_before * (upper_[1] - lower_[1] + 1) + at - lower_[1]);
+  }
 
   void add(const BodyPart<D>& part, double unit) {
     const Box<D> bounds = bounds_of(part);
@@ -110,6 +130,7 @@ class BodyStencil {
 
   Touches touches_;
   std::vector<Run> runs_;
+  std::vector<std::size_t> firsts_;  // The first run of each row_of().
   std::vector<Span> spans_;
   std::array<int, kAxes> lower_;
   std::array<int, kAxes> upper_;

@@ -8,8 +8,10 @@
 #include <cstddef>
 #include <cstdint>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/planning/body_stencil.hpp"
 
 namespace ndtree::detail {
@@ -174,12 +176,13 @@ class ObstacleBits {
     }
   }
   /// Sets the bits of all cells of a brick from which the body meets an obstacle.
-  void spread(Brick<D>& met) const {
+  /// O(rows with an obstacle · runs from which it is met in the brick). @throws Cancelled
+  void spread(Brick<D>& met) {
     for (int r = 0; r < Brick<D>::rows_of(0); ++r) met.row(r) = 0;
-    std::vector<std::uint32_t> spread(stencil_.spans().size());
+    Spread spread(stencil_.spans().size(), {~std::size_t{0}, 0});
     Place at{};
     for (std::size_t r = 0; r * words_ < bits_.size(); ++r) {
-      spread_row(bits_.data() + r * words_, at, spread, met);
+      spread_row(r, at, spread, met);
       for (std::size_t a = 1; a < D && ++at[a] == extent_[a]; ++a) at[a] = 0;
     }
   }
@@ -217,36 +220,41 @@ class ObstacleBits {
     return done < count ? bits | bits >> (count - done) : bits;
   }
 
-  void spread_row(const std::uint64_t* row, const Place& at, std::vector<std::uint32_t>& spread,
-                  Brick<D>& met) const {
+  /// By span: the bits of a row from which it is met, and which row they are of.
+  using Spread = std::vector<std::pair<std::size_t, std::uint32_t>>;
+
+  [[nodiscard]] std::uint32_t spread_by(const typename BodyStencil<D>::Span& span, const std::uint64_t* row) {
+    const auto [first, last] = span;
+    std::uint64_t bits = 0;
+    for (int from = first; from <= last; from += kChunk)
+      bits |= any_of(word_at(row, from - stencil_.lower()[0]), std::min(kChunk, last - from + 1));
+    pace_.spend(1 + static_cast<std::size_t>(last - first) / (4 * kChunk));
+    return static_cast<std::uint32_t>(bits);
+  }
+  void spread_row(std::size_t number, const Place& at, Spread& spread, Brick<D>& met) {
+    const std::uint64_t* const row = bits_.data() + number * words_;
     std::uint64_t any = 0;
     for (std::size_t w = 0; w < words_; ++w) any |= row[w];
     if (any == 0) return;
-    for (std::size_t i = 0; i < spread.size(); ++i) {
-      const auto [first, last] = stencil_.spans()[i];
-      std::uint64_t bits = 0;
-      for (int from = first; from <= last; from += kChunk)
-        bits |= any_of(word_at(row, from - stencil_.lower()[0]), std::min(kChunk, last - from + 1));
-      spread[i] = static_cast<std::uint32_t>(bits);
-    }
-    for (const auto& run : stencil_.runs()) {
-      int target = 0;
-      bool is_inside = true;
-      for (std::size_t a = D - 1; a > 0; --a) {
-        const int place = at[a] + stencil_.lower()[a] - run.at[a];
-        is_inside = is_inside && place >= 0 && place < Brick<D>::kEdge;
-        target = target * Brick<D>::kEdge + place;
-      }
-      if (is_inside)
-        met.row(target) =
-            static_cast<typename Brick<D>::Row>(met.row(target) | spread[static_cast<std::size_t>(run.span)]);
-    }
+    const int first = at[1] + stencil_.lower()[1];  // Its offset from the first row of a plane of the brick.
+    for (int plane = 0; plane < Brick<D>::rows_of(0) / Brick<D>::kEdge; ++plane)
+      stencil_.for_each_run(first - (Brick<D>::kEdge - 1), first, at[D - 1] + stencil_.lower()[D - 1] - plane,
+                            [&](const auto& run) {
+                              auto& [of, bits] = spread[static_cast<std::size_t>(run.span)];
+                              if (of != number) {
+                                of = number;
+                                bits = spread_by(stencil_.spans()[static_cast<std::size_t>(run.span)], row);
+                              }
+                              auto& target = met.row(plane * Brick<D>::kEdge + first - run.at[1]);
+                              target = static_cast<typename Brick<D>::Row>(target | bits);
+                            });
   }
 
   const BodyStencil<D>& stencil_;
   Place extent_;
   std::size_t words_;
   std::vector<std::uint64_t> bits_;
+  Pace pace_;
 };
 
 }  // namespace ndtree::detail
