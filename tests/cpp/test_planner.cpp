@@ -573,6 +573,58 @@ TYPED_TEST(Planning, CoarseSpaceJoinsWhatIsJoined) {
   EXPECT_GT(pairs, 1000);
 }
 
+TYPED_TEST(Planning, NearestPlaceIsThatOfAllCells) {
+  constexpr int D = TypeParam::kDim;
+  Random random(407);
+  int found = 0;
+  int nowhere = 0;
+  for (int round = 0; round < 24; ++round) {
+    const double reach = D == 2 ? 4.0 : 2.0;
+    const TypeParam map = random_world<TypeParam>(random, 10);
+    const double cost = std::vector<double>{kInfinity, 2.0, 1.0}[static_cast<std::size_t>(round % 3)];
+    FreeSpace<TypeParam> space(map, inflated(random_body<D>(random), round < 4 ? 4.0 : 0.3), cost,
+                               {Vector<D>::Constant(-reach), Vector<D>::Constant(reach)});
+    for (int i = 0; i < 20; ++i) {
+      const Vector<D> at = random_point<D>(random, 3.0 * reach) / kUnit;
+      const auto nearest = space.nearest_place(at);
+      double least = kInfinity;
+      space.for_each_in(space.limits(), [&](const PlaceCell<D>& cell) {
+        least = std::min(least, (nearest_in(common_box(cell, cell), at) - at).norm());
+      });
+      ASSERT_EQ(nearest.has_value(), std::isfinite(least));
+      (nearest ? found : nowhere)++;
+      if (!nearest) continue;
+      ASSERT_DOUBLE_EQ((*nearest - at).norm(), least);
+    }
+  }
+  EXPECT_GT(found, 200);
+  EXPECT_GT(nowhere, 40);
+}
+/// Bricks around a body of hundreds of cells take long.
+TEST(Planning, NearestPlaceOfAHugeBody) {
+  MapOptions options;
+  options.min_cell_size = 0.05;
+  options.max_cell_size = 1.6;
+  AdaptiveMap<2, 2> map(options);
+  map.mark(Box<2>{{0.0, 0.0}, {0.05, 0.05}}, CellState::occupied);
+  PlannerOptions over_unknown;
+  over_unknown.unknown_cost = 1.0;
+  const Body<2> body{Capsule<2>{{0.0, 0.0}, {0.0, 0.0}, 50.0}};
+  const auto message = [&](double max_seconds) {
+    Planner<AdaptiveMap<2, 2>> planner(map, body, over_unknown);
+    return refusal_by([&] { (void)planner.plan({3.0, 0.0}, {3.0, 0.0}, max_seconds); });
+  };
+  EXPECT_NE(message(kInfinity).find("the nearest place where it fits with a smallest cell to spare is 47.05"),
+            std::string::npos)
+      << message(kInfinity);
+  EXPECT_NE(message(0.0).find("; out of time before the nearest place where it fits was found"),
+            std::string::npos)
+      << message(0.0);
+  const CancelScope stop([] { return true; });
+  EXPECT_THROW((void)message(kInfinity), Cancelled);
+  EXPECT_THROW((void)message(0.0), Cancelled);
+}
+
 TEST(Planning, SaysWhatIsWrong) {
   MapOptions options;
   options.min_cell_size = kUnit;
@@ -588,7 +640,7 @@ TEST(Planning, SaysWhatIsWrong) {
   EXPECT_EQ(message({0.1, 1.1}, {2.0, 2.0}),
             "start = (0.1, 1.1): there the body meets the occupied cell from (-0.25, 1.0) to (0.0, 1.25); "
             "the nearest "
-            "place where it fits is 0.4 m away, at (0.5, 1.1)");
+            "place where it fits with a smallest cell to spare is 0.4 m away, at (0.5, 1.1)");
   EXPECT_NE(
       message({2.0, 2.0}, {9.0, 9.0}).find("goal = (9.0, 9.0): there the body meets unknown space outside"),
       std::string::npos);
@@ -603,8 +655,7 @@ TEST(Planning, SaysWhatIsWrong) {
                   }),
                   "goals")})
     EXPECT_EQ(question, std::string(name) + "[1] = (nan, 0.0): must be finite, and on the map's lattice");
-  EXPECT_NE(message({2.0, 2.0}, {1e8, 0.0}).find("the nearest place where it fits is 99999996"),
-            std::string::npos);
+  EXPECT_NE(message({2.0, 2.0}, {1e8, 0.0}).find("smallest cell to spare is 99999996"), std::string::npos);
   const Path<2> none = planner.plan({-2.0, 0.0}, {2.0, 0.0});
   EXPECT_EQ(none.status, PathStatus::none);
   EXPECT_TRUE(none.points.empty());

@@ -6,7 +6,9 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <optional>
+#include <queue>
 #include <vector>
 
 #include "ndtree/core/body.hpp"
@@ -116,6 +118,47 @@ class FreeSpace {
   template <class Visit>
   void for_each_in(const LatticeBox<D>& box, const Visit& visit) {
     if (box.overlaps(root_, std::int64_t{1} << root_.level)) descend(0, root_, Within{box}, visit);
+  }
+  /// The nearest point of a cell that is not blocked, in smallest cells; none if there is no such cell. By
+  /// branch and bound: nothing that is farther is looked at. @throws Cancelled
+  [[nodiscard]] std::optional<Vector<D>> nearest_place(const Vector<D>& at) {
+    struct Part {
+      double squared;
+      CellIndex<D> index;
+      std::uint32_t number;
+      bool operator<(const Part& other) const {  // The top of a queue is the greatest.
+        return squared != other.squared ? squared > other.squared : index.lower > other.index.lower;
+      }
+    };
+    const auto nearest_of = [&](const Lattice<D>& lower, std::int64_t edge) {
+      const Cell cube{lower, edge};
+      return nearest_in(common_box(cube, cube), at);
+    };
+    double least = std::numeric_limits<double>::infinity();
+    std::optional<Vector<D>> nearest;
+    std::priority_queue<Part> open;
+    open.push({0.0, root_, 0});
+    while (!open.empty() && open.top().squared < least) {
+      const Part part = open.top();
+      open.pop();
+      this->visit(part.number, part.index);
+      const Node node = nodes_[part.number];
+      if (node.state == State::divided) {
+        for (unsigned j = 0; j < 1u << D; ++j) {
+          const CellIndex<D> below = child(part.index, j);
+          const double squared = (nearest_of(below.lower, std::int64_t{1} << below.level) - at).squaredNorm();
+          open.push({squared, below, node.below + j});
+        }
+        continue;
+      }
+      descend(part.number, part.index, All{}, [&](const Cell& cell) {
+        const Vector<D> place = nearest_of(cell.lower, cell.edge);
+        if (!((place - at).squaredNorm() < least)) return;
+        least = (place - at).squaredNorm();
+        nearest = place;
+      });
+    }
+    return nearest;
   }
 
   /// Obstacles, or what was none, came or went in a box: what depends on it is looked at again when it is
@@ -229,6 +272,9 @@ class FreeSpace {
     [[nodiscard]] bool keeps(const CellIndex<D>&, unsigned j) const {
       return static_cast<int>(j >> axis & 1u) == side;
     }
+  };
+  struct All {
+    [[nodiscard]] bool keeps(const CellIndex<D>&, unsigned) const { return true; }
   };
   struct Within {
     const LatticeBox<D>& box;

@@ -34,28 +34,6 @@ template <int D>
   return box;
 }
 
-/// Nearest point of a free cell, in smallest cells; none if there is no such cell.
-template <class Space>
-[[nodiscard]] std::optional<Vector<Space::D>> nearest_place(Space& space, const Vector<Space::D>& at) {
-  constexpr int D = Space::D;
-  for (double reach = 8.0;; reach *= 2.0) {
-    std::optional<Vector<D>> nearest;
-    double least = reach;
-    const LatticeBox<D> box = cells_near<D>(at, reach);
-    space.for_each_in(box, [&](const PlaceCell<D>& cell) {
-      const Vector<D> place = nearest_in(common_box(cell, cell), at);
-      if (!((place - at).norm() <= least)) return;
-      least = (place - at).norm();
-      nearest = place;
-    });
-    if (nearest) return nearest;
-    bool is_all = true;
-    for (std::size_t a = 0; a < D; ++a)
-      is_all = is_all && box.lower[a] < space.limits().lower[a] && box.upper[a] > space.limits().upper[a];
-    if (is_all) return std::nullopt;
-  }
-}
-
 /// Where a search may begin or end: at a pose, in smallest cells, or, if its cell is not free as a whole, at
 /// the nearest places in cells that are. @param goes_to whether the body can go straight to such a place.
 template <class Space, class GoesTo>

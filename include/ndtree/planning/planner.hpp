@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "ndtree/core/body.hpp"
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/planning/coarse_space.hpp"
@@ -76,14 +77,15 @@ class Planner {
   /// @throws std::invalid_argument if the body collides at an end: what with, and where it would not.
   [[nodiscard]] Path<D> plan(const Vector<D>& start, const Vector<D>& goal,
                              double max_seconds = std::numeric_limits<double>::infinity()) {
-    check_pose(start, "start");
-    check_pose(goal, "goal");
+    const Deadline deadline = deadline_after(max_seconds);
+    require_free(start, "start", deadline);
+    require_free(goal, "goal", deadline);
     Path<D> path;
     if (is_free(start, goal) && !space_->has_costs()) {
       finish(path, {start, goal});
       return path;
     }
-    const Query query{start, goal, deadline_after(max_seconds), anchors(start), anchors(goal)};
+    const Query query{start, goal, deadline, anchors(start), anchors(goal)};
     search_bytes_ = 0;
     search_in_all(query, path);
     if (path.status == PathStatus::found) finish(path, std::vector<Vector<D>>(std::move(path.points)));
@@ -96,9 +98,10 @@ class Planner {
   /// @throws std::invalid_argument if the body collides at the start, or a goal is not finite.
   [[nodiscard]] std::vector<double> ways(const Vector<D>& start, const std::vector<Vector<D>>& goals,
                                          double max_seconds = std::numeric_limits<double>::infinity()) {
+    const Deadline deadline = deadline_after(max_seconds);
     require_places(goals, "goals");
     for (const Vector<D>& goal : goals) include(goal);
-    check_pose(start, "start");
+    require_free(start, "start", deadline);
     std::vector<double> costs(goals.size(), std::numeric_limits<double>::infinity());
     detail::PathSearch<detail::NarrowSpace<Map>> search(*narrow_, options_.unknown_cost, 1.0);
     for (const auto& anchor : anchors(start)) search.add_start(anchor);
@@ -114,9 +117,9 @@ class Planner {
         costs[i] = std::numeric_limits<double>::quiet_NaN();  // Until the search ends.
       }
     }
-    const PathStatus status =
-        search.run_to_all(goals.size(), deadline_after(max_seconds),
-                          [&](std::size_t i) { costs[i] = cost_of(tightened(search, start, goals[i])); });
+    const PathStatus status = search.run_to_all(goals.size(), deadline, [&](std::size_t i) {
+      costs[i] = cost_of(tightened(search, start, goals[i]));
+    });
     if (status != PathStatus::out_of_time)
       for (double& cost : costs)
         if (std::isnan(cost)) cost = std::numeric_limits<double>::infinity();
@@ -171,6 +174,7 @@ class Planner {
   }
 
   using Anchor = detail::Anchor<D>;
+  using Deadline = std::chrono::steady_clock::time_point;
 
   /// Makes sure that a place is one of those of interest. No place outside what was observed is, where
   /// unknown space is an obstacle.
@@ -189,7 +193,14 @@ class Planner {
       refuse_place(*wrong, std::string(name) + "[" + std::to_string(wrong - points.begin()) + "]");
   }
   /// @throws std::invalid_argument if the body collides there: what with, and where it would not.
-  void require_free(const Vector<D>& point, const char* name) { check_pose(point, name); }
+  void require_free(const Vector<D>& point, const char* name, Deadline deadline) {
+    if (!is_place(point)) refuse_place(point, name);
+    include(point);
+    if (is_free(point, point)) return;
+    std::string message = std::string(name) + " = " + describe_point(point) + ": there the body meets " +
+                          detail::obstacle_in_words(seen_, tested_, point, unknown());
+    throw std::invalid_argument(message + "; " + nearest_in_words(point, deadline));
+  }
   [[nodiscard]] FreeSpace<Map>& space() { return *space_; }
   /// Pulls a path tight. @pre its segments are free.
   void pull_tight(std::vector<Vector<D>>& points) const {
@@ -200,9 +211,9 @@ class Planner {
   [[nodiscard]] static std::string out_of_time_after(std::size_t cells) {
     return "out of time after " + std::to_string(cells) + " cells: there may be a way";
   }
-  [[nodiscard]] static std::chrono::steady_clock::time_point deadline_after(double seconds) {
-    using Clock = std::chrono::steady_clock;
-    if (!(seconds < 1e9)) return Clock::time_point::max();
+  [[nodiscard]] static Deadline deadline_after(double seconds) {
+    using Clock = Deadline::clock;
+    if (!(seconds < 1e9)) return Deadline::max();
     return Clock::now() +
            std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(std::max(0.0, seconds)));
   }
@@ -306,7 +317,7 @@ class Planner {
 
   struct Query {
     Vector<D> start, goal;
-    std::chrono::steady_clock::time_point deadline;
+    Deadline deadline;
     std::vector<Anchor> from, to;
   };
   using Guide = detail::CoarseGuide<Map>;
@@ -365,22 +376,20 @@ class Planner {
     throw std::invalid_argument(name + " = " + describe_point(point) +
                                 ": must be finite, and on the map's lattice");
   }
-  void check_pose(const Vector<D>& point, const char* name) {
-    if (!is_place(point)) refuse_place(point, name);
-    include(point);
-    if (is_free(point, point)) return;
-    std::string message = std::string(name) + " = " + describe_point(point) + ": there the body meets " +
-                          detail::obstacle_in_words(seen_, tested_, point, unknown());
-    if (auto nearest = detail::nearest_place(*space_, Vector<D>(point / unit()))) {
-      *nearest *= unit();
+  [[nodiscard]] std::string nearest_in_words(const Vector<D>& point, Deadline deadline) {
+    try {
+      const CancelScope until([&] { return Deadline::clock::now() > deadline; });
+      const auto nearest = space_->nearest_place(Vector<D>(point / unit()));
+      if (!nearest) return "it fits nowhere with a smallest cell to spare";
+      const Vector<D> place = *nearest * unit();
       const double step = 0.01 * unit();
-      message += "; the nearest place where it fits is " +
-                 describe_number(step * std::ceil((*nearest - point).norm() / step)) + " m away, at " +
-                 describe_point(*nearest);
-    } else {
-      message += "; it fits nowhere";
+      return "the nearest place where it fits with a smallest cell to spare is " +
+             describe_number(step * std::ceil((place - point).norm() / step)) + " m away, at " +
+             describe_point(place);
+    } catch (const Cancelled&) {
+      checkpoint();  // The call as a whole.
+      return "out of time before the nearest place where it fits was found";
     }
-    throw std::invalid_argument(message);
   }
   static constexpr double kWorthGap = 0.015;  // Longer than the coarse way, that gaps are looked for.
   static constexpr int kMostReach =

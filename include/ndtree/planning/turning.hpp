@@ -232,19 +232,19 @@ class TurningSearch {
   }
 
   [[nodiscard]] Path<3> run(const Vector<3>& start, const Vector<3>& goal, double max_seconds) {
+    const auto deadline = Planner<Map>::deadline_after(max_seconds);
     make_layers(start, goal);
     Planner<Map>& first = *layers_.front().planner;
     Planner<Map>& last = *layers_[goal_layer_].planner;
     // Whatever its heading, the body holds a ball: its ways are no longer than the body's.
     const double radius = std::max(1e-6 * map_.tree().geometry().unit(), radius_inside(kept_away_));
     Planner<Map> ball(map_, {Capsule<2>{Vector<2>::Zero(), Vector<2>::Zero(), radius}}, options_);
-    first.require_free(start.head<2>(), "start");
-    last.require_free(goal.head<2>(), "goal");
+    first.require_free(start.head<2>(), "start", deadline);
+    last.require_free(goal.head<2>(), "goal", deadline);
     for (const Vector<3>& end : {start, goal}) {
       for (const Layer& layer : layers_) layer.planner->include(end.head<2>());
       ball.include(end.head<2>());
     }
-    const auto deadline = Planner<Map>::deadline_after(max_seconds);
     const double unit = map_.tree().geometry().unit();
     Path<3> path;
     const auto from = first.anchors(start.head<2>());
