@@ -34,6 +34,20 @@
 
 namespace ndtree {
 
+namespace detail {
+
+/// The first segment between points i and `next` for which something holds. One point alone is a segment.
+template <class Points, class Holds>
+[[nodiscard]] std::optional<std::size_t> first_segment(const Points& points, const Holds& holds) {
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const std::size_t next = std::min(i + 1, points.size() - 1);
+    if ((next != i || i == 0) && holds(i, next)) return i;
+  }
+  return std::nullopt;
+}
+
+}  // namespace detail
+
 /// Finds paths for one body of fixed orientation in one map, as it was when the planner was made or last
 /// updated. What was found out about free space is kept for the next question.
 template <class Map>
@@ -130,10 +144,9 @@ class Planner {
   /// is none. One point alone is a segment. @throws std::invalid_argument if a point is not finite.
   [[nodiscard]] std::optional<std::size_t> first_blocked(const std::vector<Vector<D>>& points) const {
     require_places(points, "points");
-    const std::size_t last = points.empty() ? 0 : points.size() - 1;
-    for (std::size_t i = 0; i < std::min(points.size(), std::max<std::size_t>(last, 1)); ++i)
-      if (sweep_collides(seen_, kept_away_, points[i], points[std::min(i + 1, last)], unknown())) return i;
-    return std::nullopt;
+    return detail::first_segment(points, [&](std::size_t i, std::size_t next) {
+      return sweep_collides(seen_, kept_away_, points[i], points[next], unknown());
+    });
   }
   /// Convex sets of places around the segments of a path, from which the body meets no obstacle, see
   /// corridors().

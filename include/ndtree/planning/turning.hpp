@@ -99,11 +99,9 @@ template <class Map>
       refuse(i, "moves by " + describe_number((places[i] - places[i - 1]).norm()) + " m and turns by " +
                     describe_number(poses[i][2] - poses[i - 1][2]) + " rad at once, expected one of both");
   }
-  for (std::size_t i = 0; i < motions.size(); ++i)
-    if (detail::motion_collides(planner.map(), body, poses[i], poses[std::min(i + 1, poses.size() - 1)],
-                                motions[i], planner.unknown()))
-      return i;
-  return std::nullopt;
+  return detail::first_segment(poses, [&](std::size_t i, std::size_t next) {
+    return detail::motion_collides(planner.map(), body, poses[i], poses[next], motions[i], planner.unknown());
+  });
 }
 
 namespace detail {
