@@ -101,9 +101,9 @@ class CorridorCell {
 }  // namespace detail
 
 /// For each segment of a path, a convex set of places of the body that contains the segment, so that
-/// neighbours share the point between them. From no place in a set does the body overlap an obstacle. Planes
-/// touch obstacles, each as far from the segment as it can be with its direction; so a set is maximal in the
-/// sense that no plane can be moved away from the segment.
+/// neighbours share the point between them. From no place in a set does the body overlap an obstacle. Each
+/// plane keeps the body from one obstacle and, farther away, would let it overlap that one; where other
+/// planes or `reach` keep it from there, too, a set is not the largest.
 /// @param path two points at least, free for the body, as Path::points. @param reach how far sets go beyond
 /// the segment on each axis, > 0 [m].
 /// @throws std::invalid_argument if the body meets an obstacle on the path, or `reach` is not > 0 and finite.
