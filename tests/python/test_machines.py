@@ -43,7 +43,7 @@ def compiling(compiler: str, program: Path, *flags: str) -> subprocess.Popen[byt
     source = ROOT / "tests" / "cpp" / "alone" / "same_map.cpp"
     return subprocess.Popen(
         [
-            *(compiler, "-std=c++17", "-O2", "-static", "-pthread", *flags),
+            *(compiler, "-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror", "-static", "-pthread", *flags),
             *(f"-I{ROOT / 'include'}", f"-I{ROOT / 'tests' / 'cpp' / 'support'}", f"-isystem{EIGEN}"),
             *(str(source), "-o", str(program)),
         ]

@@ -86,8 +86,8 @@ class LeafCoverage {
   NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& leaf, const CubeFace<D>& face,
                                        const BeamList& list, float per_child, const BeamWidths& widths,
                                        const CoverageLimits& limits, Sum& sum) const {
-    const bool by_eights = partition_.goes_by_eights() && !face.is_single();
-    const auto main = static_cast<std::size_t>(face.axis);
+    [[maybe_unused]] const bool by_eights = partition_.goes_by_eights() && !face.is_single();
+    [[maybe_unused]] const auto main = static_cast<std::size_t>(face.axis);
     for (std::size_t first = 0; first < list.size; first += kChunk) {
       if (first > 0 && CoverageModel::is_certain(sum, limits)) return;
       const BeamList part = list.part(first, std::min(list.size, first + kChunk));

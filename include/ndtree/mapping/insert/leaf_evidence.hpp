@@ -119,7 +119,7 @@ class LeafEvidence {
                                                      const CellCrossings<N, D>& crossings,
                                                      const BeamList& list,
                                                      std::uint32_t beams_end = BeamList::kAll,
-                                                     bool resolves = true) const {
+                                                     [[maybe_unused]] bool resolves = true) const {
     if (list.size == 1) {
       ScanEvidence sum;
       const std::uint32_t beam = list.first_beam();

@@ -60,7 +60,7 @@ class ChildPartition {
 
   /// Appends a node's beams to the lists of its children, in ascending order, and pads these but for width 1.
   /// @param planes see planes_of(), of the node, if all beams have one origin.
-  void operator()(const CellIndex<D>& node, const Planes& planes, const BeamList& list,
+  void operator()(const CellIndex<D>& node, [[maybe_unused]] const Planes& planes, const BeamList& list,
                   Lists& children) const {
 #ifdef NDTREE_HAS_EIGHTS
     if constexpr (kNumChildren <= kMostAtOnce) {
