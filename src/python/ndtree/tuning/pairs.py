@@ -20,10 +20,9 @@ from ndtree.base.scan import Scan
 from ndtree.tuning.revisits import MOST_RANGE, fitted, is_of_one_place, moved_by
 from ndtree.tuning.slices import Cloud
 
-Search = tuple[tuple[float, float, float], float]
 #: What is searched within a run and from one run to another [m, m, rad], with cells [m]; larger errors are
 #: not found. With coarser cells, errors of good poses look large where a robot turns.
-_IN_RUN, ROUGHLY = ((0.6, 0.6, 0.2), 0.05), ((1.0, 1.0, 0.35), 0.1)
+_IN_RUN, _ACROSS = ((0.6, 0.6, 0.2), 0.05), ((1.0, 1.0, 0.35), 0.1)
 #: Between two scans of different runs, or of those beside each other in one, least and most way [m] and turn
 #: [rad]: nearer ones tell no error, farther ones see others.
 _NEAREST, _FARTHEST, _MOST_TURN = 0.03, 6.0, 1.0
@@ -111,12 +110,12 @@ def pairs_of(runs: Sequence[Sequence[Scan]]) -> Pairs:
 
 def matched(runs: list[list[SensorScan]], begin: float) -> Pairs:
     """The pairs of runs."""
-    return Pairs(runs, _near(runs), _far(runs, _FAR), begin)
+    return Pairs(runs, _near(runs), _far(runs), begin)
 
 
 def matched_clouds(clouds: list[list[Cloud]]) -> Pairs:
     """The pairs of slices of runs of clouds; those within runs are not looked at."""
-    return far_of(sliced(clouds), clouds, _FAR)
+    return far_of(sliced(clouds), clouds)
 
 
 def sliced(clouds: list[list[Cloud]]) -> list[list[SensorScan]]:
@@ -124,10 +123,10 @@ def sliced(clouds: list[list[Cloud]]) -> list[list[SensorScan]]:
     return [[one.sliced(clouds[0][0].rotation) for one in run] for run in clouds]
 
 
-def far_of(runs: list[list[SensorScan]], clouds: list[list[Cloud]], search: Search) -> Pairs:
+def far_of(runs: list[list[SensorScan]], clouds: list[list[Cloud]]) -> Pairs:
     """The pairs of these slices."""
     begin = runs[0][0].stamp if runs else 0.0
-    return Pairs(runs, [], _far(runs, search, _MOST_OF_CLOUDS), begin, clouds)
+    return Pairs(runs, [], _far(runs, _MOST_OF_CLOUDS), begin, clouds)
 
 
 def _seen(scan: Scan) -> SensorScan:
@@ -142,11 +141,11 @@ def _near(runs: list[list[SensorScan]]) -> list[Pair]:
         for k in sorted({1, last} if last else ()):
             pairs.append(_pair(run[:1], run[k], (i, i, k == last), _IN_RUN))
         if i + 1 < len(runs):
-            pairs.append(_pair(run, runs[i + 1][0], (i, i + 1, False), ROUGHLY))
+            pairs.append(_pair(run, runs[i + 1][0], (i, i + 1, False), _ACROSS))
     return [pair for pair in pairs if pair.is_near or pair.is_whole_run]
 
 
-def _far(runs: list[list[SensorScan]], search: Search, most: int | None = None) -> list[Pair]:
+def _far(runs: list[list[SensorScan]], most: int | None = None) -> list[Pair]:
     inner: list[int] = []
     for i, run in enumerate(runs):
         if len(run) > 2 and (not inner or _has_moved(runs[inner[-1]][1].pose, run[1].pose, _FRESH)):
@@ -158,7 +157,7 @@ def _far(runs: list[list[SensorScan]], search: Search, most: int | None = None) 
     ]
     if most is not None:
         both = both[:: max(1, math.ceil(len(both) / most))]
-    return [_pair(runs[i][1:2], runs[j][1], (i, j, False), search) for i, j in both]
+    return [_pair(runs[i][1:2], runs[j][1], (i, j, False), _FAR) for i, j in both]
 
 
 def _at_distances(poses: Sequence[Floats]) -> list[int]:
@@ -185,7 +184,7 @@ def _pair(
     seen: Sequence[SensorScan],
     scan: SensorScan,
     what: tuple[int, int, bool],
-    search: Search,
+    search: tuple[tuple[float, float, float], float],
 ) -> Pair:
     first = seen[0].pose
     told = between(first, scan.pose)

@@ -34,7 +34,7 @@ from ndtree.alignment.planar import Floats, between, composed, wrapped
 from ndtree.alignment.sensor_scans import SensorScan
 from ndtree.evaluation.pose_tilt import plane_between
 from ndtree.logs.poses.pose import matrices_of, quaternions_of
-from ndtree.tuning.pairs import LEAST_MOTION, ROUGHLY, Pair, Pairs, far_of, matched, sliced
+from ndtree.tuning.pairs import LEAST_MOTION, Pair, Pairs, far_of, matched, sliced
 from ndtree.tuning.slices import Cloud
 
 #: How much likelier errors must be (in logarithms): pairs share scans. And at least, in each part of a log.
@@ -350,8 +350,8 @@ def _misread(log: Pairs) -> str | None:
         runs = [
             [replace(one, points=one.points * flip, free=one.free * flip) for one in run] for run in log.runs
         ]
-        mirrored = far_of(runs, log.clouds, ROUGHLY) if log.clouds else matched(runs, log.begin)
-        is_mirrored = sum(map(_turns_alike, _turned(mirrored))) > 2 * turning + _LEAST_PAIRS
+        mirrored = far_of(runs, log.clouds) if log.clouds else matched(runs, log.begin)
+        is_mirrored = sum(map(_turns_alike, _turned(mirrored))) >= 2 * turning + _LEAST_PAIRS
     fitting = sum(map(_moves_alike, log.far))
     fitted = sum(pair.is_matched for pair in log.far)
     speaks_against = not log.far or 4 * (fitted - fitting) > fitted or 4 * _lost(log.runs) > len(log.runs)
@@ -361,10 +361,10 @@ def _misread(log: Pairs) -> str | None:
     for kind, read in _READINGS.items():
         clouds = [[read(one) for one in run] for run in log.clouds]
         slices = sliced(clouds)
-        if _lost(slices) <= _lost(log.runs):
-            others[kind] = sum(map(_moves_alike, far_of(slices, clouds, ROUGHLY).far))
+        if 2 * _lost(slices) <= len(slices):
+            others[kind] = sum(map(_moves_alike, far_of(slices, clouds).far))
     best = max(others, key=lambda kind: others[kind])
-    return best if is_mirrored or others[best] > fitting + _LEAST_PAIRS else None
+    return best if is_mirrored or others[best] >= fitting + _LEAST_PAIRS else None
 
 
 def _lost(runs: list[list[SensorScan]]) -> int:
