@@ -295,6 +295,7 @@ _ANSWERS = {
     "no_return": "whether beams without return are free",
     "noise": "the noise of ranges",
     "setup": "a map from a wrong mount, clock or scale",
+    "setup_in_space": "a map from a wrong setup of a 3-D lidar",
     "align": "the poses of a drive",
     "slam": "the poses of a drive, scan by scan",
     "match": "one scan's pose in a map, and its covariance",
