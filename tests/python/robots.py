@@ -67,8 +67,7 @@ def mapped(bag: Path, python: str = sys.executable, **options: Any) -> Any:
 
 def grid_like(arrays: Any, m: Any, **options: Any) -> tuple[np.ndarray, np.ndarray]:
     """The grid that was received, and that of a map, in the same place."""
-    depth = noise_depth(m) if m.dim == 2 else None
-    pixels, (x, y), cell_size = m.map_server_image(wall_depth=depth, **options)
+    pixels, (x, y), cell_size = m.map_server_image(wall_depth=noise_depth(m), **options)
     image = np.select([pixels[::-1] == 254, pixels[::-1] == 0], [0, 100], -1)
     grid, (left, low, size) = arrays["grid"], arrays["origin"]
     assert size == pytest.approx(cell_size, rel=1e-6)

@@ -14,7 +14,7 @@ from snippets import ROOT
 
 import ndtree
 from ndtree._native import _core
-from ndtree.base.options import option
+from ndtree.base.options import option, options_of
 from ndtree.distributed.engines import ENGINES
 from ndtree.evaluation.exploring import STRATEGIES
 from ndtree.evaluation.no_returns import AUTO
@@ -191,3 +191,9 @@ def test_constants_say_where_they_come_from() -> None:
         assert least <= value <= most and len(source) > 20 and not when, name
         with pytest.raises(TypeError, match=f"no option {name}"):
             ndtree.AdaptiveMap(dim=2, **{name: value})
+
+
+def test_a_node_takes_points_with_commas_as_they_are_typed() -> None:
+    for name, value in (("box", "-2,-2,-0.2,3,3,2.2"), ("mount", "0,0,90deg"), ("initial_pose", "1,2,0")):
+        row = next(one for one in options_of("node") if one.key == name)
+        assert row.taken(value) == value and row.taken("") == ""

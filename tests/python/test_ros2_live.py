@@ -37,6 +37,7 @@ from test_rosbag_clouds import box_points, colored
 import ndtree
 from ndtree.live.grid import GroundFollower
 from ndtree.live.outputs import by_size, cell_points
+from ndtree.maps.writers.map_server import noise_depth
 
 PYTHON = os.environ.get("NDTREE_ROS2_PYTHON", sys.executable)
 PROCESSES = Path(__file__).with_name("ros2")
@@ -188,7 +189,7 @@ def test_it_has_all_of_octomap_server(robot: Robot, tmp_path: Path) -> None:
         volume = (size**3 * ((after == state).astype(float) - (before == state))).sum()
         assert volume == pytest.approx((leaves.size**3).sum(), rel=1e-3)
     for name, height in (("low", (0.1, 0.5)), ("high", (1.0, 1.5))):
-        pixels = m.map_server_image(height=height)[0]
+        pixels = m.map_server_image(height=height, wall_depth=noise_depth(m))[0]
         for value, grey in ((100, 0), (0, 254)):
             assert np.count_nonzero(found[f"map_{name}"] == value) == np.count_nonzero(pixels == grey) > 0
     for name, ending in (("octomap_full", "ot"), ("octomap_binary", "bt")):

@@ -138,7 +138,7 @@ class Option:
             return value
         low, high = self.range or (-math.inf, math.inf)
         limited = {int: integer(low, high), float: number(low, high)}
-        check = limited.get(self.kind, self.check)
+        check = limited.get(self.kind, text if self.type == list[float] else self.check)  # Typed with commas.
         try:
             return check(value)
         except ValueError:
