@@ -196,7 +196,7 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "were measured: stamp, end, reversed, reversed-end, said.", "NAME", "as the log says",
                "when a sensor's beams were measured, if nothing says so", _READ_LIVE, role="format"),
         Option("pose_covariance", ("auto", "ignore", "use"), "Of a ROS bag: covariances of poses widen "
-               "beams: auto, ignore, use; auto unless a driver's default.", "", "auto", "poses tell how sure "
+               "beams: auto, ignore, use.", "", "auto", "poses tell how sure "
                "they are, and are believed or not", _READ_LIVE, role="format"),
         Option("find_mount", bool, "Of a ROS bag: find where the sensor sits on its base, instead.", "", "",
                "a bag without the place of its sensor", "calibrate", False),
