@@ -193,6 +193,8 @@ def test_a_pose_that_jumps_is_told_of_with_the_time() -> None:
 
 
 def test_what_tells_too_little_says_nothing() -> None:
+    for count in (1, 2, 4, 7):
+        assert setup_error(pairs_of(spread(log_of()[:count])[0])) is None
     scans = log_of()
     assert found_in([]) is None and found_in(scans[:8]) is None
     assert found_in([scans[0]] * 40) is None

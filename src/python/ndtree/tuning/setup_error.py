@@ -369,7 +369,7 @@ def _misread(log: Pairs) -> str | None:
 
 def _lost(runs: list[list[SensorScan]]) -> int:
     """How many slices are empty, as no ground is seen."""
-    return sum(not len(run[1].points) for run in runs)
+    return sum(len(run) > 1 and not len(run[1].points) for run in runs)
 
 
 def _turned(log: Pairs) -> list[Pair]:
