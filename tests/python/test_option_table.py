@@ -18,6 +18,7 @@ from ndtree.base.options import option, options_of
 from ndtree.distributed.engines import ENGINES
 from ndtree.evaluation.exploring import STRATEGIES
 from ndtree.evaluation.no_returns import AUTO
+from ndtree.live.ros.parameters import ROWS, config_of
 from ndtree.logs.core.rules import INVALID, NO_ECHO
 from ndtree.logs.folders.point_clouds import FRAMES
 from ndtree.logs.poses.covariances import USES
@@ -197,3 +198,17 @@ def test_a_node_takes_points_with_commas_as_they_are_typed() -> None:
     for name, value in (("box", "-2,-2,-0.2,3,3,2.2"), ("mount", "0,0,90deg"), ("initial_pose", "1,2,0")):
         row = next(one for one in options_of("node") if one.key == name)
         assert row.taken(value) == value and row.taken("") == ""
+
+
+def test_a_node_leaves_out_empty_topics_and_repetitions() -> None:
+    row = next(one for one in options_of("node") if one.key == "topics")
+    for given, taken in (
+        (["/a", ""], ["/a"]),
+        (["", "/a", "/b", "/a"], ["/a", "/b"]),
+        ("/a", ["/a"]),
+        (["", ""], [""]),
+        ([], [""]),
+    ):
+        assert row.taken(given) == taken
+        values = {one.key: one.start for one in ROWS} | {"topics": given}
+        assert config_of(values.__getitem__).get("topic") == (taken if any(taken) else None)

@@ -130,10 +130,11 @@ class Option:
     def taken(self, value: Any) -> Any:
         """A value that a node takes, where also the one that it starts with stands for nothing.
 
-        Raises WrongValue.
+        Of a list, what is empty or comes again is left out. Raises WrongValue.
         """
         if self.repeated:
-            value = [value] if isinstance(value, str) else value or self.start
+            some = [value] if isinstance(value, str) else list(value or ())
+            value = [one for i, one in enumerate(some) if one != "" and one not in some[:i]] or self.start
         if type(value) is self.kind and value == self.start:
             return value
         low, high = self.range or (-math.inf, math.inf)

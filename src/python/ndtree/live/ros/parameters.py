@@ -44,7 +44,7 @@ class Layer:
 
 def layers_of(texts: Sequence[str]) -> list[Layer]:
     """Of a list of NAME:LOW,HIGH; ValueError if one is none, or comes twice."""
-    layers = [Layer.of(text) for text in texts if text]
+    layers = [Layer.of(text) for text in dict.fromkeys(texts) if text]
     names = [layer.name for layer in layers]
     if len(set(names)) < len(names):
         raise WrongValue.of("grid_layers", ", ".join(texts), "of different names")
@@ -63,10 +63,8 @@ def config_of(value: Callable[[str], Any], options: dict[str, Any] | None = None
 
     A parameter that is at its default leaves what the file says.
     """
-    for row in ROWS:
-        row.taken(value(row.key))
-    given = {row.name: value(row.key) for row in ROWS if row.role and value(row.key) != row.start}
-    given["topic"] = [topic for topic in value("topics") if topic] or None
+    taken = [(row, row.taken(value(row.key))) for row in ROWS]
+    given = {row.name: one for row, one in taken if row.role and one != row.start}
     whole = Config.load(value("config")) if value("config") else Config()
     return whole.overridden(Config.of(**given, **(options or {})).values)
 
