@@ -18,7 +18,7 @@ from ndtree.base.options import option, options_of
 from ndtree.distributed.engines import ENGINES
 from ndtree.evaluation.exploring import STRATEGIES
 from ndtree.evaluation.no_returns import AUTO
-from ndtree.live.ros.parameters import ROWS, config_of
+from ndtree.live.ros.parameters import ROWS, check, config_of, in_parameters
 from ndtree.logs.core.rules import INVALID, NO_ECHO
 from ndtree.logs.folders.point_clouds import FRAMES
 from ndtree.logs.poses.covariances import USES
@@ -212,3 +212,16 @@ def test_a_node_leaves_out_empty_topics_and_repetitions() -> None:
         assert row.taken(given) == taken
         values = {one.key: one.start for one in ROWS} | {"topics": given}
         assert config_of(values.__getitem__).get("topic") == (taken if any(taken) else None)
+
+
+@pytest.mark.parametrize("name, given, expected", [
+    ("topics", 5, "a list of names"),
+    ("topics", ["/a", 5], "a list of names"),
+    ("fixed_cells", "yes", "true or false"),
+    ("no_return", "maybe", "one of auto, free, ignore"),
+])  # fmt: skip
+def test_a_node_names_the_parameter_that_is_wrong(name: str, given: object, expected: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        check(name, given)
+    said = f"{name} = {given}: must be {expected}"
+    assert str(caught.value) == in_parameters(caught.value) == said

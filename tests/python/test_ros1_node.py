@@ -271,10 +271,10 @@ def test_the_launch_file_starts_the_node(robot: Robot, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "word, said",
     [
-        ("_no_return:=maybe", "no_return maybe: must be one of auto, free, ignore"),
-        ("_min_cell_size:=-1.0", "min_cell_size -1"),
-        ("_queue:=0", "queue 0: must be a whole number from 1 to 100000"),
-        ("_queue:=many", "queue many: must be a whole number"),
+        ("_no_return:=maybe", "no_return = maybe: must be one of auto, free, ignore"),
+        ("_min_cell_size:=-1.0", "min_cell_size = -1"),
+        ("_queue:=0", "queue = 0: must be a whole number from 1 to 100000"),
+        ("_queue:=many", "queue = many: must be a whole number"),
         ("_windows:=3", "~windows: there is no such parameter, expected one of autostart, "),
     ],
 )

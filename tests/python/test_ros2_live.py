@@ -347,8 +347,8 @@ def test_a_node_that_is_configured_again_begins_anew(robot: Robot) -> None:
 @pytest.mark.parametrize(
     "given, said",
     [
-        ({"no_return": "maybe"}, "no_return maybe: must be one of auto, free, ignore"),
-        ({"min_cell_size": -1.0}, "min_cell_size -1"),
+        ({"no_return": "maybe"}, "no_return = maybe: must be one of auto, free, ignore"),
+        ({"min_cell_size": -1.0}, "min_cell_size = -1"),
         ({"queue": 0}, "queue"),
         ({"slam": "true", "window": 3.0}, "window: not with slam"),
         ({"localize": "a.ndt", "fade": 3.0}, "fade: not with localize, which makes no map"),

@@ -33,15 +33,16 @@ def marked(text: Any) -> str:
     return str(getattr(text, "marked", text))
 
 
-def spelled(text: Any, spell: Callable[[str], str] | None = None) -> str:
+def spelled(text: Any, spell: Callable[[str], str] | None = None, equals: str = " ") -> str:
     """A text, or an error's, in which a front end has spelled the names of options.
 
     Parameters
     ----------
     text : str or Exception
     spell : callable, optional
-        Of an option's name, that of the front end; a value then stands behind it without "=", as it is typed.
-        Without: as keywords of Python.
+        Of an option's name, that of the front end. Without: as keywords of Python.
+    equals : str
+        What stands between the front end's name and a value: a blank, as it is typed.
     """
     if spell is None:
         return marked(text).replace(_MARK, "")
@@ -49,9 +50,9 @@ def spelled(text: Any, spell: Callable[[str], str] | None = None) -> str:
         value = text.value.removesuffix(".0").replace(".0 ", " ").strip("[]").replace("'", "")
         head = f"{text.where}: " if text.where else ""
         said = f"{key(text.option)} = {value}: must be {text.expected}"
-        return head + spelled(said, spell)
+        return head + spelled(said, spell, equals)
     return _KEY.sub(
-        lambda found: spell(found[1]) + " " * bool(found["set"]) + (found["value"] or ""), marked(text)
+        lambda found: spell(found[1]) + equals * bool(found["set"]) + (found["value"] or ""), marked(text)
     )
 
 

@@ -132,9 +132,11 @@ class Option:
 
         Of a list, what is empty or comes again is left out. Raises WrongValue.
         """
+        given, expected = value, ""
         if self.repeated:
-            some = [value] if isinstance(value, str) else list(value or ())
+            some = list(given or ()) if isinstance(given, (list, tuple, type(None))) else [given]
             value = [one for i, one in enumerate(some) if one != "" and one not in some[:i]] or self.start
+            expected = "a list of names"
         if type(value) is self.kind and value == self.start:
             return value
         low, high = self.range or (-math.inf, math.inf)
@@ -143,4 +145,4 @@ class Option:
         try:
             return check(value)
         except ValueError:
-            raise WrongValue.of(self.name, value, check.expected) from None
+            raise WrongValue.of(self.key, given, expected or check.expected) from None

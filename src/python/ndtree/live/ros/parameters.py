@@ -78,10 +78,10 @@ def in_parameters(text: str | Exception) -> str:
 
     def is_way(line: str) -> bool:
         option = leading_key(line.lstrip())
-        return not option or option in keys
+        return not option or option in keys or option in keys.values()
 
     lines = filter(is_way, marked(text).split("\n"))
-    return "\n".join(spelled(line, name_of) for line in lines)
+    return "\n".join(spelled(line, name_of, " = ") for line in lines)
 
 
 def live_options_of(value: Callable[[str], Any]) -> LiveOptions:

@@ -21,7 +21,7 @@ from std_srvs.srv import Empty, Trigger
 from ndtree.live.ros.map_service import TICK, MapService
 from ndtree.live.ros.messages import optional_class
 from ndtree.live.ros.middleware import Level, Publisher
-from ndtree.live.ros.parameters import CHANGING, check, config_of, followed
+from ndtree.live.ros.parameters import CHANGING, check, config_of, followed, in_parameters
 from ndtree.live.ros.services import OCTOMAP_SERVICES
 from ndtree.live.ros2.parameters import declare, map_options, value
 from ndtree.live.ros2.sources import Sources
@@ -117,7 +117,7 @@ class MapNode(LifecycleNode):
             try:
                 self._configure()
             except (ValueError, OSError, TypeError) as error:
-                self.get_logger().error(str(error))
+                self.get_logger().error(in_parameters(error))
                 return TransitionCallbackReturn.FAILURE
         self._is_configured = False
         return super().on_configure(state)
