@@ -225,3 +225,19 @@ def test_a_node_names_the_parameter_that_is_wrong(name: str, given: object, expe
         check(name, given)
     said = f"{name} = {given}: must be {expected}"
     assert str(caught.value) == in_parameters(caught.value) == said
+
+
+def test_limits_of_nodes_are_not_those_of_the_command_line() -> None:
+    """A node's sliders end where values are of use; who types may go on."""
+    of_nodes = {
+        "pixel_stride": (1, 64), "stride": (1, 1000), "every": (1, 100000), "queue": (1, 100000),
+        "follow_memory": (1, 1e6), "window": (0, 1e6), "dim": (0, 3), "diagnostics_period": (0.01, 1000),
+        **dict.fromkeys(("look", "patience", "robot_radius", "grid_cell_size"), (0, 1000)),
+        **dict.fromkeys(("grid_clear", "grid_stays", "ground_slope", "grid_period"), (0, 1000)),
+        **dict.fromkeys(("cells_period", "frontiers_period", "octomap_period", "octomap_cell_size"), (0, 1000)),
+    }  # fmt: skip
+    assert {row.key: row.range for row in ROWS if row.key in of_nodes} == of_nodes
+    with pytest.raises(ValueError, match=r"patience = 1001\.0: must be a number from 0 to 1000"):
+        check("patience", 1001.0)
+    for name, value in (("queue", 200000), ("follow_memory", 0.5), ("patience", 5000.0), ("every", 10**7)):
+        assert option(name, "live").check(value) == value

@@ -25,7 +25,7 @@ class Option:
     `without`: What holds if it is left out, in words; behind the default if there is one.
     `of`: The commands that take it, and "node".
     `default`: What the program takes instead; `...` where it must be given.
-    `limits`: The least and the largest value.
+    `limits`, `node_limits`: The least and the largest value; those of the nodes, where they differ.
     `flags`: Where they are not made of the name, as "--output -o" and "--loops/--no-loops".
     `parameter`: Its name for the nodes if that is another one.
     `but`: Instead of the default, what holds in some commands.
@@ -51,6 +51,7 @@ class Option:
     role: str = ""
     section: str = "log"  # Of a file of a `Config`.
     changes: bool = False  # Whether a node takes another value while it maps.
+    node_limits: tuple[float, float] | None = None
     read_by: tuple[str, ...] = ()  # Refinements of the maps: "evidence", "paper", "fixed", "octomap".
 
     @property
@@ -122,9 +123,10 @@ class Option:
     @property
     def range(self) -> tuple[float, float] | None:
         """From where to where it may be set; None where nothing limits it."""
-        if self.kind not in (int, float) or self.role == "map" or self.limits == (-math.inf, math.inf):
+        limits = self.node_limits or self.limits or (0, MOST)
+        if self.kind not in (int, float) or self.role == "map" or limits == (-math.inf, math.inf):
             return None
-        low, high = self.limits or (0, MOST)
+        low, high = limits
         return min(low, self.start), min(high, MOST)
 
     def taken(self, value: Any) -> Any:

@@ -84,6 +84,8 @@ def _picture(of: str, help: str) -> Option:
 _POSITIVE = (0.0, math.inf)
 _ANY = (-math.inf, math.inf)
 _COUNT = (1, math.inf)
+#: Of a node's parameters.
+_UP_TO_1000, _MANY = (0.0, 1000.0), (1, 100000)
 #: What reads an option that is read of logs: commands, or nodes as well; and of all that map beams.
 _READ_LIVE, _MAPPING_LIVE = f"{_READ} node", f"{_MAPPING} node"
 _WORLDS = ("office", "apartment", "street")
@@ -183,7 +185,8 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
         Option("camera", str, "Of depth images: fx,fy,cx,cy[,image values per metre].", "FX,FY,CX,CY",
                "as the log says", "depth images without a calibration", _READ_LIVE, role="format"),
         Option("pixel_stride", int, "Use each n-th row and column of depth images.", "N", "",
-               "large depth images: mapping is faster", _READ_LIVE, 1, "", _COUNT, role="format"),
+               "large depth images: mapping is faster", _READ_LIVE, 1, "", _COUNT, role="format",
+               node_limits=(1, 64)),
         Option("pixel_sigma", float, "Of structure from motion: standard deviation of a feature's place "
                "[px].", "PX", "", "structure from motion of another quality", _READ, 1, "px", role="format"),
         Option("body", str, "Of a ROS bag: the robot itself, box:LX,LY,LZ[,X,Y,Z], sphere:, capsule: or "
@@ -208,9 +211,9 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
         Option("dim", int, "2 or 3.", "2|3", "as the log says", "a flat map of a 3-D log, or the reverse",
                f"{_MAPPING_LIVE} info", limits=(2, 3), role="read", section="map"),
         Option("every", int, "Use each n-th scan.", "N", "", "mapping is too slow: each n-th scan",
-               _READ_LIVE, 1, "", _COUNT, role="select"),
+               _READ_LIVE, 1, "", _COUNT, role="select", node_limits=_MANY),
         Option("stride", int, "Use each n-th beam of a scan.", "N", "", "scans are too dense: each n-th beam",
-               _READ_LIVE, 1, "", _COUNT, role="select"),
+               _READ_LIVE, 1, "", _COUNT, role="select", node_limits=(1, 1000)),
         Option("start", float, "From this time since the first scan on [s].", "S", "the first scan, 0 s",
                "leave out the beginning", _READ, limits=_POSITIVE, flags="--from", role="select"),
         Option("stop", float, "Up to this time since the first scan [s].", "S", "the last scan",
@@ -340,11 +343,12 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "SPEED", ": the recording's own pace", "0: as fast as it goes, and nothing is dropped", "live",
                1.0),
         Option("queue", int, "Scans that wait at most; of more, the oldest is dropped.", "N", "",
-               "a shorter delay, or fewer drops", "live node", 100, "scans", (1, 100000)),
+               "a shorter delay, or fewer drops", "live node", 100, "scans", _COUNT, node_limits=_MANY),
         Option("patience", float, "A scan waits for its pose at most [s].", "S", "", "poses come late",
-               "live node", 1.0, "s"),
+               "live node", 1.0, "s", node_limits=_UP_TO_1000),
         Option("look", float, "Of a ROS bag: messages that decide what is mapped and how [s].", "S", "",
-               "more messages to decide by, and a later start", "live node", 2.0, "s"),
+               "more messages to decide by, and a later start", "live node", 2.0, "s",
+               node_limits=_UP_TO_1000),
         Option("window", float, "Forget what is farther from the sensor than this [m].", "M", "the whole map",
                "a robot that needs its surroundings alone", "live node"),
         Option("fade", float, "Forget what was not seen for this long [s].", "S", "nothing fades",
@@ -365,7 +369,7 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "the robot's base", "the Path is of another frame", "live node"),
         Option("follow_memory", float, "Scans that can move [MiB]; of more, the oldest stay.", "MIB", "",
                "a long drive, or less memory: the oldest scans stay then", "live node", 1024.0, "MiB",
-               (1, MOST)),
+               node_limits=(1, MOST)),
     ),
     "On which machines?": (
         Option("engine", ("processes", "local", "ray", "dask"), "Processes, threads of this one, Ray or "
@@ -385,32 +389,36 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
         _node("map_file", str, "Where the map is saved; its ending says as what."),
         _node("resume", bool, "Go on with the map in map_file, if it is there."),
         _node("save_period", float, "From one saving to the next [s]; 0: only at the end."),
-        _node("robot_radius", float, "Of the ball that ~/get_plan plans for [m].", 0.3, changes=True),
+        _node("robot_radius", float, "Of the ball that ~/get_plan plans for [m].", 0.3,
+              limits=_UP_TO_1000, changes=True),
         _node("plan_unknown", ("blocked", "free"), "Unknown space on ways of ~/get_plan: blocked or free.",
               "blocked"),
-        _node("grid_cell_size", float, "Of the grid [m]; 0: that of the smallest cells."),
+        _node("grid_cell_size", float, "Of the grid [m]; 0: that of the smallest cells.", limits=_UP_TO_1000),
         _node("grid_low", float, "Of a 3-D map, the grid is of cells between this height", 0.1,
               limits=(-MOST, MOST), changes=True),
         _node("grid_high", float, "and this one [m].", 1.8, limits=(-MOST, MOST), changes=True),
         _node("grid_above", ("map", "robot", "ground"), "What these count from: map, its z = 0; robot, its "
               "base; or ground, below each.", "map", changes=True),
-        _node("ground_slope", float, "The steepest ground [m/m].", 0.3, changes=True),
+        _node("ground_slope", float, "The steepest ground [m/m].", 0.3, limits=_UP_TO_1000, changes=True),
         _node("grid_wall_depth", float, "Depth of the larger occupied cells [m]; 0: 2 sigma and a cell.", 0.0,
               changes=True),
         _node("grid_layers", str, "More grids of other heights, each NAME:LOW,HIGH, on map_NAME.",
               repeated=True),
-        _node("grid_clear", float, "The grid is free within this of the robot's base [m].", changes=True),
+        _node("grid_clear", float, "The grid is free within this of the robot's base [m].",
+              limits=_UP_TO_1000, changes=True),
         _node("grid_stays", float, "What comes into free space is in the grid after this long [s]; 0: at "
-              "once.", 2.0, changes=True),
+              "once.", 2.0, limits=_UP_TO_1000, changes=True),
         _node("grid_period", float, "From one grid or update to the next [s]; 0: after each scan.",
-              changes=True),
-        _node("cells_period", float, "Of occupied cells, as points and markers [s].", 1.0, changes=True),
+              limits=_UP_TO_1000, changes=True),
+        _node("cells_period", float, "Of occupied cells, as points and markers [s].", 1.0,
+              limits=_UP_TO_1000, changes=True),
         _node("filter_speckles", bool, "Leave out occupied cells that have no occupied neighbour.",
               changes=True),
-        _node("frontiers_period", float, "Of frontiers [s].", 2.0, changes=True),
+        _node("frontiers_period", float, "Of frontiers [s].", 2.0, limits=_UP_TO_1000, changes=True),
         _node("frontier_cells", float, "Smaller frontiers are left out [faces of smallest cells].", 8.0),
-        _node("octomap_period", float, "Of Octomaps [s].", 2.0, changes=True),
-        _node("octomap_cell_size", float, "Of Octomaps [m]; 0: that of the smallest cells."),
+        _node("octomap_period", float, "Of Octomaps [s].", 2.0, limits=_UP_TO_1000, changes=True),
+        _node("octomap_cell_size", float, "Of Octomaps [m]; 0: that of the smallest cells.",
+              limits=_UP_TO_1000),
         _node("diagnostics_period", float, "Of diagnostics [s].", 1.0, limits=(0.01, 1000.0)),
         _node("clear_radius", float, "What clear_around forgets around the sensor [m].", 1.0, changes=True),
     ),
