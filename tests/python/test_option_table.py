@@ -14,6 +14,7 @@ from snippets import ROOT
 
 import ndtree
 from ndtree._native import _core
+from ndtree.base.checks import integer, number
 from ndtree.base.options import option, options_of
 from ndtree.distributed.engines import ENGINES
 from ndtree.evaluation.exploring import STRATEGIES
@@ -237,7 +238,14 @@ def test_limits_of_nodes_are_not_those_of_the_command_line() -> None:
         **dict.fromkeys(("cells_period", "frontiers_period", "octomap_period", "octomap_cell_size"), (0, 1000)),
     }  # fmt: skip
     assert {row.key: row.range for row in ROWS if row.key in of_nodes} == of_nodes
-    with pytest.raises(ValueError, match=r"patience = 1001\.0: must be a number from 0 to 1000"):
+    with pytest.raises(ValueError, match=r"patience = 1001\.0: must be a number from 0 to 1,000"):
         check("patience", 1001.0)
     for name, value in (("queue", 200000), ("follow_memory", 0.5), ("patience", 5000.0), ("every", 10**7)):
         assert option(name, "live").check(value) == value
+
+
+def test_limits_are_said_as_they_are() -> None:
+    assert integer(1, 10**6).expected == "a whole number from 1 to 1,000,000"
+    assert number(0.01, 1e6).expected == "a number from 0.01 to 1,000,000"
+    assert number(-1e6, 2.5).expected == "a number from -1,000,000 to 2.5"
+    assert number(0.0, above=True).expected == "a number > 0" and integer(1).expected == "a whole number >= 1"

@@ -180,7 +180,7 @@ def test_services_and_parameters_that_change(robot: Robot, tmp_path: Path) -> No
     said = json.loads(robot.log("client").splitlines()[-1])
     check_services(said, file)
     assert said["changed"].startswith("within 0.75 m of ") and said["refused"] == said["changed"]
-    assert said["warning"] == "clear_radius = -1.0: must be a number from 0 to 1e+06; 0.75 holds"
+    assert said["warning"] == "clear_radius = -1.0: must be a number from 0 to 1,000,000; 0.75 holds"
 
 
 def test_of_a_burst_it_is_counted_what_was_lost(robot: Robot) -> None:
@@ -273,7 +273,7 @@ def test_the_launch_file_starts_the_node(robot: Robot, tmp_path: Path) -> None:
     [
         ("_no_return:=maybe", "no_return = maybe: must be one of auto, free, ignore"),
         ("_min_cell_size:=-1.0", "min_cell_size = -1"),
-        ("_queue:=0", "queue = 0: must be a whole number from 1 to 100000"),
+        ("_queue:=0", "queue = 0: must be a whole number from 1 to 100,000"),
         ("_queue:=many", "queue = many: must be a whole number"),
         ("_windows:=3", "~windows: there is no such parameter, expected one of autostart, "),
     ],

@@ -40,9 +40,10 @@ def _is_number(value: Any) -> bool:
 
 def _within(least: float, most: float, above: bool = False) -> str:
     """What stands behind "a number"."""
+    low, high = (f"{one:,.0f}" if one == round(one, 0) else f"{one:g}" for one in (least, most))
     if math.isfinite(least) and math.isfinite(most):
-        return f" from {least:g} to {most:g}"
-    return f" {'>' if above else '>='} {least:g}" if math.isfinite(least) else ""
+        return f" from {low} to {high}"
+    return f" {'>' if above else '>='} {low}" if math.isfinite(least) else ""
 
 
 def integer(least: float, most: float = math.inf) -> Check:
