@@ -235,7 +235,8 @@ def test_limits_of_nodes_are_not_those_of_the_command_line() -> None:
         "follow_memory": (1, 1e6), "window": (0, 1e6), "dim": (0, 3), "diagnostics_period": (0.01, 1000),
         **dict.fromkeys(("look", "patience", "robot_radius", "grid_cell_size"), (0, 1000)),
         **dict.fromkeys(("grid_clear", "grid_stays", "ground_slope", "grid_period"), (0, 1000)),
-        **dict.fromkeys(("cells_period", "frontiers_period", "octomap_period", "octomap_cell_size"), (0, 1000)),
+        **dict.fromkeys(("cells_period", "frontiers_period", "octomap_period"), (0, 1000)),
+        "octomap_cell_size": (0, 1000),
     }  # fmt: skip
     assert {row.key: row.range for row in ROWS if row.key in of_nodes} == of_nodes
     with pytest.raises(ValueError, match=r"patience = 1001\.0: must be a number from 0 to 1,000"):
@@ -249,3 +250,18 @@ def test_limits_are_said_as_they_are() -> None:
     assert number(0.01, 1e6).expected == "a number from 0.01 to 1,000,000"
     assert number(-1e6, 2.5).expected == "a number from -1,000,000 to 2.5"
     assert number(0.0, above=True).expected == "a number > 0" and integer(1).expected == "a whole number >= 1"
+
+
+def test_words_that_may_be_repeated_are_words_still() -> None:
+    row = option("strategy", "explore")
+    assert row.check("nearest") == "nearest" and row.check(["nearest", "random"]) == ["nearest", "random"]
+    for wrong in ("foo", ["nearest", "foo"], ["random", "random"]):
+        with pytest.raises(ValueError):
+            row.check(wrong)
+    pytest.importorskip("typer")
+    from calling import cli
+
+    done = cli("explore", "office", "--strategy", "foo")
+    assert done.exit_code == 2
+    assert "--strategy foo: must be one of information, nearest, random" in done.stderr
+    assert "list" not in done.stderr

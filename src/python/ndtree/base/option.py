@@ -72,10 +72,9 @@ class Option:
     @property
     def check(self) -> Check:
         """What a value in a file must be."""
-        if self.repeated:
-            return checks.one_or_more(text)
-        if self.words:
-            return one_of(*self.words)
+        one = one_of(*self.words) if self.words else text
+        if self.repeated or self.words:
+            return checks.one_or_more(one) if self.repeated else one
         low, high = self.limits or (-math.inf, math.inf)
         of_type: dict[Any, Check] = {
             bool: true_or_false, int: integer(low, high), float: number(low, high, above=self.above),
@@ -86,7 +85,9 @@ class Option:
     @property
     def expected(self) -> str:
         """What must be typed, in words."""
-        return self.check.expected if self.words or self.type in (int, float) else self.value or "a value"
+        if self.words:
+            return one_of(*self.words).expected
+        return self.check.expected if self.type in (int, float) else self.value or "a value"
 
     def taken_by(self, command: str) -> bool:
         """Whether a command, or "node", takes it."""
