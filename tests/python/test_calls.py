@@ -74,6 +74,11 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: ndtree.Planner(3, ndtree.Sphere(0.3)),
         "Planner(): map = 3: must be an ndtree.OccupancyMap",
     ),
+    "twice": (lambda: M.insert(POINTS, origin=ORIGIN, points=POINTS), "insert(): points is given twice"),
+    "twice, of lines": (
+        lambda: M.state(POINTS, points=np.zeros((2, 3, 2))),
+        "state(): points is given twice",
+    ),
     "none at all": (lambda: M.save(None), "save(): path = None: must be a path"),
     "a long text": (lambda: M.insert(POINTS, ORIGIN, max_range="x" * 10**6), "insert(): max_range = 'xxxx"),
 }

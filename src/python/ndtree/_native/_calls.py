@@ -189,6 +189,9 @@ def error_of(
     given = {**dict(zip(positional, arguments)), **keywords}
     known = [one for one in parameters if one.kind is not one.VAR_KEYWORD]
     names = ", ".join(one.name for one in known)
+    for name in positional[: len(arguments)]:
+        if name in keywords:
+            return TypeError(f"{call}(): {name} is given twice, by its place and by its name")
     for name in keywords:
         if len(known) == len(parameters) and name not in (one.name for one in known):
             return TypeError(f"{call}(): no argument {name}, expected {names or 'none'}")

@@ -132,7 +132,7 @@ def _wrapped(
             if asks_for_dim and "dim" not in keywords and len(arguments) == 1:
                 raise TypeError(f"{class_name}(): dim is missing, expected dim=2 or dim=3, as the points are")
         leading = None
-        if axes is not None and arguments:
+        if axes is not None and arguments and len(given) == len(arguments) - is_method + len(keywords):
             changed, leading = flattened(axes, given, lambda: _dim(arguments[0]))
         try:
             if leading is None:
