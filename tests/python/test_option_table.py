@@ -15,7 +15,7 @@ from snippets import ROOT
 import ndtree
 from ndtree._native import _core
 from ndtree.base.checks import integer, number
-from ndtree.base.options import option, options_of
+from ndtree.base.options import default_of, option, options_of
 from ndtree.distributed.engines import ENGINES
 from ndtree.evaluation.exploring import STRATEGIES
 from ndtree.evaluation.no_returns import AUTO
@@ -265,3 +265,13 @@ def test_words_that_may_be_repeated_are_words_still() -> None:
     assert done.exit_code == 2
     assert "--strategy foo: must be one of information, nearest, random" in done.stderr
     assert "list" not in done.stderr
+
+
+def test_a_default_is_that_of_one_taker() -> None:
+    with pytest.raises(ValueError, match="look: commands differ"):
+        default_of("look")
+    assert (
+        default_of("look", "node") == default_of("look", "live") == 2.0
+        and default_of("look", "info") is False
+    )
+    assert default_of("patience") == 1.0

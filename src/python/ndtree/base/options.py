@@ -443,5 +443,11 @@ def flag_of(name: str) -> str:
 
 
 def default_of(name: str, taker: str = "") -> Any:
-    """What the program takes where nothing is said."""
-    return option(name, taker).default
+    """What the program takes where nothing is said.
+
+    Raises ValueError if that differs between those who take it, and none of them is named.
+    """
+    found = [one.default for one in OPTIONS if one.name == name and (not taker or one.taken_by(taker))]
+    if any(one != found[0] for one in found):
+        raise ValueError(f"{name}: commands differ in its default, expected the name of one, or of a node")
+    return found[0]
