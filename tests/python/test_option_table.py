@@ -275,3 +275,14 @@ def test_a_default_is_that_of_one_taker() -> None:
         and default_of("look", "info") is False
     )
     assert default_of("patience") == 1.0
+
+
+def test_a_node_describes_its_parameters_in_its_own_words() -> None:
+    """No flags, bags and placeholders of the command line; and what 0 or nothing means, where that is off."""
+    said = {row.key: row.description for row in ROWS}
+    for name, text in said.items():
+        assert name == "grid_high" or text[0] in text[0].upper() + "[", name
+        assert not re.search(r"(^|\s)-\w\b|\bLOG\b|\bMAP\b|ROS bag", text), name
+    for name in ("dim", "max_range", "window", "fade"):
+        assert "; 0: " in said[name], name
+    assert "; none: " in said["topics"] and "X,Y,YAW" in said["initial_pose"]

@@ -52,6 +52,7 @@ class Option:
     section: str = "log"  # Of a file of a `Config`.
     changes: bool = False  # Whether a node takes another value while it maps.
     node_limits: tuple[float, float] | None = None
+    of_node: str = ""  # Its help for the nodes, where it means something else there.
     read_by: tuple[str, ...] = ()  # Refinements of the maps: "evidence", "paper", "fixed", "octomap".
 
     @property
@@ -110,6 +111,12 @@ class Option:
     def key(self) -> str:
         """Name of the parameter."""
         return self.parameter or self.name
+
+    @property
+    def description(self) -> str:
+        """What a node says of the parameter; of a command's help not that it is of bags alone."""
+        _, of_bags, said = self.help.rpartition("Of a ROS bag: ")
+        return self.of_node or (said[:1].upper() + said[1:] if of_bags else said)
 
     @property
     def kind(self) -> type:

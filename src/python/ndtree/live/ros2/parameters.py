@@ -23,7 +23,7 @@ _TYPES = {
 def declare(node: Node) -> None:
     """Give a node all of them; options of the map stay unset until they are given."""
     for row in ROWS:
-        descriptor = ParameterDescriptor(description=row.help, read_only=False)
+        descriptor = ParameterDescriptor(description=row.description, read_only=False)
         if row.range is not None and row.kind is int:
             low, high = (int(value) for value in row.range)
             descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=0)]
