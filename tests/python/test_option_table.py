@@ -20,6 +20,7 @@ from ndtree.distributed.engines import ENGINES
 from ndtree.evaluation.exploring import STRATEGIES
 from ndtree.evaluation.no_returns import AUTO
 from ndtree.live.ros.parameters import ROWS, check, config_of, in_parameters
+from ndtree.logs import FORMATS
 from ndtree.logs.core.rules import INVALID, NO_ECHO
 from ndtree.logs.folders.point_clouds import FRAMES
 from ndtree.logs.poses.covariances import USES
@@ -173,6 +174,7 @@ def test_words_are_those_of_the_program() -> None:
         assert set(option(name, command).words) == set(words), name
     for name, command, words in (
         ("maps", "compare", KINDS),
+        ("format", "map", FORMATS),
         ("format", "convert", [one.name for one in WRITERS]),
         ("states", "convert", STATES),
         ("poses", "map", POSE_NAMES.split(", ")),

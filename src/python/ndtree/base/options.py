@@ -122,8 +122,10 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "map"),
         Option("record_every", int, "Scans between pictures of the film.", "N", "10 scans",
                "a longer or a shorter film", "map", limits=_COUNT),
-        Option("format", str, "Name of LOG's format, where its content does not say it.", "NAME",
-               "as the content or the ending says", "a kind that was not recognised", _READ, role="read"),
+        Option("format", str, "Of 3dtk, bal, bundler, carmen, colmap, depth_folder, e57, kitti, kitti_raw, "
+               "npz, octomap_graph, point_clouds, ptx, rosbag, seven_scenes, text, tum_rgbd, velodyne.",
+               "NAME", "as the content or the ending says", "a kind that was not recognised", _READ,
+               role="read"),
         Option("format", str, "Where the ending does not say: ndtree, octomap, map_server, rosbag, ply, pcd, "
                "gltf, vtk, leaves, grid.", "NAME", "as the ending says", "a kind that was not recognised",
                "convert"),
