@@ -54,12 +54,20 @@ def drive(request: pytest.FixtureRequest) -> tuple[Poses, list[Floats]]:
     return poses, clouds
 
 
-def found_in(told: Floats, clouds: list[Floats]) -> SetupError | None:
-    scans = [
-        Scan(points @ T[:3, :3].T + T[:3, 3], T[:3, 3], stamp=float(t), rotation=T[:3, :3])
-        for T, points, t in zip(told, clouds, TIMES)
-    ]
-    runs = [[Cloud.of(scan) for scan in run] for run in spread(scans, None, lambda scan: scan)[0]]
+def found_in(told: Floats, clouds: list[Floats], *, per_beam: bool = False) -> SetupError | None:
+    """As `ndtree.first_look` looks at a log; `per_beam`: each beam has its origin, as in swept clouds."""
+    kept = 0
+
+    def keep(scan: Scan) -> Cloud | None:
+        nonlocal kept
+        kept += 1
+        return Cloud.of(scan, with_points=kept % RUN == 2)
+
+    scans = []
+    for T, points, t in zip(told, clouds, TIMES):
+        origin = np.tile(T[:3, 3], (len(points), 1)) if per_beam else T[:3, 3]
+        scans.append(Scan(points @ T[:3, :3].T + T[:3, 3], origin, stamp=float(t), rotation=T[:3, :3]))
+    runs = spread(scans, None, keep)[0]
     assert all(len(run) == RUN for run in runs)
     return setup_error(matched_clouds([[one for one in run[:3] if one is not None] for run in runs]))
 
@@ -106,6 +114,23 @@ def test_a_wrong_mount_is_told_and_mended(
     assert found_in(told @ mount(x, y, roll, pitch, yaw), drive[1]) is None, "what was told mends it"
 
 
+def test_faults_are_told_where_each_beam_has_its_origin(drive: tuple[Poses, list[Floats]]) -> None:
+    poses, clouds = drive
+    true = poses(TIMES)
+    assert found_in(true, clouds, per_beam=True) is None
+    for kind, told in (
+        ("clock", poses(TIMES - 0.15)),
+        ("place", true @ np.linalg.inv(mount(0.25, -0.15, 0, 0, 0))),
+        ("yaw", true @ np.linalg.inv(mount(0, 0, 0, 0, 8))),
+        ("tilt", true @ np.linalg.inv(mount(0, 0, 0, 4, 0))),
+        ("inverted", np.linalg.inv(true)),
+    ):
+        found = found_in(told, clouds, per_beam=True)
+        assert found is not None and found.kind == kind, (kind, found)
+        alike = found_in(told, clouds)
+        assert alike is not None and found.values == pytest.approx(alike.values, rel=0.1)
+
+
 @pytest.mark.parametrize("seconds", [-0.15, 0.15])
 def test_a_wrong_clock(drive: tuple[Poses, list[Floats]], seconds: float) -> None:
     found = found_in(drive[0](TIMES - seconds), drive[1])
@@ -147,6 +172,7 @@ def test_without_ground_or_rotations_nothing_is_told(drive: tuple[Poses, list[Fl
     above = [points[points[:, 2] > 0] for points in drive[1]]
     assert found_in(told, above) is None
     assert Cloud.of(Scan(np.zeros((3, 3)), np.zeros(3))) is None
+    assert Cloud.of(Scan(np.zeros((0, 3)), np.zeros((0, 3)), rotation=np.eye(3))) is None
     assert setup_error(matched_clouds([])) is None
 
 

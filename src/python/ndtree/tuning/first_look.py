@@ -245,7 +245,7 @@ class _Looked:
             nonlocal kept
             kept += 1
             # Of a run, slices of the second are looked at.
-            cloud = Cloud.of(scan if kept % RUN == 2 else scan.only(slice(0)))
+            cloud = Cloud.of(scan, with_points=kept % RUN == 2)
             return some_of(scan) if search is None else scan, cloud
 
         found, self.scans, self.beams = spread(

@@ -40,13 +40,14 @@ class Cloud:
     stamp: float
 
     @classmethod
-    def of(cls, scan: Scan) -> Cloud | None:
-        """Some beams of a scan, of all rings of a lidar; None if its log does not say how it is turned."""
-        if scan.dim != 3 or scan.rotation is None or scan.points_only:
+    def of(cls, scan: Scan, *, with_points: bool = True) -> Cloud | None:
+        """Some beams of a scan, of all rings of a lidar; None if its log does not say where and how it is."""
+        origins = np.atleast_2d(scan.origin)
+        if scan.dim != 3 or scan.rotation is None or scan.points_only or not len(origins):
             return None
+        origin = origins.mean(axis=0, dtype=np.float64)
         step = len(scan) // _MOST_POINTS | 1  # Rings are even in number.
-        scan = scan.only(slice(None, None, step if step % 5 else step + 2))
-        origin = np.atleast_2d(scan.origin).mean(axis=0).astype(np.float64)
+        scan = scan.only(slice(None, None if with_points else 0, step if step % 5 else step + 2))
         ways = scan.endpoints[scan.did_return].astype(np.float64) - origin
         ways = ways[np.isfinite(ways).all(axis=1)]
         return cls(ways @ scan.rotation, scan.rotation, origin, scan.stamp)
