@@ -167,6 +167,25 @@ def test_a_sensor_that_hangs_upside_down_or_looks_aside_is_right(drive: tuple[Po
         assert tilted is not None and tilted.kind == "tilt"
 
 
+@pytest.mark.parametrize(
+    ("turn", "values"),
+    [
+        (mount(0, 0, 0, 0, 0), [0.25, -0.15]),
+        (mount(0, 0, 180, 0, 0), [0.25, -0.15]),
+        (mount(0, 0, -90, 0, -90), [0.15, 0.25]),
+    ],
+)
+def test_a_place_is_along_the_x_axis_and_to_its_left_seen_from_above(
+    drive: tuple[Poses, list[Floats]], turn: Floats, values: list[float]
+) -> None:
+    """Of a lidar that stands, one that hangs, and one with the axes of a camera, x to the right."""
+    told = drive[0](TIMES) @ np.linalg.inv(mount(0.25, -0.15, 0, 0, 0)) @ turn
+    found = found_in(told, [points @ turn[:3, :3] for points in drive[1]])
+    assert found is not None and found.kind == "place"
+    assert np.linalg.norm(np.subtract(found.values, values)) < 0.1
+    assert "along its x axis and to the left of that, seen from above" in str(found)
+
+
 def test_without_ground_or_rotations_nothing_is_told(drive: tuple[Poses, list[Floats]]) -> None:
     told = drive[0](TIMES) @ mount(0, 0, 0, 0, -10)
     above = [points[points[:, 2] > 0] for points in drive[1]]

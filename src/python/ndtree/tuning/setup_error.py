@@ -90,8 +90,8 @@ class SetupError:
     `kind`: "yaw", "place" or both of the "mount", its "tilt", "clock", "scale" of distances between poses,
         "turns", "mirrored", or poses in space that are "inverted", in the "axes" of a camera, or have
         quaternions in the order "wxyz".
-    `values`: To be added: [rad], x and y in the sensor's frame [m], roll and pitch [rad], [s], or a fraction;
-        none of the last four.
+    `values`: To be added: [rad], along the sensor's x axis and to the left of that, seen from above [m], roll
+        and pitch [rad], [s], or a fraction; none of the last four.
     `apart`: How far apart two views of a surface 5 m away would lie at most [m]; None of the last four.
     """
 
@@ -123,7 +123,7 @@ class SetupError:
         if self.kind == "mount":
             angle, x, y = self.values
             words = f"the sensor looked {math.degrees(angle):.0f} degrees further to the left and sat"
-            return f"{words} {x:.2f}, {y:.2f} m (x, y in its own frame) from its place", mount
+            return f"{words} {_moved(x, y)}", mount
         if self.kind == "tilt":
             roll, pitch = map(math.degrees, self.values)
             return "the sensor were tilted on the robot", (
@@ -131,8 +131,7 @@ class SetupError:
                 f"{key('mount')})"
             )
         if self.kind == "place":
-            x, y = self.values
-            return f"the sensor sat {x:.2f}, {y:.2f} m (x, y in its own frame) from its place", mount
+            return f"the sensor sat {_moved(*self.values)}", mount
         if self.kind == "clock":
             helps = f"check clocks and the order of beams (of a bag: add {value:.2f} to {key('time_offset')})"
             when = "after" if value > 0 else "before"
@@ -142,6 +141,10 @@ class SetupError:
             return f"the way was {100 * abs(value):.0f} % {more} than the poses say", helps
         helps = f"use {key('align')} or the poses of a SLAM system"
         return f"turns were {100 * abs(value):.0f} % {more} than the poses say", helps
+
+
+def _moved(x: float, y: float) -> str:
+    return f"{x:.2f}, {y:.2f} m from its place (along its x axis and to the left of that, seen from above)"
 
 
 def setup_error(log: Pairs) -> SetupError | None:
