@@ -186,6 +186,16 @@ def test_a_place_is_along_the_x_axis_and_to_its_left_seen_from_above(
     assert "along its x axis and to the left of that, seen from above" in str(found)
 
 
+def test_a_sensor_that_is_the_other_way_up_than_told(drive: tuple[Poses, list[Floats]]) -> None:
+    """Between a floor and a ceiling it looks like a mirrored one, too."""
+    true, over = drive[0](TIMES), mount(0, 0, 180, 0, 0)
+    hanging = [points @ over[:3, :3] for points in drive[1]]
+    for told, clouds in ((true, hanging), (true @ over, drive[1])):
+        found = found_in(told, clouds)
+        assert found is not None and found.kind in ("upside", "mirrored") and "180deg" in str(found)
+        assert found_in(told @ over, clouds) is None, "what was told mends it"
+
+
 def test_without_ground_or_rotations_nothing_is_told(drive: tuple[Poses, list[Floats]]) -> None:
     told = drive[0](TIMES) @ mount(0, 0, 0, 0, -10)
     above = [points[points[:, 2] > 0] for points in drive[1]]

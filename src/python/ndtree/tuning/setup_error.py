@@ -69,6 +69,7 @@ _READINGS: dict[str, Callable[[Cloud], Cloud]] = {
     "axes": lambda one: replace(
         one, rotation=_CAMERA.T @ one.rotation @ _CAMERA, position=_CAMERA.T @ one.position
     ),
+    "upside": lambda one: replace(one, rotation=one.rotation @ np.diag([1.0, -1.0, -1.0])),
 }  # fmt: skip
 _BOTH = 10.0  # How much likelier a mount that is turned and moved must be than any one thing.
 
@@ -88,11 +89,11 @@ class SetupError:
     """What is wrong all along a log, from `setup_error`.
 
     `kind`: "yaw", "place" or both of the "mount", its "tilt", "clock", "scale" of distances between poses,
-        "turns", "mirrored", or poses in space that are "inverted", in the "axes" of a camera, or have
-        quaternions in the order "wxyz".
+        "turns", "mirrored", the other side "upside", or poses in space that are "inverted", in the "axes" of
+        a camera, or have quaternions in the order "wxyz".
     `values`: To be added: [rad], along the sensor's x axis and to the left of that, seen from above [m], roll
-        and pitch [rad], [s], or a fraction; none of the last four.
-    `apart`: How far apart two views of a surface 5 m away would lie at most [m]; None of the last four.
+        and pitch [rad], [s], or a fraction; none of the last five.
+    `apart`: How far apart two views of a surface 5 m away would lie at most [m]; None of the last five.
     """
 
     kind: str
@@ -109,6 +110,10 @@ class SetupError:
     def _words(self) -> tuple[str, str]:
         if self.kind in _MISREAD:
             return _MISREAD[self.kind]
+        if self.kind == "upside":
+            return "the sensor were mounted the other way up", (
+                f"add 180deg to its roll if it hangs upside down (of a bag: in /tf, or {key('mount')})"
+            )
         if self.kind == "mirrored":
             return "the sensor saw turns the other way round", (
                 f"it may hang upside down (of a bag: {key('mount')} with a roll of 180deg), its beams come "
@@ -362,6 +367,8 @@ def _misread(log: Pairs) -> str | None:
         return "mirrored" if is_mirrored else None
     others = {"mirrored": sum(map(_moves_alike, mirrored.far))} if is_mirrored else {"": 0}
     for kind, read in _READINGS.items():
+        if kind == "upside" and is_mirrored:
+            continue  # Between floor and ceiling both look alike, and the words for a mirror name both.
         clouds = [[read(one) for one in run] for run in log.clouds]
         slices = sliced(clouds)
         if 2 * _lost(slices) <= len(slices):
