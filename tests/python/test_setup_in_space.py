@@ -196,6 +196,15 @@ def test_a_sensor_that_is_the_other_way_up_than_told(drive: tuple[Poses, list[Fl
         assert found_in(told @ over, clouds) is None, "what was told mends it"
 
 
+@pytest.mark.parametrize("degrees", [90, 180, -90])
+def test_a_sensor_that_looks_aside_or_back(drive: tuple[Poses, list[Floats]], degrees: float) -> None:
+    told = drive[0](TIMES) @ mount(0, 0, 0, 0, -degrees)
+    found = found_in(told, drive[1])
+    assert found is not None and found.kind == "yaw" and "mount" in str(found)
+    assert abs((math.degrees(found.values[0]) - degrees + 180) % 360 - 180) < 5
+    assert found_in(told @ mount(0, 0, 0, 0, degrees), drive[1]) is None
+
+
 def test_without_ground_or_rotations_nothing_is_told(drive: tuple[Poses, list[Floats]]) -> None:
     told = drive[0](TIMES) @ mount(0, 0, 0, 0, -10)
     above = [points[points[:, 2] > 0] for points in drive[1]]

@@ -26,6 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -60,6 +61,15 @@ _KINDS = {"way": [0, 1], "place": [2, 3], "clock": [4], "turns": [5], "mount": [
 _TILTS = np.array([0.0123, 0.0123, 0.03])  # What poses of a pair tilt and rise anyway [rad, rad, m].
 #: Axes of a camera, z forward and x to the right, of one whose x is forward and z up.
 _CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+#: How far a sensor may look aside or back of where it is told to look, beyond what matches search [rad].
+_ASIDE = {"left": math.pi / 2, "back": math.pi, "right": -math.pi / 2}
+
+
+def _aside(one: Cloud, angle: float) -> Cloud:
+    c, s = math.cos(angle), math.sin(angle)
+    return replace(one, rotation=one.rotation @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
+
+
 #: Other ways to read the poses of a log in space.
 _READINGS: dict[str, Callable[[Cloud], Cloud]] = {
     "inverted": lambda one: replace(one, rotation=one.rotation.T, position=-one.rotation.T @ one.position),
@@ -70,6 +80,7 @@ _READINGS: dict[str, Callable[[Cloud], Cloud]] = {
         one, rotation=_CAMERA.T @ one.rotation @ _CAMERA, position=_CAMERA.T @ one.position
     ),
     "upside": lambda one: replace(one, rotation=one.rotation @ np.diag([1.0, -1.0, -1.0])),
+    **{kind: partial(_aside, angle=angle) for kind, angle in _ASIDE.items()},
 }  # fmt: skip
 _BOTH = 10.0  # How much likelier a mount that is turned and moved must be than any one thing.
 
@@ -93,7 +104,8 @@ class SetupError:
         a camera, or have quaternions in the order "wxyz".
     `values`: To be added: [rad], along the sensor's x axis and to the left of that, seen from above [m], roll
         and pitch [rad], [s], or a fraction; none of the last five.
-    `apart`: How far apart two views of a surface 5 m away would lie at most [m]; None of the last five.
+    `apart`: How far apart two views of a surface 5 m away would lie at most [m]; None of the last five, and
+        of a sensor in space that looks aside or back.
     """
 
     kind: str
@@ -160,6 +172,8 @@ def setup_error(log: Pairs) -> SetupError | None:
     if not all(scan.has_heading for run in log.runs for scan in run):
         return None
     misread = _misread(log)
+    if misread in _ASIDE:
+        return SetupError("yaw", (_ASIDE[misread],), None)
     if misread is not None:
         return SetupError(misread, (), None)
     far = [pair for pair in log.far if pair.is_matched]
@@ -362,7 +376,9 @@ def _misread(log: Pairs) -> str | None:
         is_mirrored = sum(map(_turns_alike, _turned(mirrored))) >= 2 * turning + _LEAST_PAIRS
     fitting = sum(map(_moves_alike, log.far))
     fitted = sum(pair.is_matched for pair in log.far)
-    speaks_against = not log.far or 4 * (fitted - fitting) > fitted or 4 * _lost(log.runs) > len(log.runs)
+    speaks_against = (
+        2 * fitting <= len(log.far) or 4 * (fitted - fitting) > fitted or 4 * _lost(log.runs) > len(log.runs)
+    )
     if not (log.clouds and (speaks_against or is_mirrored)):
         return "mirrored" if is_mirrored else None
     others = {"mirrored": sum(map(_moves_alike, mirrored.far))} if is_mirrored else {"": 0}
