@@ -96,6 +96,7 @@ def test_what_is_right_is_not_told_of(drive: tuple[Poses, list[Floats]], centime
         ("yaw", mount(0, 0, 0, 0, -5), [math.radians(-5)]),
         ("tilt", mount(0, 0, 0, 4, 0), np.radians([0, 4])),
         ("tilt", mount(0, 0, -6, 2, 0), np.radians([-6, 2])),
+        ("tilt", mount(0, 0, -10, 20, 0), np.radians([-10, 20])),
         ("place", mount(0.25, -0.15, 0, 0, 0), [0.25, -0.15]),
     ],
 )
@@ -106,7 +107,8 @@ def test_a_wrong_mount_is_told_and_mended(
     told = drive[0](TIMES) @ np.linalg.inv(wrong)
     found = found_in(told, drive[1])
     assert found is not None and found.kind == kind, found
-    assert np.linalg.norm(np.subtract(found.values, values)) < 0.25 * np.linalg.norm(values)
+    off = 0.1 if kind == "tilt" else 0.25
+    assert np.linalg.norm(np.subtract(found.values, values)) < off * np.linalg.norm(values)
     assert "mount" in str(found)
     x, y = found.values if kind == "place" else (0.0, 0.0)
     roll, pitch = np.degrees(found.values) if kind == "tilt" else (0.0, 0.0)

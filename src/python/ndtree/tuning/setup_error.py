@@ -33,8 +33,8 @@ import numpy as np
 from ndtree._errors import Text, key
 from ndtree.alignment.planar import Floats, between, composed, wrapped
 from ndtree.alignment.sensor_scans import SensorScan
-from ndtree.evaluation.pose_tilt import plane_between
-from ndtree.logs.poses.pose import matrices_of, quaternions_of
+from ndtree.evaluation.pose_tilt import Columns, plane_between
+from ndtree.logs.poses.pose import about_axes, matrices_of, quaternions_of
 from ndtree.tuning.pairs import LEAST_MOTION, Pair, Pairs, far_of, matched, sliced
 from ndtree.tuning.slices import Cloud
 
@@ -242,33 +242,51 @@ def _tilt(log: Pairs) -> tuple[SetupError | None, float]:
     tilted by the difference of that, and at the place of the second rises by -R(yaw) d t.
     """
     far = log.far if log.clouds else []
-    seen = {run for pair in far for run in (pair.run, pair.other)}
-    grounds = {run: log.clouds[run][1].ground() for run in seen}
+    seen = {run: log.clouds[run][1] for pair in far for run in (pair.run, pair.other)}
+    level = {run: about_axes(0.0, 0.0, log.runs[run][1].pose[2])[2] for run in seen}
+    # How the sensor is told to sit, on the whole, as seen from where it looks.
+    u, _, v = np.linalg.svd(sum((level[run].T @ one.rotation for run, one in seen.items()), np.zeros((3, 3))))
+    told, roll, pitch, gain = u @ v, 0.0, 0.0, 0.0
+    for _ in range(_ROUNDS):  # The ground of a large tilt is seen in part, and tells too little of it.
+        turn = told.T @ _leaning(roll, pitch) @ told
+        turned = {run: replace(one, rotation=one.rotation @ turn) for run, one in seen.items()}
+        errors, raw = _unlike_grounds(log, far, {run: one.ground() for run, one in turned.items()})
+        whitening = np.tile(np.diag(1 / _TILTS), (len(errors), 1, 1))
+        found = _likeliest(errors, raw, whitening, {"tilt": [0, 1]})
+        if found is None:
+            break
+        along, across = found[1]
+        up = (_leaning(-across, along) @ _leaning(roll, pitch))[2]
+        roll, pitch = math.atan2(up[1], up[2]), -math.asin(up[0])
+        gain, slopes = gain or found[2], raw
+    if not gain:
+        return None, 0.0
+    moved = slopes @ [pitch, -roll]
+    sizes = _AWAY * np.hypot(moved[:, 0], moved[:, 1]) + np.abs(moved[:, 2])
+    apart = float(np.quantile(sizes, _MOST))
+    if np.quantile(sizes, 0.75) < SHOWN or apart < APART:
+        return None, 0.0
+    return SetupError("tilt", (roll, pitch), apart), gain
+
+
+def _leaning(roll: float, pitch: float) -> Floats:
+    about_x, about_y, _ = about_axes(roll, pitch, 0.0)
+    leaning: Floats = about_y @ about_x
+    return leaning
+
+
+def _unlike_grounds(log: Pairs, far: list[Pair], grounds: dict[int, Columns]) -> tuple[Floats, Floats]:
+    """Of pairs, (n, 3) how the second ground tilts and rises, and (n, 3, 2) how that grows with a tilt."""
     errors, raw = [], []
     for pair in far:
         first, second = (log.runs[run][1].pose for run in (pair.run, pair.other))
         plane = plane_between(grounds[pair.run], grounds[pair.other], second[:2])
         if plane is None:
             continue
-        before, after = (
-            np.array([[c, -s], [s, c]]) for c, s in ((np.cos(p[2]), np.sin(p[2])) for p in (first, second))
-        )
+        before, after = (about_axes(0.0, 0.0, pose[2])[2][:2, :2] for pose in (first, second))
         errors.append(plane)
         raw.append(np.vstack((after - before, -(second[:2] - first[:2]) @ before)))
-    if not errors:
-        return None, 0.0
-    slopes = np.array(raw)
-    whitening = np.tile(np.diag(1 / _TILTS), (len(errors), 1, 1))
-    found = _likeliest(np.array(errors), slopes, whitening, {"tilt": [0, 1]})
-    if found is None:
-        return None, 0.0
-    moved = slopes @ found[1]
-    sizes = _AWAY * np.hypot(moved[:, 0], moved[:, 1]) + np.abs(moved[:, 2])
-    apart = float(np.quantile(sizes, _MOST))
-    if np.quantile(sizes, 0.75) < SHOWN or apart < APART:
-        return None, 0.0
-    along, across = found[1]
-    return SetupError("tilt", (float(-across), float(along)), apart), found[2]
+    return np.array(errors).reshape(-1, 3), np.array(raw).reshape(-1, 3, 2)
 
 
 def _velocity(run: list[SensorScan]) -> Floats:
