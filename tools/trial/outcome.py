@@ -14,7 +14,11 @@ RIGHT, DOUBTED, REFUSED, WRONG = VERDICTS = ("right", "doubted", "refused", "wro
 TOLERANCES: dict[str, tuple[float, str, str]] = {
     "beside a surface": (2.0, "cells, and 3 sigma", "a wall takes its own cell, noise the next"),
     "rays that pass": (0.5, "% of rays to what 5 beams met", "where cells of one size stop them"),
-    "free but hidden": (0.2, "% of the free points", "nobody looked there, say cells of one size, too"),
+    "free but hidden": (
+        0.2,
+        "% of the free points",
+        "nobody looked there, and cells of one size are not free",
+    ),
     "seen but unknown": (2.0, "% of points that 3 scans passed", "a planner goes round what is not known"),
     "false occupied": (0.2, "% of points that 3 scans passed", "a planner goes round it for ever"),
     "ghosts": (1.0, "% of the points of what left", "as many scans passed as it stood for, or a dozen"),

@@ -16,7 +16,7 @@ from ndtree.base.option import MOST, Option
 
 DEFAULT_REFINEMENT = _core.AdaptiveMap(dim=2).refinement
 
-#: Commands: all; those that read a log; those that make maps; and those that decide what beams say.
+#: Commands: all; which read a log; which make maps; and which decide what beams say.
 _ALL = "demo simulate map align clean live fleet compare study calibrate view plan explore convert info"
 _READ = "demo map align clean live compare calibrate view info"
 _MADE = "demo map clean live fleet compare"

@@ -238,14 +238,17 @@ class Hypothesis:
         away = self.away(other, at)
         if other.failed and math.hypot(away[0], away[1]) < APART[0] and abs(away[2]) < APART[1]:
             return True
-        both = self.told_covariance(extent) + other.covariance + np.diag(np.square(SAME))
-        return float(away @ np.linalg.solve(both, away)) < 9.0
+        return _is_within(away, self.told_covariance(extent) + other.covariance)
 
     def is_same(self, other: Hypothesis, at: Floats) -> bool:
         """Whether another one is within three standard deviations of the matches, at an odometry."""
-        away = self.away(other, at)
-        both = self.covariance + other.covariance + np.diag(np.square(SAME))
-        return float(away @ np.linalg.solve(both, away)) < 9.0
+        return _is_within(self.away(other, at), self.covariance + other.covariance)
+
+
+def _is_within(away: Floats, covariance: Floats) -> bool:
+    """Whether a pose that is away by (3,) is within three standard deviations, and those of `SAME`."""
+    both = covariance + np.diag(np.square(SAME))
+    return float(away @ np.linalg.solve(both, away)) < 9.0
 
 
 def leads(hypotheses: Sequence[Hypothesis], pieces: Sequence[int]) -> Floats:

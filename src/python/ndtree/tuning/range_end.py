@@ -57,24 +57,23 @@ def range_end(sample: list[Scan]) -> RangeEnd | None:
     limit, sigma = _peak(sample)
     if limit is None:
         return None
-    if sum(int((ranges_of(scan) >= limit.at - limit.tolerance).sum()) for scan in sample) < LEAST_NOISY:
-        return None
     returned = _in_their_plane([replace(scan.returned_only(), range_sigma=None) for scan in sample])
-    least = limit.at - limit.tolerance
-    nearer = [scan.only(ranges_of(scan) < least) for scan in returned]
-    ends = [scan.endpoints[ranges_of(scan) >= least].astype(np.float64) for scan in returned]
+    is_end = [ranges_of(scan) >= limit.at - limit.tolerance for scan in returned]
+    ends = np.concatenate([scan.endpoints[there] for scan, there in zip(returned, is_end)]).astype(np.float64)
+    if len(ends) < LEAST_NOISY:
+        return None
+    nearer = [scan.only(~there) for scan, there in zip(returned, is_end)]
 
     def moved(looking: list[Scan], cell: float) -> float:
         """The median over the ends: more than 0.5 if beams pass them, less if others end there, too."""
-        at_ends = np.concatenate(ends)
         evidence = _core.MovedEvidence(
-            dim=at_ends.shape[1], cell_size=cell, range_sigma=max(sigma, _LEAST_CELL / 2)
+            dim=ends.shape[1], cell_size=cell, range_sigma=max(sigma, _LEAST_CELL / 2)
         )
         for use, scans in ((evidence.add, returned), (evidence.look, looking)):
             for scan in scans:
                 with skipping_unmappable():
                     use(scan.endpoints, scan.origin)
-        return float(np.median(evidence.probability(at_ends)))
+        return float(np.median(evidence.probability(ends)))
 
     cells = list(_cells(limit, sigma))
     if any(moved(returned, cell) > 0.5 for cell in cells):
@@ -117,16 +116,18 @@ def _in_their_plane(scans: list[Scan]) -> list[Scan]:
     return [replace(s, endpoints=s.endpoints[:, :2], origin=s.origin[..., :2]) for s in scans]
 
 
-def _are_in_a_plane(ends: list[Points], nearer: list[Scan], sigma: float) -> bool:
+def _are_in_a_plane(ends: Points, nearer: list[Scan], sigma: float) -> bool:
     """Whether end points at a limit make a plane in which as many nearer ones lie, but no sensor.
 
     What a sensor does not reach is a sphere around it: nothing nearer lies in a plane that touches that.
     """
-    middle = np.concatenate(ends).mean(axis=0)
-    normal = np.linalg.svd(np.concatenate(ends) - middle, full_matrices=False)[2][-1]
-    aside = [np.abs((points - middle) @ normal) for points in ends]
-    least = 4 * max(float(np.sqrt(np.mean(np.concatenate(aside) ** 2))), sigma, _LEAST_CELL / 2)
-    if any(np.abs((scan.origin - middle) @ normal).min() <= least for scan in nearer):
+    middle = ends.mean(axis=0)
+    normal = np.linalg.svd(ends - middle, full_matrices=False)[2][-1]
+
+    def aside(points: Points) -> Points:
+        return np.abs((points - middle) @ normal)
+
+    least = 4 * max(float(np.sqrt(np.mean(aside(ends) ** 2))), sigma, _LEAST_CELL / 2)
+    if any(aside(scan.origin).min() <= least for scan in nearer):
         return False
-    beside = sum(int((np.abs((scan.endpoints - middle) @ normal) <= least).sum()) for scan in nearer)
-    return beside >= sum(map(len, ends))
+    return sum(int((aside(scan.endpoints) <= least).sum()) for scan in nearer) >= len(ends)

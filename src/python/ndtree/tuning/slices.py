@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ndtree.alignment.planar import Floats
+from ndtree.alignment.planar import Floats, wrapped
 from ndtree.alignment.sensor_scans import SensorScan
 from ndtree.base.scan import Scan
 from ndtree.evaluation.pose_tilt import Columns, ground_of, plane_of
@@ -26,7 +26,7 @@ _OFF = 0.1  # Of the plane, ground is that near to it [m], in at least _SHARE of
 _SHARE = 0.4
 _STEEPEST = 0.5  # Of the ground, by the poses.
 _LOWEST = 0.15  # Of a sensor above the ground [m].
-_BEAM = math.radians(1.0)  # Between beams of a slice, of which the nearest point counts.
+_BEAM = math.radians(1.0)  # Between beams of a slice; the nearest point of each counts.
 _NEAREST = 0.3  # Points are the robot's own [m].
 
 
@@ -58,7 +58,7 @@ class Cloud:
         yaw = math.atan2(first[1, 0], first[0, 0]) + math.atan2(
             since[1, 0] - since[0, 1], since[0, 0] + since[1, 1]
         )
-        return np.array([self.position[0], self.position[1], (yaw + math.pi) % (2 * math.pi) - math.pi])
+        return np.append(self.position[:2], wrapped(np.array([yaw])))
 
     def sliced(self, first: Floats) -> SensorScan:
         """What stands beside the robot, in the order of angles; no points where no ground is seen.
