@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The same scans make the same file on x86-64 and on ARM, with no flag of the compiler that says so.
 
+Scans that are simulated or read are the same there, too, with the flag that our own targets have.
+
 Skips where there is no compiler for the other processor, or nothing that runs its programs
 (Debian: g++-aarch64-linux-gnu, qemu-user-static, and libsimde-dev for the loops of eight).
 """
@@ -39,8 +41,8 @@ def tool(name: str) -> str:
     return shutil.which(name) or pytest.skip(f"no {name} here")
 
 
-def compiling(compiler: str, program: Path, *flags: str) -> subprocess.Popen[bytes]:
-    source = ROOT / "tests" / "cpp" / "alone" / "same_map.cpp"
+def compiling(compiler: str, name: str, program: Path, *flags: str) -> subprocess.Popen[bytes]:
+    source = ROOT / "tests" / "cpp" / "alone" / name
     return subprocess.Popen(
         [
             *(compiler, "-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror", "-static", "-pthread", *flags),
@@ -84,7 +86,9 @@ def test_maps_are_the_same_on_arm_to_the_last_bit(tmp_path: Path) -> None:
     }
     if Path("/usr/include/simde/x86/avx2.h").exists():
         programs["arm with SIMDe"] = (there, ("-DNDTREE_USE_SIMDE",))
-    compilers = [compiling(c, tmp_path / name, *flags) for name, (c, flags) in programs.items()]
+    compilers = [
+        compiling(c, "same_map.cpp", tmp_path / name, *flags) for name, (c, flags) in programs.items()
+    ]
     assert [c.wait() for c in compilers] == [0] * len(compilers)
     maps, widths = {}, {}
     for name in programs:
@@ -103,3 +107,21 @@ def test_maps_are_the_same_on_arm_to_the_last_bit(tmp_path: Path) -> None:
     expected = maps["x86-64", 1]
     assert len(expected) > 100_000
     assert [name for name, map in maps.items() if map != expected] == []
+
+
+def test_scans_that_are_simulated_or_read_are_the_same_on_arm(tmp_path: Path) -> None:
+    if platform.machine() != "x86_64" or not has_fma():
+        pytest.skip("no x86-64 with FMA: its C library has other sines")
+    here, there, emulator = tool("g++"), tool("aarch64-linux-gnu-g++"), tool("qemu-aarch64-static")
+    if not EIGEN.is_dir():
+        pytest.skip(f"no {EIGEN}")
+    flag = "-ffp-contract=off"
+    assert flag in (ROOT / "CMakeLists.txt").read_text(encoding="utf-8")
+    compilers = [compiling(c, "same_scans.cpp", tmp_path / Path(c).name, flag) for c in (here, there)]
+    assert [c.wait() for c in compilers] == [0, 0]
+    digests = [
+        subprocess.run(call, check=True, capture_output=True, text=True).stdout.split()
+        for call in ([tmp_path / Path(here).name], [emulator, tmp_path / Path(there).name])
+    ]
+    assert len(set(digests[0])) == 13
+    assert digests[0] == digests[1]

@@ -42,7 +42,7 @@ struct MovingThing {
     travelled.assign(way.size(), 0.0);
     for (std::size_t i = 1; i < way.size(); ++i)
       travelled[i] = travelled[i - 1] +
-                     std::hypot(way[i].place.x - way[i - 1].place.x, way[i].place.y - way[i - 1].place.y);
+                     planar_length(way[i].place.x - way[i - 1].place.x, way[i].place.y - way[i - 1].place.y);
   }
 
   void add_part(Part part) {
@@ -69,7 +69,7 @@ struct MovingThing {
     const PlanarPose& a = way[before].place;
     const PlanarPose& b = way[i].place;
     const PlanarPose at{between(a.x, b.x), between(a.y, b.y), between(a.heading, b.heading)};
-    if (std::hypot(at.x - sensor[0], at.y - sensor[1]) < clearance) return placed;
+    if (planar_length(at.x - sensor[0], at.y - sensor[1]) < clearance) return placed;
     const double gone = between(travelled[before], travelled[i]);
     const double c = std::cos(at.heading);
     const double s = std::sin(at.heading);

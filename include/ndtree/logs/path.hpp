@@ -24,8 +24,12 @@ struct PlanarPose {
   double heading = 0.0;
 };
 
+/// Length of (x, y); std::hypot() rounds its last bit as the C library likes.
+inline double planar_length(double x, double y) { return std::sqrt(x * x + y * y); }
+
 /// `count` poses, evenly spaced along the way, where a turn by one radian is as long as `turn_length` [m].
-/// The sensor looks where it goes; between legs it turns the shorter way. Needs two different way points.
+/// The sensor looks where it goes; between legs it turns the shorter way,
+/// and clockwise to go straight back. Needs two different way points.
 inline std::vector<PlanarPose> drive(const std::vector<Waypoint>& waypoints, std::size_t count,
                                      double turn_length) {
   constexpr double two_pi = 6.28318530717958648;
@@ -38,7 +42,7 @@ inline std::vector<PlanarPose> drive(const std::vector<Waypoint>& waypoints, std
   double total = 0.0;
   const auto add = [&](const PlanarPose& from, const PlanarPose& to) {
     const double length =
-        std::hypot(to.x - from.x, to.y - from.y) + turn_length * std::abs(to.heading - from.heading);
+        planar_length(to.x - from.x, to.y - from.y) + turn_length * std::abs(to.heading - from.heading);
     if (length > 0.0) legs.push_back({from, to, length});
     total += length;
   };
@@ -49,7 +53,10 @@ inline std::vector<PlanarPose> drive(const std::vector<Waypoint>& waypoints, std
     if (i + 1 < waypoints.size()) {
       const double ahead = std::atan2(waypoints[i + 1].y - here.y, waypoints[i + 1].x - here.x);
       if (i == 0) heading = ahead;
-      turned = heading + here.spin + std::remainder(ahead - heading, two_pi);
+      double turn = std::remainder(ahead - heading, two_pi);
+      if (turn > 0.5 * two_pi - 1e-9)
+        turn -= two_pi;  // Which of two equal turns is not left to the last bit.
+      turned = heading + here.spin + turn;
     }
     add({here.x, here.y, heading}, {here.x, here.y, turned});
     if (i + 1 < waypoints.size())

@@ -18,6 +18,7 @@
 #include "ndtree/core/random.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/core/unfused.hpp"
 #include "ndtree/logs/moving.hpp"
 #include "ndtree/logs/path.hpp"
 #include "ndtree/logs/sensors.hpp"
@@ -128,6 +129,16 @@ inline std::optional<double> measured_range(std::optional<double> truth, const R
   return noisy;
 }
 
+/// Rotation times vector, the same on each processor: Eigen's own products are fused where it can. See
+/// unfused().
+template <int D>
+Vector<D> turned(const Eigen::Matrix<double, D, D>& rotation, const Vector<D>& vector) {
+  Vector<D> sum = Vector<D>::Zero();
+  for (int b = 0; b < D; ++b)
+    for (int a = 0; a < D; ++a) sum[a] += unfused(rotation(a, b) * vector[b]);
+  return sum;
+}
+
 /// Turns a pose about the vertical and shifts it, as a localisation that is a little wrong would.
 template <int D>
 Eigen::Transform<double, D, Eigen::Isometry> disturbed(
@@ -140,7 +151,7 @@ Eigen::Transform<double, D, Eigen::Isometry> disturbed(
   Eigen::Matrix<double, D, D> rotation = Eigen::Matrix<double, D, D>::Identity();
   rotation.template topLeftCorner<2, 2>() << std::cos(turn), -std::sin(turn), std::sin(turn), std::cos(turn);
   Eigen::Transform<double, D, Eigen::Isometry> wrong = pose;
-  wrong.linear() = rotation * pose.linear();
+  for (int k = 0; k < D; ++k) wrong.linear().col(k) = turned<D>(rotation, pose.linear().col(k));
   wrong.translation().template head<2>() += Eigen::Vector2d(dx, dy);
   return wrong;
 }
@@ -168,7 +179,7 @@ typename SimulatedLog<D>::Measured SimulatedLog<D>::measured(std::size_t i) cons
   scan.endpoints.resize(D, directions.cols());
   scan.returned.resize(directions.cols());
   for (Eigen::Index k = 0; k < directions.cols(); ++k) {
-    const Vector<D> direction = pose.linear() * directions.col(k);
+    const Vector<D> direction = detail::turned<D>(pose.linear(), directions.col(k));
     std::optional<double> truth = world.distance(origin, direction, range.max_range);
     const std::optional<double> before = now.distance(origin, direction, truth.value_or(range.max_range));
     if (before) truth = before;
@@ -180,7 +191,9 @@ typename SimulatedLog<D>::Measured SimulatedLog<D>::measured(std::size_t i) cons
     if (too_near || (!measured && range.no_echo == NoEcho::no_measurement))
       scan.endpoints.col(k).setConstant(std::numeric_limits<double>::quiet_NaN());
     else
-      scan.endpoints.col(k) = stated * Vector<D>(measured.value_or(range.max_range) * directions.col(k));
+      scan.endpoints.col(k) =
+          detail::turned<D>(stated.linear(), measured.value_or(range.max_range) * directions.col(k)) +
+          stated.translation();
   }
   return both;
 }
@@ -195,7 +208,7 @@ inline SensorTrack timed(const std::vector<Waypoint>& path, const std::vector<Pl
   double length = 0.0;
   const std::vector<PlanarPose> way = drive(path, fine, turn_length);
   for (std::size_t i = 1; i < fine; ++i)
-    length += std::hypot(way[i].x - way[i - 1].x, way[i].y - way[i - 1].y) +
+    length += planar_length(way[i].x - way[i - 1].x, way[i].y - way[i - 1].y) +
               turn_length * std::abs(way[i].heading - way[i - 1].heading);
   duration = length / speed;
   SensorTrack track{poses, {}};

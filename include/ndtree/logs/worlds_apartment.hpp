@@ -250,7 +250,7 @@ inline constexpr std::array kWay = {
     Waypoint{7.85, 5.08, 0.0},     Waypoint{5.45, 5.08, 0.0},   Waypoint{5.45, 6.4, 0.0},
     Waypoint{5.45, 7.6, -kAround}, Waypoint{5.45, 6.4, 0.0},    Waypoint{5.45, 5.08, 0.0},
     Waypoint{3.45, 5.08, 0.0},     Waypoint{3.45, 6.5, 0.0},    Waypoint{3.1, 6.9, kAround},
-    Waypoint{2.95, 8.9, 0.0},      Waypoint{3.1, 6.9, 0.0},     Waypoint{3.45, 5.08, 0.0},
+    Waypoint{2.95, 8.9, kAround},  Waypoint{3.1, 6.9, 0.0},     Waypoint{3.45, 5.08, 0.0},
     Waypoint{1.5, 5.08, 3.2},      Waypoint{2.5, 5.0, 0.0}};
 
 }  // namespace detail::apartment

@@ -89,7 +89,7 @@ inline std::vector<TimedPlace> straight(const Place<3>& ground, double yaw, doub
 /// When the sensor first is so near to a point [s]; the last time if it never is.
 inline double when_near(const SensorTrack& track, const Eigen::Vector2d& point, double distance) {
   for (std::size_t i = 0; i < track.poses.size(); ++i)
-    if (std::hypot(track.poses[i].x - point.x(), track.poses[i].y - point.y()) <= distance)
+    if (planar_length(track.poses[i].x - point.x(), track.poses[i].y - point.y()) <= distance)
       return track.times[i];
   return track.times.empty() ? 0.0 : track.times.back();
 }
@@ -102,7 +102,7 @@ inline std::vector<TimedPlace> ahead_of(const SensorTrack& track, double distanc
     double left = distance;
     std::size_t k = i;
     while (k + 1 < n && left > 0.0) {
-      left -= std::hypot(track.poses[k + 1].x - track.poses[k].x, track.poses[k + 1].y - track.poses[k].y);
+      left -= planar_length(track.poses[k + 1].x - track.poses[k].x, track.poses[k + 1].y - track.poses[k].y);
       ++k;
     }
     if (left > 0.0) break;  // Has left by then.
@@ -120,7 +120,7 @@ std::vector<MovingThing<D>> walking_people(const std::vector<Waypoint>& path, co
   constexpr double fine = 0.05;  // From place to place of the way [m].
   double length = 0.0;
   for (std::size_t i = 1; i < path.size(); ++i)
-    length += std::hypot(path[i].x - path[i - 1].x, path[i].y - path[i - 1].y);
+    length += planar_length(path[i].x - path[i - 1].x, path[i].y - path[i - 1].y);
   const auto places = static_cast<std::size_t>(length / fine) + 2;
   std::vector<Waypoint> without_spin = path;
   for (Waypoint& stop : without_spin) stop.spin = 0.0;
@@ -188,7 +188,7 @@ inline std::vector<MovingThing<2>> office_doors(double yaw, const SensorTrack& t
       }
       while (scan + 1 < track.times.size() && track.times[scan] < time) ++scan;
       const PlanarPose& sensor = track.poses[scan];
-      const bool passes = std::hypot(sensor.x - at.x(), sensor.y - at.y()) < near;
+      const bool passes = planar_length(sensor.x - at.x(), sensor.y - at.y()) < near;
       const double goal = passes ? 1.0 : wanted;
       const double most = t::kStep * 0.5;  // Takes two seconds.
       open += std::clamp(goal - open, -most, most);
