@@ -129,3 +129,9 @@ def test_speeds_beside_others_are_those_of_the_page_of_peers():
         (row,) = [found for name, found in large if name.partition(",")[0] == work.partition(",")[0]]
         for number in re.findall(r"[\d.,]*\d", cells):
             assert re.search(rf"(?<![\d.]){re.escape(number)}(?![\d.])", row), (work, number)
+
+
+def test_the_answer_that_is_most_often_wrong_without_a_warning_is_told():
+    trials = json.loads((ROOT / "tools/trials_table.json").read_text())
+    worst = max(trials.values(), key=lambda one: one["counts"][3] / one["trials"])
+    assert f"({worst['counts'][3]} of {worst['trials']})" in README

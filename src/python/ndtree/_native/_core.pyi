@@ -169,7 +169,7 @@ class MovedEvidence:
     noise_sigmas : float
         Standard deviations that a point and a beam each may be wrong by.
     error_rate : float
-        Of the scans that look at what stands, at most this fraction sees through it.
+        Highest fraction of the scans looking at a standing thing that see through it.
 
     Raises
     ------
@@ -286,11 +286,11 @@ class Matcher:
     points : (n, dim) array of float
         On surfaces, dim 2 or 3 [m].
     cell_size : float
-        Of the grid of poses [m].
+        Cell size of the grid of poses [m].
     sigma : float, optional
         Of an end point's distance from a surface, in the search [m]. Default: cell_size.
     radius : float, optional
-        Of the points that shape a piece of the surface [m]. Default: four cells.
+        Radius around a point; the points in it shape a piece of the surface [m]. Default: four cells.
     noise : float
         Standard deviation of an end point across a surface, in the refinement [m].
 
@@ -342,7 +342,7 @@ class Matcher:
         apart, apart_angle : float
             As far from the best [m] or turned as far [rad], a pose is another one.
         second : bool
-            Whether to look for the best of the others, too.
+            Whether to look for the second-best pose, too.
 
         Returns
         -------
@@ -499,7 +499,7 @@ class ScanHistory:
         points : (n, dim) array of float
             End points in the sensor's frame [m].
         pose : array of float
-            Of the sensor in the map: (3,) of x, y and yaw in 2-D, (7,) of x, y, z and a quaternion x, y, z, w in 3-D,
+            Pose of the sensor in the map: (3,) of x, y and yaw in 2-D, (7,) of x, y, z and a quaternion x, y, z, w in 3-D,
             or a (dim + 1, dim + 1) matrix.
         origin : (dim,) or (n, dim) array of float, optional
             Where beams start in the sensor's frame [m]. Default: at 0.
@@ -552,7 +552,7 @@ class ScanHistory:
         Parameters
         ----------
         keys : sequence of int
-            Of the scans.
+            Keys of the scans.
         threads : int
             As of `OccupancyMap.insert`.
 
@@ -601,7 +601,7 @@ class ScanHistory:
         Parameters
         ----------
         key : int
-            Of the scan.
+            Key of the scan.
 
         Returns
         -------
@@ -618,7 +618,7 @@ class ScanHistory:
         Parameters
         ----------
         key : int
-            Of the scan.
+            Key of the scan.
 
         Returns
         -------
@@ -635,7 +635,7 @@ class ScanHistory:
         Parameters
         ----------
         key : int
-            Of the scan.
+            Key of the scan.
 
         Returns
         -------
@@ -674,13 +674,13 @@ class SeenSpace:
     spacings : float
         Of beams, in which a point is in view.
     tolerance : float
-        How far behind its end point a beam that returned sees [m].
+        Distance behind its end point that a beam which returned sees [m].
     margin : float
         The points are drawn up to so far [m] around the box ...
     middle : float
         ... that holds this share of the end points on each axis.
     seed : int
-        Of the points; equal seeds and logs give equal points.
+        Seed of the drawn points; equal seeds and logs give equal points.
 
     Raises
     ------
@@ -741,7 +741,7 @@ class DistanceField:
         Parameters
         ----------
         map : OccupancyMap
-            That the field was made of.
+            The map that the field was made of.
         since : OccupancyMap
             A snapshot() of it from when the field was made, or last updated.
 
@@ -863,7 +863,7 @@ class OccupancyMap:
     def max_cell_size(self) -> float:
         """float: edge of the largest cells that are updated [m].
 
-        That is the smallest times a power of `branching`, the largest that the option of this name allows.
+        It is the smallest size times a power of `branching`, the largest that the option of this name allows.
         """
     @property
     def options(self) -> MapOptions:
@@ -902,7 +902,7 @@ class OccupancyMap:
         max_range : float
             Longer beams are free up to there and have no end point [m].
         threads : int
-            That may work on a large scan; 0: as many as the machine has cores. The map is the same, bit for bit, for
+            Number of threads for a large scan; 0: as many as the machine has cores. The map is the same, bit for bit, for
             every number. Of a map refined as the paper has it there is only one.
         window : (2, dim) array of float, optional
             Lower and upper corner [m]: only cells in this box change, and become, bit for bit, what they would
@@ -954,7 +954,7 @@ class OccupancyMap:
         Parameters
         ----------
         name : str
-            Of the layer.
+            Name of the layer.
         points : (n, dim) array of float
             Map frame [m].
 
@@ -984,7 +984,7 @@ class OccupancyMap:
         Parameters
         ----------
         max_loss : float, optional
-            What may be lost, the sum over all merges [bits].
+            Most information that all merges together may lose [bits].
         max_leaves : int, optional
             Observed leaves that may remain.
         max_bytes : int, optional
@@ -1200,7 +1200,7 @@ class OccupancyMap:
         directions : (n, dim) array of float
             Of any length but zero.
         max_range : float
-            How far to look, > 0 [m].
+            Largest distance to look at, > 0 [m].
         unknown : str
             "pass": unknown space does not stop a ray, but right behind a cell that is free and known to hold
             something, as along grazed walls: that cell counts as occupied. "stop": it does, also where the ray
@@ -1209,7 +1209,7 @@ class OccupancyMap:
             "surface": to where the surface is likely to be in that leaf, the end of half of the beams that come this way by the
             hit rates of this leaf and of those behind it. "cell": to where the ray enters it, at most 3/4 of a smallest cell nearer.
         details : bool
-            Whether to say what the rays end at, too.
+            Whether to return what each ray ends at, too.
 
         Returns
         -------
@@ -1242,7 +1242,7 @@ class OccupancyMap:
         directions : (n, dim) array of float
             Of any length but zero.
         max_range : float
-            How far to look, > 0 [m].
+            Largest distance to look at, > 0 [m].
         unknown : str
             "pass": unknown space does not stop a ray, but right behind a cell that is free and known to hold
             something, as along grazed walls: that cell counts as occupied. "stop": it does, also where the ray
@@ -1251,7 +1251,7 @@ class OccupancyMap:
             "surface": to where the surface is likely to be in that leaf, the end of half of the beams that come this way by the
             hit rates of this leaf and of those behind it. "cell": to where the ray enters it, at most 3/4 of a smallest cell nearer.
         details : bool
-            Whether to say what the rays end at, too.
+            Whether to return what each ray ends at, too.
 
         Returns
         -------
@@ -1362,7 +1362,7 @@ class OccupancyMap:
         Parameters
         ----------
         space : SeenSpace
-            Of the scans that were mapped.
+            Space seen by the mapped scans.
 
         Returns
         -------
@@ -1396,7 +1396,7 @@ class OccupancyMap:
         cell_size : float, optional
             [m]; left out, the map's smallest.
         values : {"state", "probability", "log_odds"}
-            What is stored.
+            The stored values.
         wall_depth : float, optional
             Of states: how far behind free cells of the box occupied cells larger than the smallest are drawn [m];
             beyond they are unknown. Left out, all of each; see save_map_server().
@@ -1430,7 +1430,7 @@ class OccupancyMap:
         cell_size : float, optional
             [m]; left out, the map's smallest.
         values : {"state", "probability", "log_odds"}
-            What is stored.
+            The stored values.
         wall_depth : float, optional
             Of states: how far behind free cells of the box occupied cells larger than the smallest are drawn [m];
             beyond they are unknown. Left out, all of each; see save_map_server().
@@ -1557,7 +1557,7 @@ class OccupancyMap:
         points : (n, dim) array of float
             Map frame [m].
         max_distance : float
-            How far to look, >= 0 [m].
+            Largest distance to look at, >= 0 [m].
 
         Returns
         -------
@@ -1582,11 +1582,11 @@ class OccupancyMap:
         points : (n, dim) array of float
             End points in the sensor's frame, dim 2 or 3 [m].
         guess : array of float
-            Of the sensor, as poses of `ScanHistory.insert`.
+            Pose of the sensor, as in `ScanHistory.insert`.
         window : (3,), (4,) or (6,) array of float
             How far the pose may be from the guess: dx, dy, dyaw, or dx, dy, dz, dyaw, droll, dpitch [m, rad].
         cell_size : float, optional
-            Of the grid of poses [m]. Default: that of the smallest cells.
+            Cell size of the grid of poses [m]. Default: that of the smallest cells.
         apart, apart_angle : float
             As far from the best [m] or turned as far [rad], a pose is another one.
 
@@ -1619,7 +1619,7 @@ class OccupancyMap:
         box : (2, dim) array of float, optional
             Only cells that share a point with it [m].
         cell_size : float, optional
-            Of the grid of poses [m]. Default: that of the smallest cells.
+            Cell size of the grid of poses [m]. Default: that of the smallest cells.
         sigma : float, optional
             As of `Matcher`.
         radius : float, optional
@@ -1646,11 +1646,11 @@ class OccupancyMap:
         box : (2, dim) array of float
             Lower and upper corner of the grid [m]; rounded up to whole cells.
         cell_size : float
-            Of the grid, > 0 [m]; any.
+            Cell size of the grid, > 0 [m]; any.
         max_distance : float
-            That matters, > 0 [m]: farther away, values are this.
+            Largest distance, > 0 [m]: values farther away are set to it.
         unknown : str
-            What unknown space, outside the map too, is taken for: "free" or "occupied".
+            How to treat unknown space, outside the map too: "free" or "occupied".
 
         Returns
         -------
@@ -1690,7 +1690,7 @@ class OccupancyMap:
             From the body's frame to the map's: homogeneous matrices; or x, y and yaw; or x, y, z and a quaternion qx, qy,
             qz, qw [m, rad].
         unknown : str
-            What unknown space, outside the map too, is taken for: "free" or "occupied".
+            How to treat unknown space, outside the map too: "free" or "occupied".
 
         Returns
         -------
@@ -1715,7 +1715,7 @@ class OccupancyMap:
             From the body's frame to the map's: homogeneous matrices; or x, y and yaw; or x, y, z and a quaternion qx, qy,
             qz, qw [m, rad].
         unknown : str
-            What unknown space, outside the map too, is taken for: "free" or "occupied".
+            How to treat unknown space, outside the map too: "free" or "occupied".
 
         Returns
         -------
@@ -1772,14 +1772,14 @@ class OccupancyMap:
         body : Shape
             Sphere, Capsule, Box, or several by ``a | b``, in its orientation.
         clearance : float
-            What the body keeps from obstacles at least [m], >= 0; a Box keeps more at its corners.
+            Least distance of the body to obstacles [m], >= 0; a Box keeps more at its corners.
         unknown : {"blocked", "free"} or float
-            What unknown space is: an obstacle, free, or passable at a cost >= 1: the factor of its length where the body may
+            How to treat unknown space: as an obstacle, free, or passable at a cost >= 1: the factor of its length where the body may
             touch it.
         max_seconds : float, optional
-            That the search may take. Left out, it goes on to its end.
+            Longest time of the search [s]. Default: no limit.
         headings : int
-            At which a body that turns may move, 4 to 256: at equal angles from that of the start on, and that of the goal.
+            Number of angles at which a turning body may move, 4 to 256: equally spaced from the start's; the goal's is added.
 
         Returns
         -------
@@ -1806,9 +1806,9 @@ class OccupancyMap:
         poses : (n, dim + 1, dim + 1) array of float; or (n, 3) in 2-D, (n, 7) in 3-D; or (n, dim)
             From the sensor's frame to the map's, as for collides(); or positions alone.
         sensor : RangeSensor
-            Of the map's dimension.
+            A sensor of the map's dimension.
         threads : int
-            That work at once; 0: as many as there are cores. The result is the same, bit for bit.
+            Number of threads; 0: as many as there are cores. The result is the same, bit for bit.
 
         Returns
         -------
@@ -1843,7 +1843,7 @@ class OccupancyMap:
         where : (2, dim) array of float, or Shape
             Lower and upper corner [m]; or Sphere, Capsule, Box, or several by ``a | b``, in 2-D and 3-D.
         pose : array of float, optional
-            Of the Shape in the map, as one of `collides`; left out, the Shape is in the map's frame.
+            Pose of the Shape in the map, as one of `collides`; left out, the Shape is in the map's frame.
 
         Raises
         ------
@@ -1904,7 +1904,7 @@ class OccupancyMap:
         Returns
         -------
         OccupancyMap
-            Of the same kind.
+            A map of the same kind.
 
         Raises
         ------
@@ -1927,7 +1927,7 @@ class OccupancyMap:
         since : OccupancyMap
             An earlier snapshot() or `revision` of this map, or any map of the same kind with cells of the same sizes.
         of : {"states", "columns", "cells"}
-            What has to be different: the state; the state as part of a column, where free cells that are `Leaves.thin` count
+            Which differences count: of the state; the state as part of a column, where free cells that are `Leaves.thin` count
             as occupied, and occupied ones larger than the smallest are 2; or anything that a cell holds, as its probability, hits and misses, size, or values of its layers
             (which takes time in proportion to those of layers that changed).
         box : array_like, (2, dim), optional
@@ -1953,7 +1953,7 @@ class OccupancyMap:
         Parameters
         ----------
         other : OccupancyMap
-            Of the same kind, with cells of the same sizes.
+            A map of the same kind, with cells of the same sizes.
 
         Raises
         ------
@@ -1971,7 +1971,7 @@ class OccupancyMap:
         Parameters
         ----------
         other : OccupancyMap
-            Of the same kind, with cells of the same sizes.
+            A map of the same kind, with cells of the same sizes.
         box : (2, dim) array of float, optional
             Lower and upper corner [m]: only cells in it are taken over, that is, in all cubes of `max_cell_size` (of a fixed
             map: all cells) that share a volume with it, and the counts of `stats` stay this map's. Default: all, and the
@@ -2002,7 +2002,7 @@ class OccupancyMap:
         Returns
         -------
         OccupancyMap
-            Of the same kind and options.
+            A map of the same kind and options.
 
         Raises
         ------
@@ -2080,7 +2080,7 @@ class OccupancyMap:
         cell_size : float, optional
             Edge of a pixel [m]; left out, the map's smallest cell size.
         height : (low, high), optional
-            Of a 3-D map, only cells that overlap low <= z < high [m]; left out, all.
+            Only cells of a 3-D map that overlap low <= z < high [m]. Default: all.
         wall_depth : float, optional
             Of a map in which beams have ended: how far behind free space occupied cells larger than the smallest
             are drawn [m]; beyond they are unknown: the hits of a wall seen from afar scatter over several of
@@ -2103,7 +2103,7 @@ class OccupancyMap:
         ----------
         path : str or os.PathLike
         leaves : (n,) array of bool, optional
-            Which of leaves() are written; left out, the occupied ones.
+            The leaves() to write. Default: the occupied ones.
 
         Raises
         ------
@@ -2116,7 +2116,7 @@ class OccupancyMap:
 class Planner:
     """Paths of one body in a map, as it was at the last update().
 
-    What it finds out about free space is kept for the next question, and what has not changed is not looked at again.
+    It keeps its results about free space for the next question, and looks only at changes again.
     Threads may share it; they are answered one at a time.
 
     Parameters
@@ -2177,7 +2177,7 @@ class Planner:
         goals : (n, dim) array of float
             Where it may go [m].
         max_seconds : float, optional
-            That the search may take.
+            Longest time of the search [s].
 
         Returns
         -------
@@ -2226,7 +2226,7 @@ class Planner:
         Parameters
         ----------
         map : OccupancyMap
-            That the planner was made of, or a copy of it that has changed.
+            The map that the planner was made of, or a changed copy of it.
 
         Returns
         -------
@@ -2244,7 +2244,7 @@ class Planner:
         Parameters
         ----------
         points : (n, dim) array of float
-            Of a path, straight between them [m]; in the plane also (n, 3): poses of a body that turns the way that the
+            Points of a path, straight between them [m]; in the plane also (n, 3): poses of a body that turns the way that the
             numbers of its yaw go. One point alone is a segment.
 
         Returns
@@ -2267,9 +2267,9 @@ class Planner:
         Parameters
         ----------
         points : (n, dim) array of float
-            Of a path, straight between them and free for the body [m].
+            Points of a path, straight between them and free for the body [m].
         reach : float
-            How far sets go beyond the segment on each axis, > 0 [m].
+            Length by which sets extend beyond the segment on each axis, > 0 [m].
 
         Returns
         -------
@@ -2290,7 +2290,7 @@ class Planner:
 class FrontierSearch:
     """Frontiers that follow a map.
 
-    What has not changed since the last update() is not looked at again. Threads may share it.
+    Only changes since the last update() are looked at again. Threads may share it.
 
     Parameters
     ----------
@@ -2312,7 +2312,7 @@ class FrontierSearch:
         Parameters
         ----------
         map : OccupancyMap
-            That the search was made of, or a copy of it that has changed.
+            The map that the search was made of, or a changed copy of it.
 
         Raises
         ------
@@ -2349,7 +2349,7 @@ class AdaptiveMap(OccupancyMap):
         other, start with a part of their parents' evidence, and merge where little is lost by it. "paper": the rules of
         Einhorn, Schroeter and Gross (ICRA 2011), as published.
     layers : dict of str, optional
-        What cells carry beside their occupancy, by a name: "mean" of a number a beam, "mean3" of three, as of a
+        Values of cells beside their occupancy, by a name: "mean" of a number a beam, "mean3" of three, as of a
         colour, "majority" of labels, whole numbers in [0, 65535], or "latest" of times [s]. See `insert`, `layer`.
     min_cell_size : float
         Edge of the smallest cells [m]; of all cells where they are fixed.
@@ -2358,15 +2358,15 @@ class AdaptiveMap(OccupancyMap):
     range_sigma : float
         Standard deviation of a range [m]; by default refinement at least 3/5 of a smallest cell.
     range_sigma_quadratic : float
-        Its growth with the squared range [1/m].
+        Growth of that deviation with the squared range [1/m].
     probability_min : float
-        Least probability that one beam gives a cell.
+        Lowest probability that a single beam gives a cell.
     probability_max : float
-        Largest probability that one beam gives a cell.
+        Highest probability that a single beam gives a cell.
     log_odds_min : float
-        A cell's log-odds never fall below.
+        Lower bound of a cell's log-odds.
     log_odds_max : float
-        A cell's log-odds never rise above.
+        Upper bound of a cell's log-odds.
     miss_given_occupied : float
         Fraction of beams that pass an occupied cell.
     hit_given_free : float
@@ -2374,7 +2374,7 @@ class AdaptiveMap(OccupancyMap):
     significance : float
         Confidence of the chi-square test that splits a cell ("paper").
     sample_beams : float
-        Beams that a well observed cell samples of a dense scan, per smallest cell side by side in it ("evidence").
+        Beams of a dense scan that a well observed cell samples, per smallest cell side by side in it ("evidence").
     evidence_half_life : float
         A cell's evidence halves in this many scans that observe it [scans]; 0: never ("evidence").
     covered_share : float
@@ -2382,7 +2382,7 @@ class AdaptiveMap(OccupancyMap):
     beam_divergence : float
         Full angle of wide beams, as of sonar [rad]; 0: lines ("evidence").
     max_memory : float
-        No map holds more [bytes]; 0: 3/4 of the machine's memory.
+        Most memory that a map may take [bytes]; 0: 3/4 of the machine's.
 
     Raises
     ------
@@ -2629,7 +2629,7 @@ def depth_points(
     image : array_like, (rows, columns)
         Zero, negative and not finite values are no depth.
     x, y : array_like, (columns,) and (rows,)
-        Of a point per value of the image [m].
+        Coordinates of a point per value of the image [m].
     z : float
         The same.
     no_depth : sequence of float
@@ -2649,7 +2649,7 @@ def pose_matrix(pose: ArrayLike, *, dim: int, name: str = "pose") -> NDArray[np.
     dim : int
         2, 3 or 4.
     name : str
-        What errors call it.
+        Its name in errors.
 
     Returns
     -------
@@ -2684,7 +2684,7 @@ def pose_range_sigma(
     Returns
     -------
     (n,) float64, or None
-        What a map takes as `range_sigma`; `own` where the covariance is all zero.
+        A map's `range_sigma`; `own` where the covariance is all zero.
 
     Raises
     ------
@@ -2802,7 +2802,7 @@ def load_octomap(
     ----------
     path : str or os.PathLike
     refinement : {"evidence", "paper", "fixed"}
-        How the map goes on when scans are inserted. With "fixed" all cells are of the smallest size.
+        Policy for scans inserted later. With "fixed" all cells are of the smallest size.
     max_memory : float
         As of AdaptiveMap: a file that needs more is refused [bytes].
 
@@ -2836,7 +2836,7 @@ def load_octomap(
     ----------
     path : str or os.PathLike
     refinement : {"evidence", "paper", "fixed"}
-        How the map goes on when scans are inserted. With "fixed" all cells are of the smallest size.
+        Policy for scans inserted later. With "fixed" all cells are of the smallest size.
     max_memory : float
         As of AdaptiveMap: a file that needs more is refused [bytes].
 
@@ -2872,7 +2872,7 @@ def from_grid(
     cell_size : float
         [m].
     refinement : {"evidence", "paper", "fixed"}
-        How the map goes on when scans are inserted. With the first two, equal neighbours are joined.
+        Policy for scans inserted later. With the first two, equal neighbours are joined.
 
     Returns
     -------
@@ -2902,7 +2902,7 @@ def from_grid(
     cell_size : float
         [m].
     refinement : {"evidence", "paper", "fixed"}
-        How the map goes on when scans are inserted. With the first two, equal neighbours are joined.
+        Policy for scans inserted later. With the first two, equal neighbours are joined.
 
     Returns
     -------

@@ -43,7 +43,7 @@ class PoseTilt:
         return {"tilt_degrees": float(np.degrees(self.tilt)), "height": self.height}
 
     def __str__(self) -> str:
-        return f"poses pitch by about {np.degrees(self.tilt):.1f} degrees: what that explains is kept"
+        return f"poses pitch by about {np.degrees(self.tilt):.1f} degrees: points that this explains are kept"
 
     @classmethod
     def of(cls, scans: Iterable[Scan]) -> PoseTilt:

@@ -43,9 +43,9 @@ def explore_world(
 ) -> None:
     """Let a simulated robot explore a world by several strategies.
 
-    It drives to where a metre shows the most, to the nearest frontier, or to a random one. In the office it
-    has a laser; in the apartment a depth camera at 1.4 m, which turns around at each stop. A strategy takes a
-    minute or more.
+    It drives to where it sees the most per metre, to the nearest frontier, or to a random one. In the
+    office it has a laser; in the apartment a depth camera at 1.4 m, which turns around at each stop. A
+    strategy takes a minute or more.
     """
     plot = plotting() if call.picture is not None else None
     check_picture(plot, call.picture)
