@@ -12,7 +12,7 @@ from conan.tools.files import copy
 
 class Ndtree(ConanFile):
     name = "ndtree"
-    description = "Occupancy mapping in N^d-trees whose cells adapt to what is measured"
+    description = "Occupancy mapping in N^d-trees whose cells adapt to the measurements"
     license = "BSD-3-Clause"
     topics = ("occupancy-grid", "mapping", "octree", "robotics", "lidar")
     package_type = "static-library"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Occupancy mapping in N^d-trees whose cells adapt to what is measured.
+"""Occupancy mapping in N^d-trees whose cells adapt to the measurements.
 
 Lengths are in metres, arrays are (n, dim), everything is in the map frame.
 

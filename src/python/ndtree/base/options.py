@@ -217,7 +217,7 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
         Option("topic", str, "Of a ROS bag: topic with scans, clouds or depth images; @SIGMA [m] may follow.",
                "NAME", "the topic that sees most", "a bag with several sensors; repeat it for several",
                _READ_LIVE, repeated=True, parameter="topics", role="format",
-               of_node="Topics of sensors, @SIGMA [m] may follow; none: the best of those that there are."),
+               of_node="Topics of sensors, @SIGMA [m] may follow; none: the best one found."),
         Option("dim", int, "2 or 3.", "2|3", "as the log says", "a flat map of a 3-D log, or the reverse",
                f"{_MAPPING_LIVE} info", limits=(2, 3), role="read", section="map",
                of_node="2 or 3; 0: what the sensors say."),

@@ -21,7 +21,7 @@ class Saver:
     Parameters
     ----------
     path : str or path
-        Its ending says what is written, as for `ndtree.convert`.
+        Its ending decides the format, as for `ndtree.convert`.
     period : float
         From one time to the next [s].
     session : callable, optional

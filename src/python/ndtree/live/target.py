@@ -184,7 +184,7 @@ class MovingTarget(Target):
 
     def _changeable(self) -> OccupancyMap:
         self._there()
-        raise RuntimeError("the map follows corrections: what is changed in it would be lost")
+        raise RuntimeError("the map follows corrections: changes made by hand would be lost")
 
     def replace(self, m: OccupancyMap | None) -> None:
         with self.lock:

@@ -44,7 +44,7 @@ def convert(
         A map, or a file: ours, OctoMap's (.bt, .ot) or map_server's (.yaml). An image that begins at no whole
         number of pixels from 0 is moved to the nearest.
     path : str or path
-        Its ending says what is written: .ndt, a map of ours; .bt and .ot, OctoMap's; .yaml, .pgm and .png, an
+        Its ending decides the format: .ndt, a map of ours; .bt and .ot, OctoMap's; .yaml, .pgm and .png, an
         image for map_server and nav2, and its .yaml; .bag, .mcap and .db3, a ROS bag with an Octomap or an
         OccupancyGrid; .ply, points, or a mesh; .pcd, points; .glb and .gltf, a mesh; .vtu, VTK's cells; .npz,
         the leaves as records, or with ``format="grid"`` a dense array of states; .npy, the latter.

@@ -14,7 +14,7 @@ from ndtree.maps.writers import FORMATS as MAP_FORMATS
 from ndtree.maps.writers import format_of
 
 _ENDINGS = ", ".join(dict.fromkeys(suffix for one in MAP_FORMATS for suffix in one.suffixes))
-_OUT = f"Its ending says what is written: {_ENDINGS}."
+_OUT = f"Its ending decides the format: {_ENDINGS}."
 
 
 @command(

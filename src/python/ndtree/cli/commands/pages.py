@@ -37,7 +37,7 @@ def flags_of(option: Option) -> str:
 
 def _first_page() -> str:
     lines = ["usage: ndtree COMMAND [ARGUMENTS] [OPTIONS]", ""]
-    lines += ["Occupancy maps whose cells adapt to what is measured.", ""]
+    lines += ["Occupancy maps whose cells adapt to the measurements.", ""]
     for name, command in every().items():
         lines += _entry(name, re.split(r"[:.](?: |$)", _plain(command.help))[0] + ".", 12)
     lines += ["", "Each with --help, --quiet, and most with --json."]
