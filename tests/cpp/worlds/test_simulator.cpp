@@ -422,6 +422,19 @@ TEST(Simulator, YawTurnsTheWorldAndTheWayTogether) {
   }
 }
 
+// Both turns are as short: the last bits of sines and cosines must not choose.
+TEST(Simulator, ATurnStraightBackIsClockwiseAtAnyYaw) {
+  int turns = 0;
+  for (int i = 0; i < 600; ++i, ++turns) {
+    const double c = std::cos(0.01 * i);
+    const double s = std::sin(0.01 * i);
+    const std::vector<PlanarPose> way =
+        drive({{0.3 * c, 0.3 * s}, {1.7 * c, 1.7 * s}, {0.3 * c, 0.3 * s}}, 7, 1.0);
+    ASSERT_NEAR(way.back().heading - way.front().heading, -kPi, 1e-9) << "yaw " << 0.01 * i;
+  }
+  EXPECT_EQ(turns, 600);
+}
+
 TEST(Sensors, BeamsStandInTheOrderThatIsDocumented) {
   const Points<2> laser = PlanarLaser{}.directions();
   for (Eigen::Index i = 0; i < laser.cols(); ++i)
