@@ -97,11 +97,12 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
         _output("demo", Path, "Folder for the pictures.", "", Path("ndtree-demo")),
         _output("simulate", Path, "An .npz file.", "the world's name with .npz, here"),
         _output("align", Path, "The trajectory, as TUM's: t x y z qx qy qz qw.", "", ...),
-        _output("clean", Path, "A log, .npz; one cloud, .ply or .pcd; or of a folder of clouds a folder.", "",
+        _output("clean", Path, "A log, .npz; a cloud, .ply or .pcd; or, for a folder of clouds, a folder.",
+        "",
                 ...),
         _output("live", Path, "Where the map is written at the end."),
         _output("fleet", str, "Folder of the map, or a URL of fsspec.", "", ...),
-        _output("study", Path, "For the results, instead of CONFIG's.", "as CONFIG says"),
+        _output("study", Path, "Folder for the results, instead of CONFIG's.", "as CONFIG says"),
         _output("plan", Path, "The path: .csv, .yaml, .json."),
         Option("map_file", Path, "Write the map of these poses, too.", "MAP", "",
                "the map of the poses that were found, too", "align", flags="--map"),
@@ -123,25 +124,26 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "map"),
         Option("record_every", int, "Scans between pictures of the film.", "N", "10 scans",
                "a longer or a shorter film", "map", limits=_COUNT),
-        Option("format", str, "Of 3dtk, bal, bundler, carmen, colmap, depth_folder, e57, kitti, kitti_raw, "
+        Option("format", str,
+               "One of 3dtk, bal, bundler, carmen, colmap, depth_folder, e57, kitti, kitti_raw, "
                "npz, octomap_graph, point_clouds, ptx, rosbag, seven_scenes, text, tum_rgbd, velodyne.",
                "NAME", "as the content or the ending says", "a kind that was not recognised", _READ,
                role="read"),
-        Option("format", str, "Where the ending does not say: ndtree, octomap, map_server, rosbag, ply, pcd, "
+        Option("format", str, "If the ending does not say: ndtree, octomap, map_server, rosbag, ply, pcd, "
                "gltf, vtk, leaves, grid.", "NAME", "as the ending says", "a kind that was not recognised",
                "convert"),
-        Option("cell_size", float, "Of the cells in all files but .ndt [m].", "M", "the map's own",
+        Option("cell_size", float, "Cell size in all files but .ndt [m].", "M", "the map's own",
                "a coarser file", "convert"),
-        Option("height", tuple[float, float], "Of an image of a 3-D map: cells within [m].", "LOW HIGH",
+        Option("height", tuple[float, float], "Image of a 3-D map: heights of its cells [m].", "LOW HIGH",
                "all heights", "what a robot of that height meets [m]", "convert"),
         Option("wall_depth", float, "In an image, depth to which large occupied cells are drawn behind free "
                "space [m].", "M", "2 sigma and a cell", "walls seen from afar are drawn too thin or thick",
                "convert"),
-        Option("states", str, "Which cells, of occupied, free, frontier.", "A,B", "occupied",
+        Option("states", str, "Cells to write: occupied, free, frontier.", "A,B", "occupied",
                "free cells or frontiers, too", "convert"),
         Option("faces", bool, "A mesh in a .ply, instead of points.", "", "points",
                "a mesh for Blender or MeshLab", "convert", False),
-        Option("mark", bool, "Leave out no point: a field moved has the probability of each.", "",
+        Option("mark", bool, "Keep all points, with the probability of each in a field moved.", "",
                "what moved is left out", "a viewer shows the probability of each point", "clean", False),
         Option("save_every", float, "Write MAP at this interval, too [s].", "S", "at the end alone",
                "a robot that may lose its power", "live"),
@@ -182,7 +184,7 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "or ignored.", "", "", "free space is missing, or goes through glass", _MAPPING_LIVE, "auto",
                role="mapping", section="sensor",
                of_node="Use of a beam without return: free, ignore, or auto."),
-        Option("zero_is", ("no-echo", "invalid"), "Of lasers: meaning of range 0, no-echo or invalid.", "",
+        Option("zero_is", ("no-echo", "invalid"), "Lasers: meaning of range 0, no-echo or invalid.", "",
                "as the log says", "a laser that writes 0", _READ_LIVE, role="format", section="sensor"),
         *_maps(*_NOISE),
         Option("min_range", float, "Leave out shorter beams [m].", "M", "", "the robot sees itself",
@@ -190,35 +192,36 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
         Option("fov", float, "Field of view of FLASER records [deg].", "DEG",
                "by PARAM, or the number of beams", "CARMEN logs that do not say", _READ, role="format",
                section="sensor"),
-        Option("camera", str, "Of depth images: fx,fy,cx,cy[,image values per metre].", "FX,FY,CX,CY",
+        Option("camera", str, "Depth images: fx,fy,cx,cy[,image values per metre].", "FX,FY,CX,CY",
                "as the log says", "depth images without a calibration", _READ_LIVE, role="format"),
         Option("pixel_stride", int, "Use every n-th row and column of depth images.", "N", "",
                "large depth images: mapping is faster", _READ_LIVE, 1, "", _COUNT, role="format",
                node_limits=(1, 64)),
-        Option("pixel_sigma", float, "Of structure from motion: standard deviation of a feature's place "
+        Option("pixel_sigma", float, "Structure from motion: standard deviation of a feature's place "
                "[px].", "PX", "", "structure from motion of another quality", _READ, 1, "px", role="format"),
-        Option("body", str, "Of a ROS bag: the robot itself, box:LX,LY,LZ[,X,Y,Z], sphere:, capsule: or "
+        Option("body", str, "ROS bags: the robot itself, box:LX,LY,LZ[,X,Y,Z], sphere:, capsule: or "
                "footprint:, + more, @FRAME.", "SHAPE", "", "the robot sees itself: a box, spheres or "
                "capsules", _READ_LIVE, role="format"),
-        Option("colors", bool, "Of a ROS bag: colours of clouds become a layer of the map, color.", "", "",
+        Option("colors", bool, "ROS bags: colours of clouds become a layer of the map, color.", "", "",
                "clouds have colours, and cells shall have them", _READ_LIVE, flags="--colors/--no-colors",
                role="format",
                of_node="Colours of clouds become a layer of the map; cells are shown in them."),
-        Option("sweep", ("stamp", "end", "reversed", "reversed-end", "said"), "Of a ROS bag: when its beams "
+        Option("sweep", ("stamp", "end", "reversed", "reversed-end", "said"), "ROS bags: when its beams "
                "were measured: stamp, end, reversed, reversed-end, said.", "NAME", "as the log says",
                "when a sensor's beams were measured, if nothing says so", _READ_LIVE, role="format"),
-        Option("pose_covariance", ("auto", "ignore", "use"), "Of a ROS bag: covariances of poses widen "
+        Option("pose_covariance", ("auto", "ignore", "use"), "ROS bags: covariances of poses widen "
                "beams: auto, ignore, use.", "", "auto", "poses tell how sure "
                "they are, and are believed or not", _READ_LIVE, role="format"),
-        Option("find_mount", bool, "Of a ROS bag: find where the sensor sits on its base, instead.", "", "",
+        Option("find_mount", bool, "ROS bags: find where the sensor sits on its base, instead.", "", "",
                "a bag without the place of its sensor", "calibrate", False),
     ),
     "Which part of the log?": (
-        Option("topic", str, "Of a ROS bag: topic with scans, clouds or depth images; @SIGMA [m] may follow.",
+        Option("topic", str, "ROS bags: topic with scans, clouds or depth images; @SIGMA [m] may follow.",
                "NAME", "the topic that sees most", "a bag with several sensors; repeat it for several",
                _READ_LIVE, repeated=True, parameter="topics", role="format",
                of_node="Topics of sensors, @SIGMA [m] may follow; none: the best one found."),
-        Option("dim", int, "2 or 3.", "2|3", "as the log says", "a flat map of a 3-D log, or the reverse",
+        Option("dim", int, "Dimensions of the map: 2 or 3.", "2|3", "as the log says",
+               "a flat map of a 3-D log, or the reverse",
                f"{_MAPPING_LIVE} info", limits=(2, 3), role="read", section="map",
                of_node="2 or 3; 0: what the sensors say."),
         Option("every", int, "Use every n-th scan.", "N", "", "mapping is too slow: every n-th scan",
@@ -247,17 +250,17 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "a damaged log: read what is whole", _READ, role="read"),
         Option("strict", bool, "Refuse logs with scans whose pose is not known.", "", "",
                "refuse a log with scans without a pose", _READ, role="read"),
-        Option("points_only", bool, "Of points without poses: cells that hold one are occupied, none is "
+        Option("points_only", bool, "Points without poses: cells that hold one are occupied, none is "
                "free.", "", "", "points alone, without a sensor's place: occupied cells", _READ,
                flags="--points-only/--no-points-only", role="format"),
         Option("origin_of_scan", str,
-               "Of points without poses: place X,Y,Z from which all were measured [m].",
+               "Points without poses: place X,Y,Z from which all were measured [m].",
                "X,Y,Z", "", "a cloud from one known place [m]", _READ, role="format"),
         Option("points_in", ("sensor", "map"), "Frame of the points of point clouds: sensor or map.", "",
                "sensor", "clouds that are in the map's frame already", _READ, role="format"),
         Option("static", bool, "Leave out what moved, such as people and cars: reads the log 3 times.", "",
                "all that was seen", "people and cars left trails in the map", "map", False),
-        Option("look", bool, "Read all of a log, and say what mapping it will choose and cost.", "", "",
+        Option("look", bool, "Read all of a log, and say what mapping will choose and cost.", "", "",
                "what mapping will choose, and how long it takes", "info", False),
     ),
     "Where was the sensor?": (
@@ -267,29 +270,29 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "that drift slowly, as from a laser's odometry", "align", True, flags="--loops/--no-loops"),
         Option("trajectory", str, "File of poses: TUM (t x y z qx qy qz qw), KITTI (3x4), EuRoC, g2o, "
                "Open3D's log.", "FILE", "", "poses in a file: TUM or KITTI", _READ, role="format"),
-        Option("fixed_frame", str, "Of a ROS bag: frame of the map.", "FRAME", "map, odom, world or a root",
+        Option("fixed_frame", str, "ROS bags: frame of the map.", "FRAME", "map, odom, world or a root",
                "another frame for the map", _READ_LIVE, role="format",
                of_node="Frame of the map; else map, odom, world or a root of /tf."),
-        Option("odometry", str, "Of a ROS bag: topic with Odometry, for poses instead of /tf.", "TOPIC",
+        Option("odometry", str, "ROS bags: topic with Odometry, for poses instead of /tf.", "TOPIC",
                "/tf", "a bag without /tf", _READ_LIVE, role="format"),
-        Option("poses", str, "Of a ROS bag: topic with poses: Odometry, PoseStamped, "
+        Option("poses", str, "ROS bags: topic with poses: Odometry, PoseStamped, "
                "PoseWithCovarianceStamped, TransformStamped, Path.", "TOPIC", "/tf",
                "poses of a SLAM in a topic", _READ_LIVE, role="format"),
-        Option("still", bool, "Of a ROS bag or packets: the sensor stands still.", "", "it moves",
+        Option("still", bool, "ROS bags and packets: the sensor stands still.", "", "it moves",
                "the sensor stands", _READ_LIVE, flags="--still/--no-still", role="format",
                of_node="The sensor stands still."),
-        Option("mount", str, "Of a ROS bag: sensor on its base, X,Y,Z,ROLL,PITCH,YAW or X,Y,YAW.",
+        Option("mount", str, "ROS bags: sensor on its base, X,Y,Z,ROLL,PITCH,YAW or X,Y,YAW.",
                "X,Y,Z,R,P,Y", "as /tf says", "nothing says where the sensor sits [m, rad]", _READ_LIVE,
                role="format"),
-        Option("sensor_frame", str, "Of a ROS bag: the sensor's frame, whatever its messages say.", "FRAME",
+        Option("sensor_frame", str, "ROS bags: the sensor's frame, whatever its messages say.", "FRAME",
                "as the messages say", "messages with a wrong frame", _READ_LIVE, role="format"),
-        Option("base_frame", str, "Of a ROS bag: frame below the mount, frame of the poses, or the frame "
+        Option("base_frame", str, "ROS bags: frame below the mount, frame of the poses, or the frame "
                "from which a cloud was seen.", "FRAME", "the poses' own",
                "the frame of --mount or of the poses",
                _READ_LIVE, role="format"),
         Option("time_offset", float, "Added to the times of scans to find their poses [s].", "S", "",
                "two clocks", _READ_LIVE, 0.0, "s", _ANY, role="format"),
-        Option("deskew", bool, "Of a ROS bag: each beam from the pose of its own time.", "", "",
+        Option("deskew", bool, "ROS bags: each beam from the pose of its own time.", "", "",
                "--no-deskew, where beams have no times of their own", _READ_LIVE, True,
                flags="--deskew/--no-deskew", role="format"),
     ),
@@ -305,7 +308,7 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
         Option("free", bool, "Show free cells.", "", "in 2-D", "free cells, too", "view",
                flags="--free/--no-free"),
         Option("unknown", bool, "Show unknown cells by free ones.", "", "", "where the map ends", "view"),
-        Option("log", Path, "Show where its scans were taken.", "LOG", "", "where the scans were taken",
+        Option("log", Path, "Its log: shows where scans were taken.", "LOG", "", "where the scans were taken",
                "view"),
         Option("open_", bool, "Open the page in the browser.", "", "", "open the browser", "view", False,
                flags="--open"),
@@ -331,7 +334,7 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "another place to begin at", "explore", 0, "", (0, math.inf)),
     ),
     "What is compared?": (
-        Option("maps", str, "Of adaptive, paper, fixed, octomap, octomap-scan, octomap-scan-lazy, "
+        Option("maps", str, "Kinds of map: adaptive, paper, fixed, octomap, octomap-scan, octomap-scan-lazy, "
                "octomap-scan-discretized, with @ and a cell size where it differs.", "A,B",
                "adaptive, fixed, octomap", "other kinds, or sizes, as fixed@0.1", "compare"),
         Option("held_out", int, "Keep every N-th scan out of the map to judge it; 0: none.", "N",
@@ -341,7 +344,7 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "whether beams end as often as each map says", "compare", False),
         Option("reliability", Path, "Draw reliability diagrams of that.", "FILE", "", "the same as a diagram",
                "compare"),
-        Option("certify", bool, "Bound the fraction of free space that is occupied.", "", "",
+        Option("certify", bool, "Bound the fraction of free space that is in fact occupied.", "", "",
                "a bound on what is called free but occupied", "compare", False),
         Option("repeat", int, "Runs of each map, in turns, for the times.", "N", "",
                "times that are worth printing",
@@ -371,7 +374,7 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "poses come late",
                "live node", 1.0, "s", node_limits=_UP_TO_1000),
         Option("look", float,
-               "Of a ROS bag: length of the beginning that decides what is mapped, and how [s].", "S", "",
+               "ROS bags: length of the beginning that decides what is mapped, and how [s].", "S", "",
                "more messages to decide by, and a later start", "live node", 2.0, "s",
                node_limits=_UP_TO_1000),
         Option("window", float, "Forget cells farther from the sensor than this [m].", "M", "the whole map",
@@ -407,8 +410,8 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                node_limits=(1, MOST)),
     ),
     "On which machines?": (
-        Option("engine", ("processes", "local", "ray", "dask"), "Processes, threads of this one, Ray or "
-               "Dask.", "", "", "several machines", "fleet", "processes"),
+        Option("engine", ("processes", "local", "ray", "dask"), "Run in processes, in threads, on Ray or "
+               "on Dask.", "", "", "several machines", "fleet", "processes"),
         Option("workers", int, "Tasks that run at the same time.", "N", "all cores", "leave cores to others",
                "fleet",
                limits=_COUNT),

@@ -43,7 +43,7 @@ def info(
     call: Call,
     given: Config,
 ) -> None:
-    """Say what is in a map or a log.
+    """Describe a map or a log.
 
     It answers at once: from a bag's index and first messages, from other logs' first million beams.
     """
