@@ -115,7 +115,7 @@ class Option:
     @property
     def description(self) -> str:
         """What a node says of the parameter; of a command's help not that it is of bags alone."""
-        _, of_bags, said = self.help.rpartition("Of a ROS bag: ")
+        _, of_bags, said = self.help.rpartition("ROS bags: ")
         return self.of_node or (said[:1].upper() + said[1:] if of_bags else said)
 
     @property

@@ -206,7 +206,7 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "clouds have colours, and cells shall have them", _READ_LIVE, flags="--colors/--no-colors",
                role="format",
                of_node="Colours of clouds become a layer of the map; cells are shown in them."),
-        Option("sweep", ("stamp", "end", "reversed", "reversed-end", "said"), "ROS bags: when its beams "
+        Option("sweep", ("stamp", "end", "reversed", "reversed-end", "said"), "ROS bags: when beams "
                "were measured: stamp, end, reversed, reversed-end, said.", "NAME", "as the log says",
                "when a sensor's beams were measured, if nothing says so", _READ_LIVE, role="format"),
         Option("pose_covariance", ("auto", "ignore", "use"), "ROS bags: covariances of poses widen "
