@@ -73,15 +73,17 @@ class Option:
     @property
     def check(self) -> Check:
         """What a value in a file must be."""
+        return checks.numbers if self.type == list[float] else self._check_of(self.limits)
+
+    def _check_of(self, limits: tuple[float, float] | None) -> Check:
         one = one_of(*self.words) if self.words else text
-        if self.repeated or self.words:
-            return checks.one_or_more(one) if self.repeated else one
-        low, high = self.limits or (-math.inf, math.inf)
+        if self.repeated:
+            return checks.one_or_more(one)
+        low, high = limits or (-math.inf, math.inf)
         of_type: dict[Any, Check] = {
             bool: true_or_false, int: integer(low, high), float: number(low, high, above=self.above),
-            list[float]: checks.numbers,
         }  # fmt: skip
-        return of_type.get(self.type, text)
+        return of_type.get(self.type, one)
 
     @property
     def expected(self) -> str:
@@ -149,9 +151,7 @@ class Option:
             expected = "a list of names"
         if type(value) is self.kind and value == self.start:
             return value
-        low, high = self.range or (-math.inf, math.inf)
-        limited = {int: integer(low, high), float: number(low, high)}
-        check = limited.get(self.kind, text if self.type == list[float] else self.check)  # Typed with commas.
+        check = self._check_of(self.range)
         try:
             return check(value)
         except ValueError:

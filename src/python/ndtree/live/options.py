@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ndtree._errors import WrongOption, key
 from ndtree._native._core import OccupancyMap
@@ -36,20 +36,32 @@ class LiveOptions:
     Raises WrongOption if two do not go together.
     """
 
+    # Those of the table's options that are read here.
+    localize: Path | None
+    resume: Path | None
+    slam: bool
+    fixed: bool | None
+    initial_pose: str | None
+    follow: str | None
+    follow_frame: str | None
+    follow_memory: float
+    window: float | None
+    fade: float | None
+    queue: int
+    patience: float
+    look: float
+
     def __init__(self, given: Mapping[str, Any]) -> None:
-        self.threads = given.get("threads", 0)
-        for one in options_of("live"):
-            value = given.get(one.name)
-            setattr(self, one.name, one.default if value is None else value)
+        self.threads: int = given.get("threads", 0)
+        rows = {one.name: one for one in options_of("live")}
+        for name in LiveOptions.__annotations__:
+            value = given.get(name)
+            setattr(self, name, rows[name].default if value is None else value)
         for way, (others, why) in _EXCLUDES.items():
             for name in others if getattr(self, way) else ():
                 if getattr(self, name) not in (None, "", False):
                     why = "which corrects poses itself" if name == "follow" and way == "slam" else why
                     raise WrongOption(f"{key(name)}: not with {key(way)}, {why}")
-
-    if TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any: ...
 
     @property
     def finds_poses(self) -> bool:

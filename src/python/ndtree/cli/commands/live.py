@@ -175,7 +175,7 @@ def _source(
     if path is not None and recognised(path, format=given.get("format")) == "rosbag":
         require_taken(given, path)
         bag = stack.enter_context(open_bag(str(path.parent if path.name == "metadata.yaml" else path)))
-        _check_followed(bag, options.follow)
+        _check_followed(bag, options.follow or "")
         return made(lambda: options.intake(str(path), given)), messages_of(bag)
     if options.localize is not None:
         raise WrongCall("--localize: expected a ROS bag, whose transforms have the odometry")
