@@ -31,9 +31,9 @@ WAITING = 6  # Times as long it may take in all, by the clock.
 LONGEST = 700  # Characters of a line, without the names of files.
 _DIGITS = re.compile(r"\d{41,}")
 _NOTE = re.compile(
-    r" messages were found in it| scans had no pose| each beam at its own time| without return "
+    r" messages? found in it| scans had no pose| each beam at its own time| without return "
     r"|: it is taken for fixed$|^ndtree: field of view of | poses are those of the matching"
-    r"| numbers a point in |^ndtree: the camera is taken for "
+    r"| numbers a point in |^ndtree: (the camera is|depths are) taken for "
 )
 
 
@@ -67,7 +67,7 @@ def _judged(code: int, said: str, scratch: Path) -> str:
     if code == 0:  # What was read is said of it.
         errors = [line for line in errors if not _NOTE.search(line)]
     else:
-        errors = [line for line in errors if " messages were found in it" not in line]
+        errors = [line for line in errors if not re.search(" messages? found in it", line)]
     if len(errors) != code:
         return "a traceback" if "Traceback" in said else f"{len(errors)} lines of errors with status {code}"
     for line in lines:

@@ -69,7 +69,7 @@ def test_beams_that_end_in_the_body_are_left_out(shape: str, planar: bool, tmp_p
         assert np.allclose(scan.endpoints[~own], ends[~own], atol=1e-5)
         # Where the sensor is in the body, beams are free from it on.
         assert np.allclose(scan.origin, drive.in_map(scan.stamp, np.zeros((1, 3)))[0], atol=1e-5)
-    assert f"{inside} beams ended in the robot's own body, and are left out" in log.notes
+    assert f"{inside:,} beams ended in the robot's own body: left out" in log.notes
 
 
 def test_what_is_no_body_is_refused(tmp_path: Path) -> None:

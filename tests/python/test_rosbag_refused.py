@@ -107,8 +107,8 @@ def test_damaged_bags_are_named(make: Messages, tmp_path: Path) -> None:
         assert 0 < len(found) <= len(scans) == 5
         for one, other in zip(found, scans):
             np.testing.assert_array_equal(one.endpoints, other.endpoints)
-        assert any("messages were found in it" in note for note in log.notes)
-        with pytest.raises(ValueError, match="messages were found in it"):
+        assert any("found in it" in note for note in log.notes)
+        with pytest.raises(ValueError, match="found in it"):
             list(read(path, strict=True))
     if path.is_dir():
         file.write_bytes(whole)
@@ -231,7 +231,7 @@ def test_a_log_without_one_valid_beam_makes_no_map(ros2: Messages, tmp_path: Pat
     [
         ({"width": 90}, r"the cloud has 32 bytes, expected 1440 for 1 rows"),
         ({"point_step": 9}, "the cloud has 32 bytes"),
-        ({"fields": []}, "the cloud has no field x and no y and no z, expected x, y and z, found none"),
+        ({"fields": []}, "the cloud has no field x or y or z, expected x, y and z, found none"),
     ],
 )
 def test_clouds_that_contradict_themselves(

@@ -299,7 +299,7 @@ def test_an_infinite_range_max_needs_a_limit(ros2: Messages, tmp_path: Path) -> 
     log = read(path, still=True)
     (scan,) = log
     assert np.isnan(scan.endpoints[1]).all()
-    assert any("1 beams met nothing, but range_max is infinite" in note for note in log.notes)
+    assert any("1 beam met nothing, but range_max is infinite" in note for note in log.notes)
     log = log.ruled(no_return_range=6.0)
     (scan,) = log
     assert np.linalg.norm(scan.endpoints[1]) == pytest.approx(6) and not scan.returned[1]

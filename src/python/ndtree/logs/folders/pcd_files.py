@@ -63,7 +63,7 @@ def pcd_columns(path: str) -> list[NDArray[Any]]:
     axes = []
     for axis in "xyz":
         if axis not in header.fields:
-            missing = " and no ".join(name for name in "xyz" if name not in header.fields)
+            missing = " or ".join(name for name in "xyz" if name not in header.fields)
             raise ValueError(f"{path}: no field {missing}, found {', '.join(header.fields)}")
         i = header.fields.index(axis)
         if header.counts[i] != 1:

@@ -83,7 +83,7 @@ def _columns(
     missing = [axis for axis in wanted if names.count(axis) != 1]
     if missing:
         raise ValueError(
-            f"{path}: no property {' and no '.join(missing)} of {_PLURALS[name]}, "
+            f"{path}: no property {' or '.join(missing)} of {_PLURALS[name]}, "
             f"found {', '.join(filter(None, names))}"
         )
     axes = [names.index(axis) for axis in wanted]

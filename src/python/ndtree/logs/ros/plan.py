@@ -109,7 +109,7 @@ def _placed(bag: Bag, options: BagOptions) -> tuple[Placed, list[Wanted], list[s
     seen = sights(bag, topics) if not wanted and len(topics) > 1 else {}
     topics = in_order_of_sight(topics, seen) if seen else topics
     if not topics:
-        raise WrongValue(without_sensors(bag.path, bag.topics, encodings_in(bag), bag.unread))
+        raise WrongValue(without_sensors(bag, encodings_in(bag)))
     options.check_topics(bag.path, topics)
     asked = options.with_poses_of(bag)
 

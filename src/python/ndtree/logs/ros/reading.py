@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ndtree._errors import key, located
 from ndtree.base.scan import COLOR, Scan
+from ndtree.base.words import number_of
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.rules import NO_ECHO, Rules
 from ndtree.logs.poses.transforms import plain
@@ -31,6 +32,7 @@ _TURNED_ALIKE = 0.3  # Beams of one message, at most apart [rad].
 _MOST_TURNED, _LEAST_SPREAD = 64, 1e-3  # Beams that tell of space; of their ways across each other.
 _UNLIMITED = "the largest range makes no sense, and counts as not given"
 _OTHER_NUMBER = "angles are for another number of ranges: angle_max does not count"
+_BEYOND = "all ranges are beyond the largest one, and are left out"
 
 
 class OtherFrame(ValueError):
@@ -139,6 +141,8 @@ class MessageReader:
             self._tell(one, _UNLIMITED, beams.unlimited)
         if beams.other_number:
             self._tell(one, _OTHER_NUMBER, beams.other_number)
+        if beams.beyond:
+            self._tell(one, _BEYOND, beams.beyond)
         if beams.swapped:
             self._tell(one, SWAPPED, f"{len(beams.points)} points")
         self.zeros += beams.zeros
@@ -185,11 +189,11 @@ class MessageReader:
         lines: list[str] = []
         if self._endless:
             lines.append(
-                f"{self._endless} beams met nothing, but range_max is infinite or not given: they say "
-                f"nothing; with {key('max_range')} they are free up to there"
+                f"{number_of(self._endless, 'beam')} met nothing, but range_max is infinite or not given, "
+                f"which says nothing; with {key('max_range')}, space up to there is free"
             )
         if self._own:
-            lines.append(f"{self._own} beams ended in the robot's own body, and are left out")
+            lines.append(f"{number_of(self._own, 'beam')} ended in the robot's own body: left out")
         lines += [
             f"{name}: readings within {noise.reach:.2g} m of range_max mean that nothing was hit"
             for name, noise in self._noise.items()

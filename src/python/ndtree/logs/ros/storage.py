@@ -11,6 +11,8 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import IO
 
+from ndtree.base.words import number_of
+
 #: What is called with the damage that reading ran into; it raises it, or notes it and lets reading go on.
 OnDamage = Callable[[ValueError], None]
 
@@ -84,7 +86,7 @@ class Storage(ABC):
 
     def _note_damage(self, what: str, remedy: str = "") -> None:
         """After all that can be found was counted."""
-        self.damage = f"{what}: {sum(self.counts.values())} messages were found in it{remedy}"
+        self.damage = f"{what}: {number_of(sum(self.counts.values()), 'message')} found in it{remedy}"
 
     def _count(self, id: int, received: int) -> None:
         """Note a message that was found."""

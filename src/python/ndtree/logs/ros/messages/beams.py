@@ -58,6 +58,7 @@ class Beams:
     `unlimited`: What is wrong with the message's largest range, where it can be none: it counts as not given.
     `other_number`: The angles of a message that are for another number of ranges than it has: angle_max does
         not count then.
+    `beyond`: The ranges of a message that are all larger than its largest one: they are invalid.
     `endless`: Beams that met nothing, but of which the message does not say up to where: they are invalid.
     """
 
@@ -69,6 +70,7 @@ class Beams:
     senseless: str = ""
     unlimited: str = ""
     other_number: str = ""
+    beyond: str = ""
     zeros: int = 0  # Beams with a range of 0.
     swapped: bool = False  # The message's bytes are in the other order than it says.
     colors: NDArray[np.uint8] | None = None  # (n, 3), red, green and blue.

@@ -38,7 +38,7 @@ def cloud_beams(message: Any, stamp: float, *, colored: bool = False) -> Beams:
     missing = [name for name in ("x", "y", "z") if name not in by_name]
     if missing:
         raise ValueError(
-            f"the cloud has no field {' and no '.join(missing)}, expected x, y and z, "
+            f"the cloud has no field {' or '.join(missing)}, expected x, y and z, "
             f"found {', '.join(by_name) or 'none'}"
         )
     names = ["x", "y", "z", *(name for name in _TIMES if name in by_name)][:4]

@@ -11,7 +11,7 @@ import numpy as np
 from ndtree._errors import key
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.poses.transforms import TransformTree, plain
-from ndtree.logs.ros.files.bag import Topic
+from ndtree.logs.ros.files.bag import Bag, Topic
 from ndtree.logs.ros.messages.beams import SENSOR_NAMES, short
 from ndtree.logs.ros.messages.image import DEPTH_ENCODINGS
 
@@ -110,31 +110,26 @@ def unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: 
     )
 
 
-def without_sensors(
-    path: str, topics: list[Topic], encodings: dict[str, str], unread: list[tuple[Topic, str]]
-) -> str:
-    """The error of a bag that has nothing to map.
-
-    `encodings` are those of its images, by topic, and `unread` are topics that cannot be read, each with how
-    its messages are packed.
-    """
-    held = ", ".join(_named(one, encodings.get(one.name)) for one in topics[:12]) + (
-        ", ..." if len(topics) > 12 else ""
+def without_sensors(bag: Bag, encodings: dict[str, str]) -> str:
+    """The error of a bag that has nothing to map; `encodings` are those of its images, by topic."""
+    held = ", ".join(_named(one, encodings.get(one.name)) for one in bag.topics[:12]) + (
+        ", ..." if len(bag.topics) > 12 else ""
     )
-    packets = next((one.name for one in topics if one.messages and short(one.type) in PACKETS), None)
+    packets = next((one.name for one in bag.topics if one.messages and short(one.type) in PACKETS), None)
     remedy = (
         ""
         if packets is None
         else f"; {packets} has a lidar's raw packets: its driver makes PointCloud2 of them"
     )
-    if unread:
-        some = ", ".join(f"{one.name} ({one.type} as {packing})" for one, packing in unread[:6])
-        some += ", ..." if len(unread) > 6 else ""
+    if bag.unread:
+        some = ", ".join(f"{one.name} ({one.type} as {packing})" for one, packing in bag.unread[:6])
+        some += ", ..." if len(bag.unread) > 6 else ""
         remedy += f"; not read: {some}; expected ros1, cdr, json of ROS's or Foxglove's types, "
         remedy += "or protobuf of Foxglove's"
     if encodings:
         remedy += f"; images with depths are {', '.join(DEPTH_ENCODINGS)}, or PNG of 16 bits and one channel"
-    return f"{path}: no {SENSOR_NAMES} in it, found {held or 'none'}{remedy}"
+    remedy = "; ".join([remedy, *bag.damage])
+    return f"{bag.path}: no {SENSOR_NAMES} in it, found {held or 'none'}{remedy}"
 
 
 def _named(topic: Topic, encoding: str | None) -> str:
