@@ -54,15 +54,41 @@ _LISTS = ("associations.txt", "association.txt", "associate.txt", "associated.tx
 
 
 class DepthLog(FolderLog):
-    """Depth images of 16 bits, each from where its camera was; options are those of the table."""
+    """Depth images of 16 bits, each from where its camera was; options are those of the table.
+
+    `usual`: The camera where neither a user nor the folder says one, and what a metre is where a user does
+        not; `whose`: such images.
+    """
 
     is_depth_camera = True
     no_depth: tuple[int, ...] = (NO_DEPTH,)
+    usual: Camera
+    whose: str
 
-    def __init__(self, source: Source, files: Sequence[str], camera: Camera, pixel_stride: int) -> None:
+    def __init__(
+        self,
+        source: Source,
+        files: Sequence[str],
+        camera: str | None,
+        pixel_stride: int,
+        found: Camera | None = None,
+    ) -> None:
         check_stride(pixel_stride)
         super().__init__(source.path, files)
-        self._camera, self._pixel_stride = camera, pixel_stride
+        self._pixel_stride, known = pixel_stride, self.usual
+        if camera is not None:
+            found = camera_of(camera, scale=known.scale)
+        self._camera = found or known
+        if found is None:
+            numbers = f"{known.fx:g},{known.fy:g},{known.cx:g},{known.cy:g},{known.scale:g}"
+            self._decided.append(
+                f"the camera is taken for {self.whose}: {numbers}; {key('camera')} sets another"
+            )
+        elif camera is not None and camera.count(",") < 4:
+            self._decided.append(
+                f"depths are taken for {known.scale:g} a metre; a fifth number in {key('camera')} "
+                "sets another"
+            )
 
     def _points(self, i: int) -> NDArray[np.floating]:
         image = load_depth(self._files[i])
@@ -77,17 +103,15 @@ class SevenScenesLog(DepthLog):
     """
 
     format = "seven_scenes"
+    usual, whose = SEVEN_SCENES_CAMERA, "that of 7-Scenes"
 
     def __init__(self, source: Source, camera: str | None = None, pixel_stride: int = 1) -> None:
         names = [name for name in source.names if _FRAME.fullmatch(name)]
         if not names:
             raise ValueError(f"{source.path}: no depth image, expected frame-000000.depth.png and so on")
-        known = SEVEN_SCENES_CAMERA
-        if camera is not None:
-            known = camera_of(camera, scale=known.scale)
-        elif _INTRINSICS in source.names:
-            known = _camera_in_text(source.inside(_INTRINSICS))
-        super().__init__(source, [source.inside(name) for name in names], known, pixel_stride)
+        there = camera is None and _INTRINSICS in source.names
+        found = _camera_in_text(source.inside(_INTRINSICS)) if there else None
+        super().__init__(source, [source.inside(name) for name in names], camera, pixel_stride, found)
 
     def _pose(self, i: int) -> Pose:
         return read_pose(self._files[i][: -len("depth.png")] + "pose.txt")
@@ -100,6 +124,7 @@ class TumRgbdLog(DepthLog):
 
     format = "tum_rgbd"
     no_depth = ()
+    usual, whose = TUM_CAMERA, "that of TUM's images"
 
     def __init__(
         self,
@@ -109,11 +134,10 @@ class TumRgbdLog(DepthLog):
         trajectory: str | None = None,
         time_offset: float = 0.0,
     ) -> None:
-        known = TUM_CAMERA if camera is None else camera_of(camera, scale=TUM_CAMERA.scale)
         self._time_offset = time_offset
         self._stamps, names = _images(source.inside(_TUM_IMAGES))
         self._trajectory_path = source.inside(_GROUND_TRUTH) if trajectory is None else trajectory
-        super().__init__(source, [source.inside(name) for name in names], known, pixel_stride)
+        super().__init__(source, [source.inside(name) for name in names], camera, pixel_stride)
 
     @cached_property
     def _trajectory(self) -> Trajectory:
@@ -134,6 +158,7 @@ class DepthFolderLog(DepthLog):
     """
 
     format = "depth_folder"
+    usual, whose = OPEN3D_CAMERA, "a PrimeSense"
 
     def __init__(
         self,
@@ -153,14 +178,9 @@ class DepthFolderLog(DepthLog):
                 f"{len(names)} depth images without poses",
                 [f"ndtree map {source.path} --trajectory FILE (poses of the camera)"],
             )
-        found = _camera_in_json(source) if camera is None else camera_of(camera, scale=OPEN3D_CAMERA.scale)
+        found = _camera_in_json(source) if camera is None else None
         files = [os.path.join(folder, name) for name in names]
-        super().__init__(source, files, found or OPEN3D_CAMERA, pixel_stride)
-        if found is None:
-            self._decided.append(
-                "the camera is taken for a PrimeSense: 525,525,319.5,239.5,1000; "
-                f"{key('camera')} sets another"
-            )
+        super().__init__(source, files, camera, pixel_stride, found)
         self._poses = PosesOfFiles(trajectory, self._files, None, time_offset, _times_in(source, names))
 
 
