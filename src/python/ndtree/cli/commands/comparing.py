@@ -2,6 +2,7 @@
 """Maps of one log, compared with what the log says of its beams."""
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -44,10 +45,9 @@ def compared(
     for name in maps:
         made(functools.partial(make_map, name, dim=log.dim, **options))
     log, config = inspected(log, given, with_sigma=False)
-    limit, no_return = config.max_range, config.no_return
     with progress() as advance:
         try:
-            turns = replace(turns, max_range=limit, no_return=no_return)
+            turns = replace(turns, max_range=config.max_range, no_return=config.no_return)
             trial = map_in_turns(log, maps, turns, progress=advance, **options)
         except ValueError as error:
             if str(error).startswith(log.name):
@@ -55,7 +55,7 @@ def compared(
             raise located(log.name, error) from None
     if not is_stdout(json_file):
         print_lines(log, config)
-        scale = Scale(size, limit)
+        scale = Scale(size, config.get("max_range", math.inf))
         for scan in config.look.sample if config.look else ():
             scale.add(scan)
         absurd = scale.warning()

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """One log becomes one map: inserted scan by scan, and what is said of it."""
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -181,7 +182,7 @@ def mapped(
     counts = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
     seconds = 0.0
     track = np.full((2, log.dim), np.nan)
-    scale = Scale(target.options["min_cell_size"], config.max_range)
+    scale = Scale(target.options["min_cell_size"], config.get("max_range", math.inf))
     static_scans: Optional[StaticScans] = None
     if static:
         with progress() as show:
