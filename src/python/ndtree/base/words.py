@@ -4,11 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from decimal import Decimal
 
 
 def number_of(count: int, thing: str) -> str:
     """As "1 scan" and "2,000 scans"."""
     return f"{count:,} {thing}{'' if count == 1 else 's'}"
+
+
+def in_full(value: float, digits: int | None = None) -> str:
+    """A number without an exponent, of so many digits or exactly."""
+    return f"{Decimal(repr(float(value)) if digits is None else f'{value:.{digits}g}'):f}"
 
 
 def listed(things: Sequence[object]) -> str:

@@ -20,6 +20,7 @@ from ndtree.base.checks import Check, Table, number, one_of
 from ndtree.base.files import begins_with, replaced
 from ndtree.base.options import MAP_OPTIONS, OPTIONS
 from ndtree.base.scan import COLOR, COLOR_RULE, Scan
+from ndtree.base.words import in_full
 from ndtree.evaluation.no_returns import AUTO
 from ndtree.logs import FORMATS, Log, read
 from ndtree.logs.core.rules import GIVEN, MEASURED, USUAL, Decision
@@ -219,7 +220,7 @@ class Config:
         for name in ("range_sigma", "range_sigma_quadratic", "no_return", "believed_range"):
             one = self.values.get(name, Decision(None))
             if one.source == MEASURED or (one.source == USUAL and name != "no_return"):
-                value = f"{one.value:g}" if isinstance(one.value, float) else one.value
+                value = in_full(one.value, 6) if isinstance(one.value, float) else one.value
                 rows.append(f"{key(name.replace('believed', 'max'))} {value}")
         return rows
 
@@ -230,8 +231,7 @@ class Config:
     def _rows(self) -> Iterator[tuple[str, list[str]]]:
         for section in ("log", "sensor", "map"):
             rows = [
-                f"{name} = {json.dumps(one.value, ensure_ascii=False)}  # {one.source}"
-                + f": {one.why}" * bool(one.why)
+                f"{name} = {_toml(one.value)}  # {one.source}" + f": {one.why}" * bool(one.why)
                 for name, one in self.values.items()
                 if _SECTIONS[name] == section
             ]
@@ -246,6 +246,12 @@ class Config:
                 values[name] = replace(values[name], value=os.path.abspath(value))
         with replaced(path, lambda target: begins_with(target, rb"\[")) as part:
             part.write_text(replace(self, values=values).toml(), encoding="utf-8")
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, float) and math.isfinite(value):
+        return in_full(value)
+    return json.dumps(value, ensure_ascii=False)
 
 
 def beside(file: Path, values: Mapping[str, Any]) -> dict[str, Any]:

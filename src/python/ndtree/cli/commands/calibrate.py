@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Optional
 
 from ndtree.base.exit_status import WrongCall
+from ndtree.base.words import in_full
 from ndtree.cli.commands.flags import Call, GivenLog, command, opened
 from ndtree.cli.commands.logs import inspected, print_lines, warn_of_skipped
 from ndtree.cli.commands.output import is_stdout, write, write_json
@@ -37,7 +38,9 @@ def calibrate(log: GivenLog, call: Call, given: Config) -> None:
     if not is_stdout(call.json_file):
         print_lines(source, config)
         print(figures)
-        flags = [f"--{name.replace('_', '-')} {value:.3g}" for name, value in figures.options().items()]
+        flags = [
+            f"--{name.replace('_', '-')} {in_full(value, 3)}" for name, value in figures.options().items()
+        ]
         if flags:
             print(f"\nfor ndtree map and ndtree compare:\n  {' '.join(flags)}")
     write(figures.to_json, call.json_file)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.base.typing import MapOptions
+from ndtree.base.words import in_full
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -112,15 +113,16 @@ class Calibration:
             ),
             f"ranges: median {self.median_range:.2f} m, longest {self.longest_range:.2f} m",
             "",
-            f"{'':22}{'estimate':>10}{'90 % interval':>22}{'observations':>14}",
+            f"{'':27}{'estimate':>10}{'90 % interval':>22}{'observations':>14}",
         ]
         for name, unit in _ESTIMATED.items():
             one = getattr(self, name)
+            named = f"{name} [{unit}]" if unit else name
             if one is None:
-                lines.append(f"{name:22}{'-':>10}{'-':>22}{0:>14}")
+                lines.append(f"{named:27}{'-':>10}{'-':>22}{0:>14}")
                 continue
-            between = f"{one.low:.3g} to {one.high:.3g}"
-            lines.append(f"{name:22}{one.value:>10.3g}{between:>22}{one.count:>14,} {unit}".rstrip())
+            between = f"{in_full(one.low, 3)} to {in_full(one.high, 3)}"
+            lines.append(f"{named:27}{in_full(one.value, 3):>10}{between:>22}{one.count:>14,}")
         lines.append("")
         if self.range_sigma is None:
             lines.append("no flat surfaces that several scans saw: the noise of the ranges is unknown")
