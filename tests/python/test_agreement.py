@@ -12,7 +12,7 @@ import pytest
 import ndtree
 from ndtree.base.scan import Scan
 from ndtree.evaluation.sampling import spread
-from ndtree.tuning.agreement import WORSE_RUNS, _worse_from, disagreement
+from ndtree.tuning.agreement import WORSE_RUNS, _first, _worse_from, disagreement
 from ndtree.tuning.pairs import pairs_of
 from ndtree.tuning.revisits import surface_of
 
@@ -66,6 +66,11 @@ def test_errors_that_are_large_in_the_last_runs_alone_are_worse_from_there_on() 
     assert _worse_from(np.concatenate([good, bad])) == 20
     assert _worse_from(np.concatenate([good, bad[1:]])) is None, "too few"
     assert _worse_from(np.concatenate([good, bad, good])) is None, "not up to the end"
+
+
+def test_several_of_some_runs_in_a_row_have_to_be_wrong() -> None:
+    assert _first(np.array([0, 1, 0, 1, 0, 1, 1, 0, 1]) > 0, 3, 4) == 3
+    assert _first(np.array([1, 1, 0, 0, 1, 1]) > 0, 3, 4) is None
 
 
 def corridor(step: float, angles: np.ndarray) -> list[Scan]:

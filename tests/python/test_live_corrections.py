@@ -197,9 +197,29 @@ def test_memory_is_bounded_by_scans_that_stay() -> None:
     assert history.memory_bytes - 2 * history.map.stats().memory_bytes < 60 * one
     with pytest.raises(KeyError):
         history.pose(0)
+    with pytest.raises(ValueError, match="scans are frozen"):
+        next(followed._target._corrections.scans())
     place = history.pose(N - 1)[:2, 2]
     mount = Pose.from_quaternion((*true[-1][0], 0.0), yaw(true[-1][1])).apply([[0.2, 0.1, 0.0]])[0]
     np.testing.assert_allclose(place, mount[:2], atol=1e-9)
+
+
+@pytest.mark.parametrize("has_origins, has_sigma", [(False, False), (True, False), (False, True)])
+def test_what_beams_have_of_their_own_takes_memory(has_origins: bool, has_sigma: bool) -> None:
+    beams, here = 500, Pose.from_quaternion((0, 0, 0), (0, 0, 0, 1))
+    ends = np.random.default_rng(1).normal(size=(beams, 2)) + 3
+    scan = ndtree.Scan(
+        ends,
+        np.zeros((beams, 2)) if has_origins else np.zeros(2),
+        range_sigma=np.full(beams, 0.1) if has_sigma else None,
+    )
+    of_scan = 1000 + beams * (8 + 8 * has_origins + 4 * has_sigma)
+    followed = Corrections(memory=10 * of_scan)
+    followed.begin(2, {})
+    for i in range(11):
+        assert followed.frozen == 0
+        followed.insert(scan, Motion(float(i), here, here, here))
+    assert followed.frozen > 0
 
 
 def test_what_small_corrections_move_waits_for_the_end() -> None:

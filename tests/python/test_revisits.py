@@ -108,6 +108,13 @@ def test_what_lies_between_lonely_beams_is_where_their_surface_is() -> None:
     np.testing.assert_array_equal(surface_of(near), near)
 
 
+def test_two_beams_behind_a_gap_are_no_surface() -> None:
+    points = np.array([[x, 2.0] for x in (0.0, 0.31, 0.62, 9.0, 9.31)])
+    for surface in (surface_of(points), surface_of(points[::-1])):
+        assert np.count_nonzero(surface[:, 0] < 1.0) > 3
+        assert np.count_nonzero(surface[:, 0] > 1.0) == 2
+
+
 def test_a_visit_is_compared_with_the_runs_beside_the_earlier_one(monkeypatch: pytest.MonkeyPatch) -> None:
     places = [(0.0, 0.0), (2.5, 0.0), (7.0, 0.0), (7.0, 9.0), (2.5, 9.0), (2.5, 0.5)]
     runs = [[Scan(np.ones((3, 2)), np.array(place), stamp=float(i))] for i, place in enumerate(places)]

@@ -150,6 +150,7 @@ def test_wrong_units(share: float) -> None:
     found = found_in(log_of(seen=lambda readings: readings * (1 + share)))
     assert found is not None and found.kind == "scale"
     assert found.values[0] == pytest.approx(share, rel=0.25)
+    assert f"% {'more' if share > 0 else 'less'} than the poses say" in str(found)
 
 
 def test_turns_that_are_measured_wrongly() -> None:
