@@ -101,7 +101,7 @@ class SpatialAlignment:
         if self.lost > max(_MOST_LOST[0], _MOST_LOST[1] * len(self.poses)):
             doubts.append(f"{number_of(self.lost, 'scan')} matched nothing")
         if self.jumps > max(_MOST_JUMPS[0], _MOST_JUMPS[1] * len(self.poses)):
-            doubts.append(f"the sensor jumps {self.jumps} times")
+            doubts.append(f"the sensor jumps: {number_of(self.jumps, 'time')}")
         if self.contradicted > MOST_CONTRADICTED * max(1, len(self.loops)):
             loops = number_of(len(self.loops), "loop")
             doubts.append(f"{self.contradicted} of {loops} contradict the others")

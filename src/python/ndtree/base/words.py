@@ -13,7 +13,7 @@ def number_of(count: int, thing: str) -> str:
 
 
 def in_full(value: float, digits: int | None = None) -> str:
-    """A number without an exponent, of so many digits or exactly."""
+    """A number without an exponent: rounded to some digits, or exact."""
     return f"{Decimal(repr(float(value)) if digits is None else f'{value:.{digits}g}'):f}"
 
 

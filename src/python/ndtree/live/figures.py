@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ndtree._native._core import InsertReport
+from ndtree.base.words import number_of
 
 #: Delays of the last measurements that are kept.
 DELAYS = 4096
@@ -120,10 +121,14 @@ class LiveFigures:
         """In one line, for people."""
         left = "".join(f", {count:,} left out ({kind})" for kind, count in self.left_out.items())
         unsure = f" ({self.unsure:,} with an older pose)" if self.unsure else ""
-        late = f", {self.late_poses:,} poses came too late" if self.late_poses else ""
+        late = f", {number_of(self.late_poses, 'pose')} came too late" if self.late_poses else ""
         counts = f"{self.mapped:,} mapped{unsure}, {self.dropped:,} dropped{left}{late}"
-        moved = f", {self.moved} moved by {self.corrections} corrections" if self.corrections else ""
+        moved = (
+            f", {self.moved:,} moved by {number_of(self.corrections, 'correction')}"
+            if self.corrections
+            else ""
+        )
         frozen = f", {self.frozen} frozen" if self.frozen else ""
         lost = f", lost during {self.lost}" if self.lost else ""
         again = f", {self.again} mapped again" if self.again else ""
-        return f"{self.received} scans received: {counts}{moved}{frozen}{lost}{again}"
+        return f"{number_of(self.received, 'scan')} received: {counts}{moved}{frozen}{lost}{again}"

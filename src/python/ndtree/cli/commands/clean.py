@@ -72,7 +72,7 @@ def clean(log: GivenLog, call: Call, given: Config) -> None:
         for line in config.notes:
             print(indented(line))
         moved = f"{number_of(cleaned.moved, 'point')} moved ({100 * share:.1f} %)"
-        unsure = f"; {cleaned.unknown:,} others were seen too rarely to tell" if cleaned.unknown else ""
+        unsure = f"; seen too rarely to tell: {cleaned.unknown:,}" if cleaned.unknown else ""
         print(f"  {moved}{unsure}")
         if points.tilt.is_notable:
             print(f"  {points.tilt}")

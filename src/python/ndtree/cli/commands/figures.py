@@ -46,9 +46,9 @@ def print_map(figures: dict[str, Any]) -> None:
     print(
         f"  {stats['observed_leaves']:,} observed leaves of {stats['leaves']:,}: "
         f"{states['occupied']:,} occupied, {states['free']:,} free; "
-        f"{stats['nodes']:,} nodes in {stats['memory_bytes'] / 2**20:.2f} MiB"
+        f"{number_of(stats['nodes'], 'node')} in {stats['memory_bytes'] / 2**20:.2f} MiB"
     )
-    print(f"  {stats['updates']:,} updates, {stats['splits']:,} splits, {stats['merges']:,} merges")
+    print(f"  {', '.join(number_of(stats[one + 's'], one) for one in ('update', 'split', 'merge'))}")
     if figures["observed_bounds"]:
         print(
             f"  observed from {point(figures['observed_bounds']['lower'])} "

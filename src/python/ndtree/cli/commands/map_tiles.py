@@ -86,7 +86,7 @@ def print_tiled(figures: dict[str, Any], config: Config, output: Path) -> None:
     for line in config.notes:
         print(indented(line))
     print(
-        f"  {figures['observed_leaves']:,} cells in {figures['tiles']} tiles of {figures['tile_size']:g} m"
-        f", {figures['bytes'] / 1e6:.1f} MB"
+        f"  {number_of(figures['observed_leaves'], 'cell')} in {number_of(figures['tiles'], 'tile')} "
+        f"of {figures['tile_size']:g} m, {figures['bytes'] / 1e6:.1f} MB"
     )
     print(f"read in {figures['read_seconds']:.3f} s, inserted in {figures['seconds']:.3f} s; wrote {output}")

@@ -10,6 +10,7 @@ from ndtree._native._core import Sphere
 from ndtree._native.results import Path as Way
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.files import replaced
+from ndtree.base.words import number_of
 from ndtree.cli.commands.flags import Call, MapArgument, command
 from ndtree.cli.commands.logs import load_map
 from ndtree.cli.commands.output import check_picture, is_stdout, write, write_json
@@ -57,8 +58,8 @@ def plan(source: MapArgument, call: Call) -> None:
         _draw(plot, m, way, call.picture)
     if not is_stdout(call.output):
         print(
-            f"{source}: {way.length:.3f} m in {len(way) - 1} segments, "
-            f"{way.clearance:.3f} m from obstacles; {way.expanded:,} cells expanded"
+            f"{source}: {way.length:.3f} m in {number_of(len(way) - 1, 'segment')}, "
+            f"{way.clearance:.3f} m from obstacles; {number_of(way.expanded, 'cell')} expanded"
         )
 
 

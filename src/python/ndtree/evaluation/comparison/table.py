@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from ndtree._native._core import OccupancyMap
-from ndtree.base.words import aligned
+from ndtree.base.words import aligned, number_of
 from ndtree.evaluation.comparison.building import OUTCOMES
 
 
@@ -107,9 +107,11 @@ def table_of(comparison: Mapping[str, Any]) -> str:
     beams = comparison["beams"]
     held_out = comparison["scans"] - comparison["scans_mapped"]
     head = [
-        f"{comparison['log']}, {comparison['dim']}-D: {grouped(comparison['scans_mapped'])} scans mapped, "
-        f"{grouped(held_out)} held out",
-        ", ".join(f"{grouped(beams[key])} beams {key.replace('_', ' ')}" for key in OUTCOMES if beams[key]),
+        f"{comparison['log']}, {comparison['dim']}-D: {number_of(comparison['scans_mapped'], 'scan')} "
+        f"mapped, {grouped(held_out)} held out",
+        ", ".join(
+            f"{number_of(beams[key], 'beam')} {key.replace('_', ' ')}" for key in OUTCOMES if beams[key]
+        ),
         "",
     ]
     body = aligned([["", *(row["map"] for row in rows)], *([label, *cells] for label, cells in lines)])

@@ -17,14 +17,15 @@ from ndtree._errors import WrongValue
 from ndtree._native import _core
 from ndtree._native._checked import checked
 from ndtree._native._core import OccupancyMap
-from ndtree.base.words import aligned
+from ndtree.base.words import aligned, number_of
 from ndtree.evaluation.map_comparison.blocks import STATES, Floats, Integers, common_grid
 from ndtree.maps.open import PlacedMap, open_map
 
 
 def table_of(result: Mapping[str, Any]) -> str:
     lines = [
-        f"{key}: {result[key]['map']}, {result[key]['cells']:,} cells from {result[key]['cell_size']:g} m"
+        f"{key}: {result[key]['map']}, {number_of(result[key]['cells'], 'cell')} from "
+        f"{result[key]['cell_size']:g} m"
         for key in "ab"
     ]
     lines += ["", f"cells of {result['cell_size']:g} m, by their state in a and in b:", ""]
