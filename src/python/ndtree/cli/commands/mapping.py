@@ -21,7 +21,7 @@ from ndtree.cli.commands.figures import counted, map_figures, print_map
 from ndtree.cli.commands.logs import skipped, timed
 from ndtree.cli.commands.messages import indented
 from ndtree.cli.commands.pictures import draw
-from ndtree.cli.commands.progress import mapping_progress, progress
+from ndtree.cli.commands.progress import busy, mapping_progress, progress
 from ndtree.evaluation.moved import MovedPoints
 from ndtree.logs import Log
 from ndtree.logs.core.again import Again
@@ -217,4 +217,5 @@ def written(done: Mapped, output: Path, plot: Any = None, picture: Optional[Path
     """Write the map, and then its picture: where that fails, the map is there."""
     done.target.save(output)
     if plot and picture:
-        draw(done.target, picture, track=done.track)
+        with busy(f"drawing {picture}"):
+            draw(done.target, picture, track=done.track)
