@@ -49,9 +49,11 @@ int main() {
   const Point away = field.gradient(Point(2.0, 0.0));  // From the wall.
   std::printf("a wall %.2f m away, driven from along (%.1f, %.1f)\n", far, away.x(), away.y());
 
-  const auto frontiers = ndtree::frontiers(map);  // The largest first.
-  std::printf("%zu frontiers, the largest about (%.1f, %.1f)\n", frontiers.size(), frontiers.at(0).center.x(),
-              frontiers.at(0).center.y());
-  const bool is_behind = frontiers[0].center.x() < 0.0;  // Where the laser does not look.
+  const auto frontiers = ndtree::frontiers(map);         // The largest first.
+  const ndtree::Box<2> cell = frontiers.at(0).cells[0];  // Free: a goal, which the center need not be.
+  const Point goal = 0.5 * (cell.lower + cell.upper);
+  std::printf("%zu frontiers, one cell of the largest at (%.1f, %.1f)\n", frontiers.size(), goal.x(),
+              goal.y());
+  const bool is_behind = goal.x() < 0.0 && ndtree::state(map, goal) == ndtree::CellState::free;
   return fits && at_wall && on_the_way && is_behind && std::abs(far - 1.0) < 0.1 && away.x() < -0.8 ? 0 : 1;
 }

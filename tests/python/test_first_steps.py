@@ -196,6 +196,9 @@ def test_a_yaw_of_degrees_is_warned_of() -> None:
     with pytest.warns(UserWarning, match=r"pose: a yaw of 90(\.0)? rad: is it in degrees\?"):
         h.insert(0, [[1.0, 0.0]], (0, 0, 90))
     np.testing.assert_allclose(h.pose(0)[:2, 0], [math.cos(90), math.sin(90)])
+    planner = ndtree.Planner(h.map, ndtree.Sphere(0.1), unknown="free")
+    with pytest.warns(UserWarning, match=r"goal: a yaw of 90(\.0)? rad: is it in degrees\?"):
+        planner.plan((0.2, 0.0, 0.0), (0.5, 0.0, 90.0))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         h.insert(1, [[1.0, 0.0]], (0, 0, -2 * math.pi))

@@ -28,9 +28,9 @@ namespace ndtree {
 /// Free cells beside each other that border on unknown space.
 template <int D>
 struct Frontier {
-  std::vector<Box<D>> cells;                ///< The free ones, of any size.
-  double area = 0.0;                        ///< Of the border: [m] in 2-D, [m²] in 3-D.
-  Vector<D> center = Vector<D>::Zero();     ///< Of the border [m].
+  std::vector<Box<D>> cells;             ///< The free ones, of any size.
+  double area = 0.0;                     ///< Of the border: [m] in 2-D, [m²] in 3-D.
+  Vector<D> center = Vector<D>::Zero();  ///< Of the border [m], not always on it: drive to one of the cells.
   Vector<D> direction = Vector<D>::Zero();  ///< Into the unknown, of length 1; 0 if it is on all sides.
 };
 

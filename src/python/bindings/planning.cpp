@@ -73,7 +73,10 @@ DoubleArray point_from(const py::object& object, const char* name, int dim, cons
 /// A point; or, in the plane, x, y and yaw.
 DoubleArray place_from(const py::object& object, const char* name, int dim) {
   DoubleArray place = as_doubles(object, name);
-  if (dim == 2 && place.ndim() == 1 && place.shape(0) == 3) return place;
+  if (dim == 2 && place.ndim() == 1 && place.shape(0) == 3) {
+    pose_from(place, dim, name);  // Checks it, and warns of degrees.
+    return place;
+  }
   return point_from(object, name, dim, dim == 2 ? ", or (3,) of x, y and yaw" : "");
 }
 PythonPath to_python(AnyPath&& any, int dim) {
