@@ -132,6 +132,16 @@ def test_tum_images_get_the_pose_of_their_time(tmp_path: Path, offset: float) ->
         assert scan.stamp == STAMPS[i]
 
 
+@pytest.mark.parametrize("make, scale", [(seven_scenes, 1000), (tum, 5000)])
+def test_what_is_assumed_of_a_camera_is_said(make: Any, scale: int, tmp_path: Path) -> None:
+    folder = make(tmp_path)
+    (note,) = read(folder).notes
+    assert note.startswith("the camera is taken for") and f",{scale}; " in note
+    (note,) = read(folder, camera="500,500,3,2").notes
+    assert note.startswith(f"depths are taken for {scale} a metre")
+    assert not read(folder, camera="500,500,3,2,1000").notes
+
+
 def test_tum_takes_another_trajectory(tmp_path: Path) -> None:
     tum(tmp_path)
     other = tmp_path / "slam.txt"
