@@ -133,7 +133,7 @@ def test_tum_images_get_the_pose_of_their_time(tmp_path: Path, offset: float) ->
 
 
 @pytest.mark.parametrize("make, scale", [(seven_scenes, 1000), (tum, 5000)])
-def test_what_is_assumed_of_a_camera_is_said(make: Any, scale: int, tmp_path: Path) -> None:
+def test_what_is_assumed_of_a_camera_is_said(make: Make, scale: int, tmp_path: Path) -> None:
     folder = make(tmp_path)
     (note,) = read(folder).notes
     assert note.startswith("the camera is taken for") and f",{scale}; " in note

@@ -170,7 +170,7 @@ def writer_of(log: Log, target: Path, mark: bool) -> Writer:
         return _Folder(log, target, mark)
     raise ValueError(
         f"{target}: expected {', '.join(ENDINGS)}; a folder is for a folder of PCD, PLY, LAS or LAZ files, "
-        f"and {log.name} is a {log.format} log"
+        f"and the format of {log.name} is {log.format}"
     )
 
 

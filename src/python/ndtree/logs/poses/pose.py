@@ -136,7 +136,7 @@ def nearest_rotations(matrices: Floats) -> Floats:
         i = int(bad.argmax())
         raise ValueError(
             f"{_pose(i, bad)}{np.round(matrices[i], 4).tolist()} is not a rotation, expected rows of "
-            "length 1 at right angles"
+            "length 1 at right angles, and no mirror"
         )
     left, _, right = np.linalg.svd(matrices)
     return left @ right
