@@ -49,27 +49,33 @@ class PoseTilt:
     def of(cls, scans: Iterable[Scan]) -> PoseTilt:
         """Measure it: a plane through the differences in height of the columns that two scans in a row share.
 
-        The poses of a pair are wrong independently, so that the variance of one is half of that of their
-        difference. Medians over pairs, so that a step of the ground or a sharp turn does not count.
+        Poses are wrong independently, so that the variance of one is half of that of a difference, and a sixth
+        of that between two differences in a row. What changes slowly as the sensor moves, as where its lowest
+        beams meet walls and ramps, is in the first alone: the smaller one counts. Medians, so that a step of
+        the ground or a sharp turn does not count.
 
         `scans`: In space, in the order of their times. Without ground in five pairs: no tilt.
         """
-        planes = np.array(list(_differences(scans)))
-        if len(planes) < _LEAST_PAIRS:
-            return cls()
-        spread = 1.4826 * np.median(np.abs(planes), axis=0) / np.sqrt(2)
-        return cls(float(np.hypot(spread[0], spread[1])), float(spread[2]))
+        planes = np.array(list(_differences(scans))).reshape(-1, 3)
+        spreads = []
+        for wrong, poses in ((planes, 2), (np.diff(planes, axis=0), 6)):
+            known = wrong[~np.isnan(wrong[:, 0])]
+            if len(known) < _LEAST_PAIRS:
+                return cls()
+            spreads.append(1.4826 * np.median(np.abs(known), axis=0) / np.sqrt(poses))
+        x, y, z = np.min(spreads, axis=0)
+        return cls(float(np.hypot(x, y)), float(z))
 
 
 def _differences(scans: Iterable[Scan]) -> Iterator[NDArray[np.float64]]:
-    """Of scans in a row, slopes along x and y and the rise between their grounds."""
+    """Of scans in a row, slopes along x and y and the rise between their grounds; nan where they share too
+    little."""
     before: Columns | None = None
     for scan in scans:
         ground = ground_of(scan.endpoints[scan.did_return])
         if before is not None:
             plane = plane_between(before, ground, np.atleast_2d(scan.origin)[0, :2])
-            if plane is not None:
-                yield plane
+            yield np.full(3, np.nan) if plane is None else plane
         before = ground
 
 
