@@ -30,6 +30,14 @@ class Done:
         return lines[-1] if lines else self.text[-200:]
 
     @property
+    def unknown(self) -> list[str]:
+        """What is said, in words and JSON, of space that was seen and is not known."""
+        chosen = self.figures.get("chosen") or {}
+        said = [str(one) for one in (*self.figures.get("notes", ()), chosen.get("no_return_why", ""))]
+        text = " ".join(self.text.split())
+        return [one for one in said if "stays unknown" in one and one in text]
+
+    @property
     def doubts(self) -> list[str]:
         """What the command says against its own answer, in words or as ``doubts`` in its JSON."""
         said = [line.strip() for line in self.text.splitlines() if _DOUBT.search(line)]

@@ -51,6 +51,7 @@ def live_trial(case: Case) -> tuple[Recording, Outcome]:
         ends = truth.ends[count_in(truth.ends, truth.ends, truth.cell) >= 5]
         if len(ends) >= 100:
             judge_lost(m, truth, outcome, ends)
+        outcome.excuse(done.unknown)
     elif not is_same:
         outcome.faults.append("another map than of the recording")
     return r, outcome

@@ -134,5 +134,6 @@ def static_trial(case: Case) -> tuple[Recording, Outcome]:
         judge_lost(m, truth, outcome, ends)
     if fault != "pitch":
         judge_map(m, truth, outcome, last)
+    outcome.excuse(done.unknown)
     outcome.drawn["map"] = m
     return r, outcome

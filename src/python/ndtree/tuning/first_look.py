@@ -127,6 +127,7 @@ class FirstLook:
             **self.options,
             "is_measured": self.is_measured,
             "no_return": self.no_returns.choice,
+            "no_return_why": str(self.no_returns),
             "no_return_beams": self.no_returns.beams,
             "no_return_crossing": self.no_returns.crossing,
             "no_return_expected": self.no_returns.expected,

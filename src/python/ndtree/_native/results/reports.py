@@ -192,7 +192,8 @@ class NoReturns:
 
     def __str__(self) -> str:
         """What was chosen and why, in one line."""
-        return self.text
+        is_unknown = self.choice == "ignore" and self.share > 0
+        return self.text + ("; what they alone crossed stays unknown" if is_unknown else "")
 
 
 _NEARLY = 0.9  # A pose that explains so much of what the best does is another explanation.

@@ -138,5 +138,5 @@ def report(
         )
     for sink, error in mapper.failures.items():
         print(f"ndtree: {sink}: {error}", file=sys.stderr)
-    said = {} if poses is None else {"slam": poses}
+    said = {"notes": mapper.intake.said(), **({} if poses is None else {"slam": poses})}
     write_json({"log": name, "seconds": seconds, "live": figures.as_dict(), **said, **of_map}, json_file)
