@@ -49,10 +49,10 @@ class PoseTilt:
     def of(cls, scans: Iterable[Scan]) -> PoseTilt:
         """Measure it: a plane through the differences in height of the columns that two scans in a row share.
 
-        Poses are wrong independently, so that the variance of one is half of that of a difference, and a sixth
-        of that between two differences in a row. What changes slowly as the sensor moves, as where its lowest
-        beams meet walls and ramps, is in the first alone: the smaller one counts. Medians, so that a step of
-        the ground or a sharp turn does not count.
+        Poses are wrong independently, so that the variance of one is half of that of a difference, and a
+        sixth of that between two differences in a row. What changes slowly as the sensor moves, as where its
+        lowest beams meet walls and ramps, is in the first alone: the smaller one counts. Medians, so that a
+        step of the ground or a sharp turn does not count.
 
         `scans`: In space, in the order of their times. Without ground in five pairs: no tilt.
         """
