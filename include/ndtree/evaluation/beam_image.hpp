@@ -75,19 +75,22 @@ class BeamImage {
     Point direction;
     typename Faces::Place place{};
     int face = 0;
-    float sure = 0.0F;                              // Up to where it surely passed [m].
+    float sure = 0.0F;                              // Up to where it surely passed [m],
+    bool returned = true;                           // there from a surface.
     std::int32_t next = -1;                         // In its pixel.
     std::array<std::int32_t, 2 * kSides> beside{};  // Numbers of beams; kNotSought or kNone.
   };
 
   /// Starts anew.
   void reset() { beams_.clear(); }
-  /// A beam in a direction of unit length, which surely passed up to a distance >= 0 [m].
-  void add(const Point& direction, float sure) {
+  /// A beam in a direction of unit length, which surely passed up to a distance >= 0 [m]. @param returned
+  /// whether it ends there on a surface.
+  void add(const Point& direction, float sure, bool returned = true) {
     Beam beam;
     beam.direction = direction;
     beam.face = Faces::face_of(direction, beam.place);
     beam.sure = sure;
+    beam.returned = returned;
     beam.beside.fill(kNotSought);
     beams_.push_back(beam);
   }
@@ -137,7 +140,10 @@ class BeamImage {
   static constexpr std::int32_t kNone = -1;
   static constexpr int kFinest = D == 3 ? 512 : 4096;
   static constexpr float kFarthest = 12.0F;  // Pixels: neighbours are not sought farther away.
-  static constexpr float kSlope = 2.0F;      // Of range by width, of surfaces that count: 63 degrees.
+  static constexpr float kSlope = 2.0F;      // Of range by width, of surfaces that count: 63 degrees,
+  // but, where beams are far apart, so much less that of neighbours that end anywhere up to a beam's range no
+  // larger fraction passes for its surface.
+  static constexpr float kMistaken = 0.15F;
   // Of range by width, of a surface between beams: one side of a right angle is no steeper.
   static constexpr float kSteepest = 1.0F;
   static constexpr int kMostSteps = 16;  // Along one side of a surface.
@@ -329,7 +335,10 @@ std::int32_t BeamImage<D>::beside_on_surface(std::int32_t beam, std::size_t sect
   const Beam& one = beams_[index];
   const Beam& two = beams_[static_cast<std::size_t>(other)];
   const float apart = (two.direction - one.direction).norm() * std::min(one.sure, two.sure);
-  return apart <= most && std::abs(one.sure - two.sure) <= tolerance + kSlope * apart ? other : kNone;
+  const float largest = std::max(tolerance, 0.5F * kMistaken * std::min(one.sure, two.sure));
+  const bool is_one = one.returned && two.returned && apart <= most &&
+                      std::abs(one.sure - two.sure) <= std::min(tolerance + kSlope * apart, largest);
+  return is_one ? other : kNone;
 }
 
 template <int D>

@@ -331,7 +331,8 @@ void MovedEvidence<D>::see(const ScanView<D>& scan, Eigen::Index first, Eigen::I
     const double range = range_in_image(scan, i);
     if (range == 0.0) continue;
     const Vector<D> way = scan.endpoint(i) - scan.origin(i);
-    image_.add((way / range).template cast<float>(), sure_range(scan, i, range, max_range));
+    image_.add((way / range).template cast<float>(), sure_range(scan, i, range, max_range),
+               scan.is_returned(i) && range <= max_range);
   }
   image_.build();
 }

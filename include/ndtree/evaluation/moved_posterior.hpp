@@ -9,7 +9,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <vector>
 
 #include "ndtree/core/beta.hpp"
 #include "ndtree/core/option.hpp"
@@ -60,20 +59,16 @@ struct MovedTally {
 
 /// Let v scans have seen through a cell, and h found a surface there, in r rows of scans between which others
 /// saw through. If something stands there, mostly a fraction of the scans of at most e = error_rate sees
-/// through it, at any time, by chance: of all orders of v and h scans none is more probable. But of a part t
-/// of what stands any fraction does: fences, foliage, glass; and since beams may sweep over these slowly, any
-/// number of rows is as probable. What moved was there without a break, and after a stay comes back with a
-/// probability of q. With both equally likely before, and fractions uniform,
+/// through it, but of a part t of what stands any fraction does: fences, foliage, glass. Places and beams
+/// change little from scan to scan, so that any number of rows is as probable. What moved was there without a
+/// break, and after a stay comes back with a probability of q. With both equally likely before, and fractions
+/// uniform,
 ///
 ///     P(moved) = m / (m + s),  m = (1 - I_e(v + 1, h + 1)) / (1 - e) q^(r - 1),
-///     s = (1 - t) I_e(v + 1, h + 1) / e p(r) + t max(1, o) / min(h, v + 1),
-///     p(r) = C(h - 1, r - 1) C(v + 1, r) / C(v + h, h),
+///     s = ((1 - t) I_e(v + 1, h + 1) / e + t) / min(h, v + 1),
 ///
-/// I being the incomplete beta function, and p(r) the fraction of orders with r rows. That is 1/2 without any
-/// scan, less without one that saw through, and less the more found it or the more often it was found again.
-///
-/// o are the odds of something thin by where beams passed, see odds_of_thin(): they go past a rod on both
-/// sides, but never through it, and through any place that is empty.
+/// I being the incomplete beta function. That is 1/2 without any scan, less without one that saw through, and
+/// less the more found it or the more often it was found again.
 ///
 /// Once `most_scans` in a row have seen through, h counts for no more than these outweigh: what stood for
 /// long and left goes.
@@ -83,39 +78,31 @@ class MovedPosterior {
   explicit MovedPosterior(const MovedOptions& options)
       : error_rate_(validated(options).error_rate),
         most_scans_(static_cast<std::uint32_t>(options.most_scans)),
-        below_(error_rate_),
-        log_factorials_(kFactorials, 0.0) {
-    for (std::size_t n = 2; n < kFactorials; ++n)
-      log_factorials_[n] = log_factorials_[n - 1] + std::log(static_cast<double>(n));
+        below_(error_rate_) {
     while (operator()(most_scans_, outweighed_ + 1, 1) > 0.5F) ++outweighed_;
   }
 
   /// Of a cell that `through` scans saw through, and in which `found` found a surface, in `stays` rows of
-  /// scans without one that saw through. @param thin logarithm of o. @pre stays <= found, and > 0 if found >
-  /// 0.
-  [[nodiscard]] float operator()(std::uint32_t through, std::uint32_t found, std::uint32_t stays,
-                                 float thin = 0.0F) const {
+  /// scans without one that saw through. @pre stays <= found, and > 0 if found > 0.
+  [[nodiscard]] float operator()(std::uint32_t through, std::uint32_t found, std::uint32_t stays) const {
     if (through == 0 && found == 0) return 0.5F;
     const double below = std::clamp(below_(through + 1.0, found + 1.0), 0.0, 1.0);
     double moved = (1.0 - below) / (1.0 - error_rate_);
-    double stands = (1.0 - kThin) * below / error_rate_;
-    double is_thin = kThin * std::exp(static_cast<double>(std::clamp(thin, 0.0F, kMostThin)));
+    double stands = (1.0 - kThin) * below / error_rate_ + kThin;
     if (found > 0) {
       moved *= std::pow(kReturns, stays - 1.0);
-      stands *= std::exp(log_choices(found - 1, stays - 1) + log_choices(through + 1, stays) -
-                         log_choices(through + found, found));
-      is_thin /= std::min(found, through + 1);
+      stands /= std::min(found, through + 1);
     }
-    stands += is_thin;
     return static_cast<float>(moved / (moved + stands));
   }
   /// At least 0.5, so that nothing is said, where more scans passed with beams too far apart than may see
-  /// through what stands, and where something thin may stand: passes of one scan are correlated, so odds keep
-  /// a point, but do not say that it stands. @param thin logarithm of o, of the cell and those around it.
+  /// through what stands. 0.5 at most unless beams passed through the places of the cell and those around it,
+  /// not beside: they go past a rod on both sides, and through any place that is empty. Passes of one scan
+  /// are correlated, so that these odds keep a point, but do not say that it stands.
+  /// @param thin logarithm of the odds of something thin, of the cell and those around it.
   [[nodiscard]] float operator()(const MovedTally& tally, float thin) const {
     float probability = operator()(tally.through, tally.found, tally.stays);
-    if (probability > 0.5F && thin > 0.0F)
-      probability = std::max(operator()(tally.through, tally.found, tally.stays, thin), 0.5F);
+    if (!(thin < 0.0F)) probability = std::min(probability, 0.5F);
     const bool is_open = tally.unsure > error_rate_ * (static_cast<double>(tally.unsure) + tally.found);
     return is_open ? std::max(probability, 0.5F) : probability;
   }
@@ -139,10 +126,8 @@ class MovedPosterior {
   static constexpr float kRod = 0.01F;  ///< Half the width of the thinnest rods, legs and twigs [m].
 
  private:
-  static constexpr std::size_t kFactorials = 1024;
   static constexpr float kMistaken = 0.25F;  // Measured in railings: 0.1 to 0.2; of what moved 0.95 to 1.05.
   static constexpr float kLogMistaken = -1.38629436F;
-  static constexpr float kMostThin = 300.0F;  // So that numbers stay finite.
   // Fitted by tools/bench/moved-fit on simulated worlds in which nothing moves, or one thing does:
   static constexpr double kThin = 0.2;      // Of what stands, that any fraction of scans sees through.
   static constexpr double kReturns = 0.15;  // Of stays in a cell, that another one follows.
@@ -151,20 +136,11 @@ class MovedPosterior {
     options.validate();
     return options;
   }
-  [[nodiscard]] double log_factorial(std::uint32_t n) const {
-    return n < log_factorials_.size() ? log_factorials_[n] : std::lgamma(n + 1.0);
-  }
-  /// In how many ways some of several can be chosen; of more than there are, as one.
-  [[nodiscard]] double log_choices(std::uint32_t of, std::uint32_t chosen) const {
-    if (chosen > of) return 0.0;
-    return log_factorial(of) - log_factorial(chosen) - log_factorial(of - chosen);
-  }
 
   double error_rate_;
   std::uint32_t most_scans_;
-  QuickIncompleteBeta below_;           // Of error_rate.
-  std::vector<double> log_factorials_;  // Of numbers below kFactorials.
-  std::uint32_t outweighed_ = 0;        // Scans that found a surface, by most_scans that saw through.
+  QuickIncompleteBeta below_;     // Of error_rate.
+  std::uint32_t outweighed_ = 0;  // Scans that found a surface, by most_scans that saw through.
 };
 
 }  // namespace ndtree
