@@ -106,11 +106,12 @@ class Scene:
                     met[:, self.glass] = np.where(passes, np.inf, met[:, self.glass])
                 nearest = np.minimum(nearest, met.min(1))
             if self.circles:
-                nearest = np.minimum(nearest, _meet_circles(np.array(self.circles), origins, directions))
+                nearest = np.minimum(nearest, _meet_circles(np.array(self.circles), origins, directions).min(1))
             for center, half, axes in self.boxes:
                 nearest = np.minimum(nearest, _meet_box(center, half, axes, origins, directions))
-            for cylinder in self.cylinders:
-                nearest = np.minimum(nearest, _meet_cylinder(cylinder, origins, directions))
+            if self.cylinders:
+                met = _meet_cylinders(np.array(self.cylinders), origins, directions)
+                nearest = np.minimum(nearest, met.min(1))
         return nearest
 
     def nearest(self, points: Floats) -> Floats:
@@ -170,34 +171,36 @@ def _meet_segments(segments: Floats, origins: Floats, directions: Floats) -> Flo
 
 
 def _meet_circles(circles: Floats, origins: Floats, directions: Floats) -> Floats:
-    to = circles[:, :2] - origins[:, None]
-    along = (to * directions[:, None]).sum(2)
-    left = circles[:, 2] ** 2 - (to**2).sum(2) + along**2
+    """(n, circles) distances along unit directions."""
+    x, y = (circles[:, k] - origins[:, k : k + 1] for k in (0, 1))
+    along = x * directions[:, :1] + y * directions[:, 1:]
+    left = circles[:, 2] ** 2 - (x**2 + y**2) + along**2
     t = along - np.sqrt(left)
-    return np.where((left > 0) & (t > _BEHIND), t, np.inf).min(1)
+    return np.where((left > 0) & (t > _BEHIND), t, np.inf)
 
 
 def _meet_box(center: Floats, half: Floats, axes: Floats, origins: Floats, directions: Floats) -> Floats:
-    o, d = (origins - center) @ axes.T, directions @ axes.T
-    one, other = (-half - o) / d, (half - o) / d
-    near, far = np.minimum(one, other), np.maximum(one, other)
-    outside = (d == 0) & (np.abs(o) > half)
-    near, far = np.where(d == 0, -np.inf, near).max(1), np.where(d == 0, np.inf, far).min(1)
-    met = (near <= far) & (near > _BEHIND) & ~outside.any(1)
+    near, far = np.full(len(directions), -np.inf), np.full(len(directions), np.inf)
+    outside = np.zeros(len(directions), bool)
+    for o, d, side in zip(axes @ (origins - center).T, axes @ directions.T, half):
+        one, other = (-side - o) / d, (side - o) / d
+        near = np.maximum(near, np.where(d == 0, -np.inf, np.minimum(one, other)))
+        far = np.minimum(far, np.where(d == 0, np.inf, np.maximum(one, other)))
+        outside |= (d == 0) & (np.abs(o) > side)
+    met = (near <= far) & (near > _BEHIND) & ~outside
     return np.where(met, near, np.inf)
 
 
-def _meet_cylinder(
-    cylinder: tuple[float, float, float, float, float], origins: Floats, directions: Floats
-) -> Floats:
-    x, y, r, z0, z1 = cylinder
-    length = np.linalg.norm(directions[:, :2], axis=1)
+def _meet_cylinders(cylinders: Floats, origins: Floats, directions: Floats) -> Floats:
+    """(n, cylinders) distances."""
+    x, y, r, low, high = cylinders.T
+    length = np.linalg.norm(directions[:, :2], axis=1)[:, None]
     flat = np.where(length > 0, length, np.nan)
-    t = _meet_circles(np.array([[x, y, r]]), origins[:, :2], directions[:, :2] / flat[:, None]) / flat
-    z = origins[:, 2] + t * directions[:, 2]
-    nearest = np.where((z >= z0) & (z <= z1), t, np.inf)
-    for height in (z0, z1):
-        t = (height - origins[:, 2]) / directions[:, 2]
-        aside = np.hypot(*(origins[:, :2] + t[:, None] * directions[:, :2] - (x, y)).T)
-        nearest = np.minimum(nearest, np.where((t > _BEHIND) & (aside < r), t, np.inf))
+    t = _meet_circles(cylinders[:, :3], origins[:, :2], directions[:, :2] / flat) / flat
+    z = origins[:, 2:] + t * directions[:, 2:]
+    nearest = np.where((z >= low) & (z <= high), t, np.inf)
+    for height in (low, high):
+        t = (height - origins[:, 2:]) / directions[:, 2:]
+        aside = [origins[:, k : k + 1] + t * directions[:, k : k + 1] - at for k, at in ((0, x), (1, y))]
+        nearest = np.minimum(nearest, np.where((t > _BEHIND) & (np.hypot(*aside) < r), t, np.inf))
     return nearest
