@@ -20,13 +20,13 @@ sys.path.insert(0, str(TOOLS))
 
 import ndtree
 from ndtree import Scan
-from ndtree.evaluation.sampling import RUN, spread
 from ndtree.logs.poses.pose import matrices_of, quaternions_of
 from ndtree.logs.ros.placement.mount import mount_of
-from ndtree.tuning.pairs import matched_clouds
-from ndtree.tuning.setup_error import SetupError, setup_error
-from ndtree.tuning.slices import Cloud
+from ndtree.tuning.setup_error import SetupError
+from ndtree.tuning.setup_in_space import setup_error_in_space
+from ndtree.tuning.surfaces import Cloud
 from trial import bag, worlds
+from trial import setup_in_space as setup_trials
 from trial.scene import Floats
 from trial.setup_in_space import _turned, driven
 
@@ -56,20 +56,11 @@ def drive(request: pytest.FixtureRequest) -> tuple[Poses, list[Floats]]:
 
 def found_in(told: Floats, clouds: list[Floats], *, per_beam: bool = False) -> SetupError | None:
     """As `ndtree.first_look` looks at a log; `per_beam`: each beam has its origin, as in swept clouds."""
-    kept = 0
-
-    def keep(scan: Scan) -> Cloud | None:
-        nonlocal kept
-        kept += 1
-        return Cloud.of(scan, with_points=kept % RUN == 2)
-
     scans = []
     for T, points, t in zip(told, clouds, TIMES):
         origin = np.tile(T[:3, 3], (len(points), 1)) if per_beam else T[:3, 3]
         scans.append(Scan(points @ T[:3, :3].T + T[:3, 3], origin, stamp=float(t), rotation=T[:3, :3]))
-    runs = spread(scans, None, keep)[0]
-    assert all(len(run) == RUN for run in runs)
-    return setup_error(matched_clouds([[one for one in run[:3] if one is not None] for run in runs]))
+    return setup_trials.found_in(scans)
 
 
 def mount(x: float, y: float, roll: float, pitch: float, yaw: float) -> Floats:
@@ -213,7 +204,7 @@ def test_without_ground_or_rotations_nothing_is_told(drive: tuple[Poses, list[Fl
     assert found_in(told, above) is None
     assert Cloud.of(Scan(np.zeros((3, 3)), np.zeros(3))) is None
     assert Cloud.of(Scan(np.zeros((0, 3)), np.zeros((0, 3)), rotation=np.eye(3))) is None
-    assert setup_error(matched_clouds([])) is None
+    assert setup_error_in_space([]) is None
 
 
 def test_of_a_bag_the_option_that_is_told_mends_it(drive: tuple[Poses, list[Floats]], tmp_path: Path) -> None:

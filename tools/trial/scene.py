@@ -106,7 +106,9 @@ class Scene:
                     met[:, self.glass] = np.where(passes, np.inf, met[:, self.glass])
                 nearest = np.minimum(nearest, met.min(1))
             if self.circles:
-                nearest = np.minimum(nearest, _meet_circles(np.array(self.circles), origins, directions).min(1))
+                nearest = np.minimum(
+                    nearest, _meet_circles(np.array(self.circles), origins, directions).min(1)
+                )
             for center, half, axes in self.boxes:
                 nearest = np.minimum(nearest, _meet_box(center, half, axes, origins, directions))
             if self.cylinders:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -11,10 +12,10 @@ import numpy as np
 
 import ndtree
 from ndtree import Scan
-from ndtree.evaluation.sampling import RUN, spread
-from ndtree.tuning.pairs import matched_clouds
-from ndtree.tuning.setup_error import SetupError, setup_error
-from ndtree.tuning.slices import Cloud
+from ndtree.evaluation.sampling import spread
+from ndtree.tuning.setup_error import SetupError
+from ndtree.tuning.setup_in_space import is_matched, setup_error_in_space
+from ndtree.tuning.surfaces import Cloud
 from trial import bag
 from trial.outcome import Case, Outcome, limit
 from trial.robots import Recording, matrices, rings
@@ -189,15 +190,9 @@ def setup_trial(case: Case) -> tuple[Recording, Outcome]:
 
 def found_in(scans: Iterable[Scan]) -> SetupError | None:
     """What `ndtree.first_look` says of the setup, without all else that it looks at."""
-    kept = 0
-
-    def keep(scan: Scan) -> Cloud | None:
-        nonlocal kept
-        kept += 1
-        return Cloud.of(scan, with_points=kept % RUN == 2)
-
-    clouds = [[one for one in run[:3] if one is not None] for run in spread(scans, None, keep)[0]]
-    return setup_error(matched_clouds([run for run in clouds if len(run) == 3]))
+    number = itertools.count()
+    runs = spread(scans, None, lambda scan: Cloud.of(scan, with_patches=is_matched(next(number))))[0]
+    return setup_error_in_space([[one for one in run if one is not None] for run in runs])
 
 
 def _quaternions(rotations: Floats) -> Floats:

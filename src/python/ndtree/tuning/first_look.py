@@ -18,18 +18,19 @@ from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.base.typing import MapOptions
 from ndtree.evaluation.no_returns import NoReturns, judge
-from ndtree.evaluation.sampling import RUN, skipping_unmappable, some_of, spread
+from ndtree.evaluation.sampling import skipping_unmappable, some_of, spread
 from ndtree.logs.core.log import Log, require_log
 from ndtree.logs.core.rules import UNSEARCHED
 from ndtree.logs.core.silence import CutOff, CutOffSearch
 from ndtree.tuning.agreement import Disagreement, disagreement
 from ndtree.tuning.calibration import range_noise
 from ndtree.tuning.heading import HeadingDrift, heading_drift
-from ndtree.tuning.pairs import Jump, false_jump, matched_clouds, pairs_of
+from ndtree.tuning.pairs import Jump, false_jump, pairs_of
 from ndtree.tuning.range_end import range_end
 from ndtree.tuning.revisits import Drift, drift
 from ndtree.tuning.setup_error import SetupError, setup_error
-from ndtree.tuning.slices import Cloud
+from ndtree.tuning.setup_in_space import is_matched, setup_error_in_space
+from ndtree.tuning.surfaces import Cloud
 
 #: Of structured light and stereo, where the log has too little to measure it: at the sensor [m], and growing
 #: with the squared range [1/m].
@@ -194,7 +195,6 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
     quadratic = _rounded(quadratic)
     said = judge(sample)
     matched = pairs_of(runs if log.dim == 2 else ())
-    pairs = matched if log.dim == 2 else matched_clouds(looked.clouds)
     limit = math.inf
     if said.choice == "free" and said.share > 0 and longest > 0:
         limit = _rounded(BELIEVED * longest)
@@ -218,7 +218,7 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         disagreement=disagreement(matched),
         drift=drift(runs) if log.dim == 2 else None,
         heading_drift=heading_drift(matched),
-        setup=setup_error(pairs),
+        setup=setup_error(matched) if log.dim == 2 else setup_error_in_space(looked.clouds),
         jump=false_jump(matched),
     )
 
@@ -244,17 +244,15 @@ class _Looked:
 
         def keep(scan: Scan) -> tuple[Scan, Cloud | None]:
             nonlocal kept
+            cloud = Cloud.of(scan, with_patches=is_matched(kept))
             kept += 1
-            # Of a run, slices of the second are looked at.
-            cloud = Cloud.of(scan, with_points=kept % RUN == 2)
             return some_of(scan) if search is None else scan, cloud
 
         found, self.scans, self.beams = spread(
             scans(), lambda done: report("looking at the log", done, total), keep
         )
         self.runs = [[scan for scan, _ in run] for run in found]
-        clouds = [[cloud for _, cloud in run[:3] if cloud is not None] for run in found]
-        self.clouds = [run for run in clouds if len(run) == 3]
+        self.clouds = [[cloud for _, cloud in run if cloud is not None] for run in found]
         self.zeros, self.limit = source.zeros, log.limit() if search is None else search.found()
         if search is not None:
             limit = self.limit

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from ndtree.alignment.planar import Floats, between, pose_of, turned, wrapped
 from ndtree.alignment.sensor_scans import SensorScan, sensor_scan
 from ndtree.base.scan import Scan
 from ndtree.tuning.revisits import MOST_RANGE, fitted, is_of_one_place, moved_by
-from ndtree.tuning.slices import Cloud
 
 #: What is searched within a run and from one run to another [m, m, rad], with cells [m]; larger errors are
 #: not found. With coarser cells, errors of good poses look large where a robot turns.
@@ -28,9 +27,8 @@ _IN_RUN, _ACROSS = ((0.6, 0.6, 0.2), 0.05), ((1.0, 1.0, 0.35), 0.1)
 _NEAREST, _FARTHEST, _MOST_TURN = 0.03, 6.0, 1.0
 #: Of scans that are compared for errors all along: least and most way [m] and turn [rad] between them, so far
 #: that their motion is much larger than what poses and matches err; and how they are matched.
-LEAST_MOTION, _MOST_MOTION, _FAR = (0.4, 0.25), (2.5, 0.95), ((1.0, 1.0, 0.35), 0.05)
-_MOST_OF_CLOUDS = 48  # Pairs, for the time that they take.
-_FRESH = (0.1, 0.06)  # From one to the next, so that a scan is in few pairs [m, rad].
+LEAST_MOTION, MOST_MOTION, _FAR = (0.4, 0.25), (2.5, 0.95), ((1.0, 1.0, 0.35), 0.05)
+FRESH = (0.1, 0.06)  # From one to the next, so that a scan is in few pairs [m, rad].
 #: A step of the pose is a jump if it is this many times a usual one, and the next scan comes no later than
 #: this many times the usual time; of logs with this many scans that are looked at.
 _USUAL, _FOLLOWS, _LEAST_SCANS = 4.0, 1.5, 8
@@ -88,14 +86,12 @@ class Pairs:
     `near`: Within runs, and of neighbouring ones.
     `far`: Of the second scans of runs at different places, with the next at some distance, and a far one.
     `begin`: Time of the log's first scan [s].
-    `clouds`: Of each run, where it is one of a lidar in space; of the second scan with its points.
     """
 
     runs: list[list[SensorScan]]
     near: list[Pair]
     far: list[Pair]
     begin: float
-    clouds: list[list[Cloud]] = field(default_factory=list)
 
 
 def pairs_of(runs: Sequence[Sequence[Scan]]) -> Pairs:
@@ -111,22 +107,6 @@ def pairs_of(runs: Sequence[Sequence[Scan]]) -> Pairs:
 def matched(runs: list[list[SensorScan]], begin: float) -> Pairs:
     """The pairs of runs."""
     return Pairs(runs, _near(runs), _far(runs), begin)
-
-
-def matched_clouds(clouds: list[list[Cloud]]) -> Pairs:
-    """The pairs of slices of runs of clouds; those within runs are not looked at."""
-    return far_of(sliced(clouds), clouds)
-
-
-def sliced(clouds: list[list[Cloud]]) -> list[list[SensorScan]]:
-    """The slices of runs of clouds."""
-    return [[one.sliced(clouds[0][0].rotation) for one in run] for run in clouds]
-
-
-def far_of(runs: list[list[SensorScan]], clouds: list[list[Cloud]]) -> Pairs:
-    """The pairs of these slices."""
-    begin = runs[0][0].stamp if runs else 0.0
-    return Pairs(runs, [], _far(runs, _MOST_OF_CLOUDS), begin, clouds)
 
 
 def _seen(scan: Scan) -> SensorScan:
@@ -145,29 +125,26 @@ def _near(runs: list[list[SensorScan]]) -> list[Pair]:
     return [pair for pair in pairs if pair.is_near or pair.is_whole_run]
 
 
-def _far(runs: list[list[SensorScan]], most: int | None = None) -> list[Pair]:
+def _far(runs: list[list[SensorScan]]) -> list[Pair]:
     inner: list[int] = []
     for i, run in enumerate(runs):
-        if len(run) > 2 and (not inner or _has_moved(runs[inner[-1]][1].pose, run[1].pose, _FRESH)):
+        if len(run) > 2 and (not inner or _has_moved(runs[inner[-1]][1].pose, run[1].pose, FRESH)):
             inner.append(i)
-    both = [
-        (i, inner[number + k])
+    return [
+        _pair(runs[i][1:2], runs[inner[number + k]][1], (i, inner[number + k], False), _FAR)
         for number, i in enumerate(inner)
         for k in _at_distances([runs[k][1].pose for k in inner[number:]])
     ]
-    if most is not None:
-        both = both[:: max(1, math.ceil(len(both) / most))]
-    return [_pair(runs[i][1:2], runs[j][1], (i, j, False), _FAR) for i, j in both]
 
 
 def _at_distances(poses: Sequence[Floats]) -> list[int]:
-    """Of poses behind the first the next beyond `LEAST_MOTION`, and the last up to `_MOST_MOTION`."""
+    """Of poses behind the first the next beyond `LEAST_MOTION`, and the last up to `MOST_MOTION`."""
     way = turn = 0.0
     found = []
     for k in range(1, len(poses)):
         step = between(poses[k - 1], poses[k])
         way, turn = way + float(np.hypot(*step[:2])), turn + abs(float(step[2]))
-        if way > _MOST_MOTION[0] or turn > _MOST_MOTION[1]:
+        if way > MOST_MOTION[0] or turn > MOST_MOTION[1]:
             break
         if _has_moved(poses[0], poses[k], LEAST_MOTION):
             found.append(k)

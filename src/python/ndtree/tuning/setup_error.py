@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether a laser or lidar is mounted, timed and scaled as its log says.
+"""Whether a planar laser is mounted, timed and scaled as its log says.
 
 Strategy: scans near each other on the way are matched. If one thing is wrong all along, what the match
 says of the sensor's motion differs from what the poses say in a way that depends on the motion. With the told
@@ -9,9 +9,6 @@ motion (t, phi) and the sensor's own velocities at both ends, the error is
 - ((Rot(phi) - I) m, 0) of a mount moved by m; with it, a small turn is (-a J t, 0), J v = (-v_y, v_x);
 - what the told motion changes by in s seconds, of poses taken s seconds too early, to first order;
 - (0, k phi) of turns 1 + k times as large.
-
-Of clouds of a lidar, slices are matched, and the ground that two of them share is compared: it is tilted and
-steps if the sensor is tilted on its robot.
 
 Each is fitted by itself; errors are Student's t, with the covariances of the matches and what poses err
 anyway. Noise of the poses must not look like an error: motions are far larger, velocities are those of other
@@ -24,65 +21,37 @@ nor a mirrored laser, and one that always drives alike no wrong clock.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from ndtree._errors import Text, key
 from ndtree.alignment.planar import Floats, between, composed, wrapped
 from ndtree.alignment.sensor_scans import SensorScan
-from ndtree.evaluation.pose_tilt import Columns, plane_between
-from ndtree.logs.poses.pose import about_axes, matrices_of, quaternions_of
-from ndtree.tuning.pairs import LEAST_MOTION, Pair, Pairs, far_of, matched, sliced
-from ndtree.tuning.slices import Cloud
+from ndtree.tuning.pairs import LEAST_MOTION, Pair, Pairs, matched
 
-#: How much likelier errors must be (in logarithms): pairs share scans. And at least, in each part of a log.
-GAIN, NOWHERE_LESS, PARTS = 30.0, -2.0, 4
-#: How much of the errors it must explain in a quarter of the pairs [m], an angle at _AWAY: matches err alike
+#: How much likelier errors must be (in logarithms): pairs share scans. And which share of that they may be
+#: less likely in a part of the log.
+GAIN, NOWHERE_LESS, PARTS = 30.0, 0.1, 4
+#: How much of the errors it must explain in a quarter of the pairs [m], an angle at AWAY: matches err alike
 #: by up to half of their cells.
 SHOWN = 0.025
-#: How far apart two views of a surface then lie [m], the diagonal of a usual smallest cell: at _AWAY from
-#: scans that are _NEARER than that to each other [m], in all but a few pairs of them at most.
-APART, _AWAY, _NEARER, _MOST = 0.07, 5.0, 3.0, 0.98
-_LEAST_PAIRS = 12
-_POSES = np.array([0.02, 0.02, 0.008])  # What poses err, each by itself [m, m, rad].
+#: How far apart two views of a surface then lie [m], the diagonal of a usual smallest cell: at AWAY from
+#: scans that are NEARER than that to each other [m], in all but a few pairs of them at most.
+APART, AWAY, NEARER, _MOST = 0.07, 5.0, 3.0, 0.98
+LEAST_PAIRS = 12
+POSES = np.array([0.02, 0.02, 0.008])  # What poses err, each by itself [m, m, rad].
 _FREEDOM = 2.0  # Of Student's t: some matches are wrong.
-_MEDIAN = 2.37  # Of the squared length of three standard normal numbers.
+_MEDIAN = {3: 2.37, 6: 5.35}  # Of the squared length of so many standard normal numbers.
 _ROUNDS = 30
 _SECONDS = 1e-3  # For a difference quotient.
 _TURNED = 0.05  # A turn that tells a mirrored scan from one that is not [rad].
 _ANGLE = math.radians(1.5)  # Of a mount that is turned; else only the scale is wrong.
-_LEAST_SCALE = 0.3  # Nearer to 0, nothing was seen to move.
+_LEAST_SCALE = 0.2  # Nearer to 0, nothing was seen to move.
 _ALIKE = 0.045  # Of the way: matches in corridors with recesses err alike by up to 0.038 of it.
 #: What may be wrong, and its columns of `_slopes`.
-_KINDS = {"way": [0, 1], "place": [2, 3], "clock": [4], "turns": [5], "mount": [0, 2, 3]}
-_TILTS = np.array([0.0123, 0.0123, 0.03])  # What poses of a pair tilt and rise anyway [rad, rad, m].
-#: Axes of a camera, z forward and x to the right, of one whose x is forward and z up.
-_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-#: How far a sensor may look aside or back of where it is told to look, beyond what matches search [rad].
-_ASIDE = {"left": math.pi / 2, "back": math.pi, "right": -math.pi / 2}
-
-
-def _aside(one: Cloud, angle: float) -> Cloud:
-    c, s = math.cos(angle), math.sin(angle)
-    return replace(one, rotation=one.rotation @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
-
-
-#: Other ways to read the poses of a log in space.
-_READINGS: dict[str, Callable[[Cloud], Cloud]] = {
-    "inverted": lambda one: replace(one, rotation=one.rotation.T, position=-one.rotation.T @ one.position),
-    "wxyz": lambda one: replace(
-        one, rotation=matrices_of(quaternions_of(one.rotation[None])[:, [1, 2, 3, 0]])[0]
-    ),
-    "axes": lambda one: replace(
-        one, rotation=_CAMERA.T @ one.rotation @ _CAMERA, position=_CAMERA.T @ one.position
-    ),
-    "upside": lambda one: replace(one, rotation=one.rotation @ np.diag([1.0, -1.0, -1.0])),
-    **{kind: partial(_aside, angle=angle) for kind, angle in _ASIDE.items()},
-}  # fmt: skip
-_BOTH = 10.0  # How much likelier a mount that is turned and moved must be than any one thing.
+KINDS = {"way": [0, 1], "place": [2, 3], "clock": [4], "turns": [5], "mount": [0, 2, 3]}
+BOTH = 10.0  # How much likelier a mount that is turned and moved must be than any one thing.
 
 
 _MISREAD = {
@@ -171,11 +140,8 @@ def setup_error(log: Pairs) -> SetupError | None:
     """
     if not all(scan.has_heading for run in log.runs for scan in run):
         return None
-    misread = _misread(log)
-    if misread in _ASIDE:
-        return SetupError("yaw", (_ASIDE[misread],), None)
-    if misread is not None:
-        return SetupError(misread, (), None)
+    if _is_mirrored(log):
+        return SetupError("mirrored", (), None)
     far = [pair for pair in log.far if pair.is_matched]
     own = {run: _velocity(log.runs[run]) for pair in far for run in (pair.run, pair.other)}
     has_times = all(np.isfinite(one).all() for one in own.values())
@@ -183,20 +149,31 @@ def setup_error(log: Pairs) -> SetupError | None:
         np.array([pair.told for pair in far]).reshape(-1, 3),
         np.nan_to_num([(own[pair.run], own[pair.other]) for pair in far]).reshape(-1, 2, 3),
     )
-    covariances = np.array([pair.covariance for pair in far]).reshape(-1, 3, 3) + 2 * np.diag(_POSES**2)
+    covariances = np.array([pair.covariance for pair in far]).reshape(-1, 3, 3) + 2 * np.diag(POSES**2)
     whitening = np.linalg.inv(np.linalg.cholesky(covariances))
     errors = np.array([pair.error for pair in far]).reshape(-1, 3)
     # Without times, a late clock would be taken for a mount that is moved.
-    kinds = {kind: at for kind, at in _KINDS.items() if has_times or kind in ("way", "turns")}
-    found = _likeliest(errors, raw, whitening, kinds)
-    tilt, gain = _tilt(log)
-    if tilt is not None and (found is None or gain > found[2]):
-        return tilt
-    if found is None:
+    kinds = {kind: at for kind, at in KINDS.items() if has_times or kind in ("way", "turns")}
+    fits = fits_of(errors, raw, whitening, kinds)
+    kind = likeliest(np.einsum("nij,nj->ni", whitening, errors), fits)
+    if kind is None:
         return None
-    kind, values, _ = found
-    apart = _apart(log, {pair.run: own[pair.run] for pair in far}, kind, values)
-    if np.quantile(_size(raw[:, :, _KINDS[kind]] @ values), 0.75) < SHOWN or apart < APART:
+    values = fits[kind][0]
+    beside = _beside(log, {pair.run: own[pair.run] for pair in far})
+    return said_of(kind, values, raw[:, :, KINDS[kind]] @ values, beside[:, :, KINDS[kind]] @ values, _ALIKE)
+
+
+def said_of(
+    kind: str, values: Floats, moved: Floats, beside: Floats, least_scale: float = 0.0
+) -> SetupError | None:
+    """What is said of the likeliest thing, by how far it moves pairs and what is beside each other.
+
+    Both (n, d), see `fits_of`. `least_scale`: By how much scales differ, or they are alike.
+    """
+    if not len(beside):
+        return None
+    apart = float(np.quantile(_size(beside), _MOST))
+    if np.quantile(_size(moved), 0.75) < SHOWN or apart < APART:
         return None
     if kind == "turns" and 1.0 + values[0] < _LEAST_SCALE:
         return None
@@ -207,86 +184,38 @@ def setup_error(log: Pairs) -> SetupError | None:
         return None
     if abs(angle) > max(_ANGLE, abs(scale - 1.0)):
         return SetupError("yaw", (angle,), apart)
-    return SetupError("scale", (scale - 1.0,), apart) if abs(scale - 1.0) > _ALIKE else None
+    return SetupError("scale", (scale - 1.0,), apart) if abs(scale - 1.0) > least_scale else None
 
 
-def _likeliest(
-    errors: Floats, raw: Floats, whitening: Floats, kinds: dict[str, list[int]]
-) -> tuple[str, Floats, float] | None:
-    """What explains errors (n, 3) best, its values, and how much likelier they are with it; None if nothing.
+Fits = dict[str, tuple[Floats, Floats]]  # Of kinds: their values, and what is left of whitened errors.
 
-    `raw` (n, 3, k): How errors grow with each thing.
+
+def fits_of(errors: Floats, raw: Floats, whitening: Floats, kinds: dict[str, list[int]]) -> Fits:
+    """What each kind explains best of errors (n, d): a place [m], and an angle or turn in space [rad].
+
+    `raw` (n, d, k): How errors grow with each thing.
     `kinds`: Their columns.
     """
-    if len(errors) < _LEAST_PAIRS:
-        return None
     errors = np.einsum("nij,nj->ni", whitening, errors)
     slopes = np.einsum("nij,njk->nik", whitening, raw)
-    fits = {kind: _fitted(errors, slopes[:, :, kinds[kind]]) for kind in kinds}
-    kind = max(fits, key=lambda one: fits[one][1] - (_BOTH if one == "mount" else 0.0))
-    values, likelihood = fits[kind]
-    gain = likelihood - _likelihood(errors)
-    left = errors - slopes[:, :, kinds[kind]] @ values
-    parts = np.array_split(np.arange(len(errors)), PARTS)
-    if gain < GAIN or any(
-        _likelihood(left[part]) - _likelihood(errors[part]) < NOWHERE_LESS for part in parts
-    ):
+    values = {kind: _fitted(errors, slopes[:, :, at]) for kind, at in kinds.items()}
+    return {kind: (values[kind], errors - slopes[:, :, at] @ values[kind]) for kind, at in kinds.items()}
+
+
+def likeliest(errors: Floats, fits: Fits) -> str | None:
+    """Which explains whitened errors best; None if none does, or there are too few."""
+    if len(errors) < LEAST_PAIRS:
         return None
-    return kind, values, gain
+    kind = max(fits, key=lambda one: likelihood(fits[one][1]) - (BOTH if one == "mount" else 0.0))
+    return kind if is_gain(errors, fits[kind][1]) else None
 
 
-def _tilt(log: Pairs) -> tuple[SetupError | None, float]:
-    """A sensor in space that is tilted on its robot, by ground that scans share; and how much likelier it is.
-
-    A cloud whose ground rises by d along the robot's axes has it at R(yaw) d in the map: between two it is
-    tilted by the difference of that, and at the place of the second rises by -R(yaw) d t.
-    """
-    far = log.far if log.clouds else []
-    seen = {run: log.clouds[run][1] for pair in far for run in (pair.run, pair.other)}
-    level = {run: about_axes(0.0, 0.0, log.runs[run][1].pose[2])[2] for run in seen}
-    # How the sensor is told to sit, on the whole, as seen from where it looks.
-    u, _, v = np.linalg.svd(sum((level[run].T @ one.rotation for run, one in seen.items()), np.zeros((3, 3))))
-    told, roll, pitch, gain = u @ v, 0.0, 0.0, 0.0
-    for _ in range(_ROUNDS):  # The ground of a large tilt is seen in part, and tells too little of it.
-        turn = told.T @ _leaning(roll, pitch) @ told
-        turned = {run: replace(one, rotation=one.rotation @ turn) for run, one in seen.items()}
-        errors, raw = _unlike_grounds(log, far, {run: one.ground() for run, one in turned.items()})
-        whitening = np.tile(np.diag(1 / _TILTS), (len(errors), 1, 1))
-        found = _likeliest(errors, raw, whitening, {"tilt": [0, 1]})
-        if found is None:
-            break
-        along, across = found[1]
-        up = (_leaning(-across, along) @ _leaning(roll, pitch))[2]
-        roll, pitch = math.atan2(up[1], up[2]), -math.asin(up[0])
-        gain, slopes = gain or found[2], raw
-    if not gain:
-        return None, 0.0
-    moved = slopes @ [pitch, -roll]
-    sizes = _AWAY * np.hypot(moved[:, 0], moved[:, 1]) + np.abs(moved[:, 2])
-    apart = float(np.quantile(sizes, _MOST))
-    if np.quantile(sizes, 0.75) < SHOWN or apart < APART:
-        return None, 0.0
-    return SetupError("tilt", (roll, pitch), apart), gain
-
-
-def _leaning(roll: float, pitch: float) -> Floats:
-    about_x, about_y, _ = about_axes(roll, pitch, 0.0)
-    leaning: Floats = about_y @ about_x
-    return leaning
-
-
-def _unlike_grounds(log: Pairs, far: list[Pair], grounds: dict[int, Columns]) -> tuple[Floats, Floats]:
-    """Of pairs, (n, 3) how the second ground tilts and rises, and (n, 3, 2) how that grows with a tilt."""
-    errors, raw = [], []
-    for pair in far:
-        first, second = (log.runs[run][1].pose for run in (pair.run, pair.other))
-        plane = plane_between(grounds[pair.run], grounds[pair.other], second[:2])
-        if plane is None:
-            continue
-        before, after = (about_axes(0.0, 0.0, pose[2])[2][:2, :2] for pose in (first, second))
-        errors.append(plane)
-        raw.append(np.vstack((after - before, -(second[:2] - first[:2]) @ before)))
-    return np.array(errors).reshape(-1, 3), np.array(raw).reshape(-1, 3, 2)
+def is_gain(errors: Floats, left: Floats) -> bool:
+    """Whether what is left of errors is far likelier, and hardly less likely in any part of the log."""
+    parts = np.array_split(np.arange(len(errors)), PARTS)
+    gains = [likelihood(left[part]) - likelihood(errors[part]) for part in parts]
+    gain = likelihood(left) - likelihood(errors)
+    return gain >= GAIN and min(gains) >= -NOWHERE_LESS * gain
 
 
 def _velocity(run: list[SensorScan]) -> Floats:
@@ -318,102 +247,73 @@ def _slopes(told: Floats, velocities: Floats) -> Floats:
 
 
 def _size(errors: Floats) -> Floats:
-    """(n,) how far errors (n, 3) move a surface [m]."""
-    size: Floats = np.hypot(errors[:, 0], errors[:, 1]) + _AWAY * np.abs(errors[:, 2])
-    return size
+    """(n,) how far errors (n, d) move a surface [m]."""
+    places = 2 if errors.shape[1] == 3 else 3
+    size: Floats = np.linalg.norm(errors[:, :places], axis=1)
+    return size + AWAY * np.linalg.norm(errors[:, places:], axis=1)
 
 
-def _fitted(errors: Floats, slopes: Floats) -> tuple[Floats, float]:
-    """The likeliest values, and how likely the errors are with them.
+def _fitted(errors: Floats, slopes: Floats) -> Floats:
+    """The likeliest values.
 
     By weighting again and again: from no error on, and from all pairs alike on, since the few in which an
     error shows look like wrong matches at first. Values are of about 1 before anything is known.
     """
     found = []
-    for weights in (_weights((errors**2).sum(axis=1)), np.ones(len(errors))):
+    for weights in (_weights((errors**2).sum(axis=1), errors.shape[1]), np.ones(len(errors))):
         for _ in range(_ROUNDS):
             normal = np.einsum("n,nik,nil->kl", weights, slopes, slopes) + np.eye(slopes.shape[2])
             values = np.linalg.solve(normal, np.einsum("n,nik,ni->k", weights, slopes, errors))
             left = errors - slopes @ values
-            weights = _weights((left**2).sum(axis=1))
-        found.append((_likelihood(left), values))
-    likelihood, values = max(found, key=lambda one: one[0])
-    return values, likelihood
+            weights = _weights((left**2).sum(axis=1), errors.shape[1])
+        found.append((values, likelihood(left)))
+    return max(found, key=lambda one: one[1])[0]
 
 
-def _weights(squared: Floats) -> Floats:
-    weights: Floats = (_FREEDOM + 3) / (_FREEDOM + squared / _spread(squared))
+def _weights(squared: Floats, freedoms: int) -> Floats:
+    weights: Floats = (_FREEDOM + freedoms) / (_FREEDOM + squared / _spread(squared, freedoms))
     return weights
 
 
-def _spread(squared: Floats) -> float:
+def _spread(squared: Floats, freedoms: int) -> float:
     """How much larger squared errors are than covariances say; at least as large."""
-    return max(1.0, float(np.median(squared)) / _MEDIAN)
+    return max(1.0, float(np.median(squared)) / _MEDIAN[freedoms])
 
 
-def _likelihood(errors: Floats) -> float:
-    """The logarithm, without constants."""
+def likelihood(errors: Floats) -> float:
+    """The logarithm for whitened errors (n, d), without constants."""
+    freedoms = errors.shape[1]
     squared = (errors**2).sum(axis=1)
-    spread = _spread(squared)
+    spread = _spread(squared, freedoms)
     terms = np.log1p(squared / spread / _FREEDOM).sum()
-    return -0.5 * (_FREEDOM + 3) * float(terms) - 1.5 * len(errors) * math.log(spread)
+    return -0.5 * (_FREEDOM + freedoms) * float(terms) - 0.5 * freedoms * len(errors) * math.log(spread)
 
 
-def _apart(log: Pairs, own: dict[int, Floats], kind: str, values: Floats) -> float:
-    """See `SetupError.apart`: of scans beside each other that see the same, on one visit or several.
+def _beside(log: Pairs, own: dict[int, Floats]) -> Floats:
+    """`_slopes` of scans beside each other that see the same, on one visit or several.
 
     `own`: Velocities of runs.
     """
     poses = np.array([log.runs[run][1].pose for run in own])
     first, second = np.triu_indices(len(poses), 1)
-    beside = np.hypot(*(poses[first, :2] - poses[second, :2]).T) < _NEARER
-    first, second = first[beside], second[beside]
-    if not len(first):
-        return 0.0
+    near = np.hypot(*(poses[first, :2] - poses[second, :2]).T) < NEARER
+    first, second = first[near], second[near]
     velocities = np.nan_to_num(np.array(list(own.values())))
-    slopes = _slopes(
+    return _slopes(
         between(poses[first], poses[second]), np.stack((velocities[first], velocities[second]), axis=1)
     )
-    return float(np.quantile(_size(slopes[:, :, _KINDS[kind]] @ values), _MOST))
 
 
-def _misread(log: Pairs) -> str | None:
-    """How scans or poses have to be read so that both move alike, far more often than as they are told.
-
-    Turns are seen the other way round if they fit scans that are seen in a mirror.
-    """
+def _is_mirrored(log: Pairs) -> bool:
+    """Whether turns are seen the other way round: scans in a mirror fit far more often than as they are."""
     turned = _turned(log)
     turning = sum(map(_turns_alike, turned))
-    is_mirrored, mirrored = False, log
-    if len(turned) >= _LEAST_PAIRS and 2 * turning <= len(turned):
-        flip = np.array([1.0, -1.0])
-        runs = [
-            [replace(one, points=one.points * flip, free=one.free * flip) for one in run] for run in log.runs
-        ]
-        mirrored = far_of(runs, log.clouds) if log.clouds else matched(runs, log.begin)
-        is_mirrored = sum(map(_turns_alike, _turned(mirrored))) >= 2 * turning + _LEAST_PAIRS
-    fitting = sum(map(_moves_alike, log.far))
-    fitted = sum(pair.is_matched for pair in log.far)
-    speaks_against = (
-        2 * fitting <= len(log.far) or 4 * (fitted - fitting) > fitted or 4 * _lost(log.runs) > len(log.runs)
-    )
-    if not (log.clouds and (speaks_against or is_mirrored)):
-        return "mirrored" if is_mirrored else None
-    others = {"mirrored": sum(map(_moves_alike, mirrored.far))} if is_mirrored else {"": 0}
-    for kind, read in _READINGS.items():
-        if kind == "upside" and is_mirrored:
-            continue  # Between floor and ceiling both look alike, and the words for a mirror name both.
-        clouds = [[read(one) for one in run] for run in log.clouds]
-        slices = sliced(clouds)
-        if 2 * _lost(slices) <= len(slices):
-            others[kind] = sum(map(_moves_alike, far_of(slices, clouds).far))
-    best = max(others, key=lambda kind: others[kind])
-    return best if is_mirrored or others[best] >= fitting + _LEAST_PAIRS else None
-
-
-def _lost(runs: list[list[SensorScan]]) -> int:
-    """How many slices are empty, as no ground is seen."""
-    return sum(len(run) > 1 and not len(run[1].points) for run in runs)
+    if len(turned) < LEAST_PAIRS or 2 * turning > len(turned):
+        return False
+    flip = np.array([1.0, -1.0])
+    runs = [[replace(one, points=one.points * flip, free=one.free * flip) for one in run] for run in log.runs]
+    mirrored = matched(runs, log.begin)
+    return sum(map(_turns_alike, _turned(mirrored))) >= 2 * turning + LEAST_PAIRS
 
 
 def _turned(log: Pairs) -> list[Pair]:
@@ -423,9 +323,3 @@ def _turned(log: Pairs) -> list[Pair]:
 def _turns_alike(pair: Pair) -> bool:
     """Whether the sensor turned as the poses did, about."""
     return pair.is_matched and abs(pair.error[2]) < 0.5 * abs(pair.told[2])
-
-
-def _moves_alike(pair: Pair) -> bool:
-    """Whether the sensor moved as the poses did, about."""
-    turns = abs(pair.told[2]) <= _TURNED or _turns_alike(pair)
-    return turns and pair.is_matched and np.hypot(*pair.error[:2]) < 0.5 * np.hypot(*pair.told[:2])

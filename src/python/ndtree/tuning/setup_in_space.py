@@ -1,0 +1,345 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether a lidar of many rings is mounted, timed and scaled, and its poses are read, as its log says.
+
+Strategy: as `ndtree.tuning.setup_error`, with motions in space. In the frame of a robot on which the sensor
+sits as it is told to sit at first, the error of a told motion (R, t) is, beside those of a laser,
+(-d x t, (R - I) d) of a mount that is tilted by d. Poses that are read wrongly are wrong all along, too:
+where clouds fit better as poses are read otherwise, pairs are matched from all these readings, and the best
+counts if it is far likelier than the told one, by the same measure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from ndtree.alignment.planar import Floats
+from ndtree.evaluation.sampling import RUN
+from ndtree.logs.poses.pose import about_axes, matrices_of, quaternions_of
+from ndtree.tuning.pairs import FRESH, LEAST_MOTION, MOST_MOTION
+from ndtree.tuning.setup_error import (
+    BOTH,
+    KINDS,
+    LEAST_PAIRS,
+    NEARER,
+    POSES,
+    SetupError,
+    fits_of,
+    is_gain,
+    likeliest,
+    likelihood,
+    said_of,
+)
+from ndtree.tuning.surfaces import Cloud, turn_of, turned_by
+
+_FEW = 80  # Of the first so many scans, two of each run are matched, else one.
+_MOST_PAIRS, _MOST_NEAR = 48, 24  # For the time that they take.
+_FAR, _FARTHEST = 4.0, 6.0  # Least of the way to a far cloud, and the most to the next [m].
+_FITS = 0.3  # Of the patches, in clouds that fit each other.
+_AS_WELL = 0.02  # A match fits no better.
+_LEAST = 1e-3  # Of information, where nothing is told.
+#: What poses err, each by itself: place [m] and turn [rad].
+_POSES = np.array([POSES[0], POSES[1], 0.03, 0.0123, 0.0123, POSES[2]])
+_KINDS = {**KINDS, "tilt": [6, 7]}
+_ROUNDS = 4  # Of what is not small.
+_TRIED = {"clock": [np.array([0.1 * one]) for one in (-4, -3, -2, -1, 1, 2, 3, 4)], "tilt": []}  # [s]
+#: Axes of a camera, z forward and x to the right, of one whose x is forward and z up.
+_CAMERA = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
+_MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
+
+
+def _wxyz(pose: Floats) -> Floats:
+    result = pose.copy()
+    result[:3, :3] = matrices_of(quaternions_of(pose[None, :3, :3])[:, [1, 2, 3, 0]])[0]
+    return result
+
+
+def _aside(motions: Floats, angle: float) -> Floats:
+    turn = _rigid(turned_by(np.array([0.0, 0.0, angle])))
+    result: Floats = turn.T @ motions @ turn
+    return result
+
+
+def _rigid(rotation: Floats) -> Floats:
+    result = np.eye(4)
+    result[:3, :3] = rotation
+    return result
+
+
+#: Other ways to read the pose of a sensor.
+_READINGS: dict[str, Callable[[Floats], Floats]] = {
+    "inverted": np.linalg.inv,
+    "wxyz": _wxyz,
+    "axes": lambda pose: _CAMERA.T @ pose @ _CAMERA,
+}
+#: What else a robot's motion may be; where the sensor looks aside, that only says where to search.
+_MOTIONS: dict[str, Callable[[Floats], Floats]] = {
+    "mirrored": lambda motions: _MIRROR @ motions @ _MIRROR,
+    **{str(angle): partial(_aside, angle=angle) for angle in (math.pi / 2, math.pi, -math.pi / 2)},
+}
+
+
+def is_matched(number: int) -> bool:
+    """Whether a scan, of those that are looked at, is matched."""
+    return number % RUN == 1 or (number % RUN == 2 and number < _FEW)
+
+
+def setup_error_in_space(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
+    """Find what is wrong with mount, clock, scale or poses of a log all along.
+
+    `runs`: Clouds that follow each other. Only those with patches are matched, of which the first and the
+    last have none.
+    Returns: None where nothing is, or too little tells.
+    """
+    log = _Log(runs)
+    pairs, is_far = log.pairs()
+    readings = log.readings(pairs)
+    agree = {kind: log.agreement(pairs, motions) for kind, motions in readings.items()}
+    starts = [readings[kind] for kind in readings if agree[kind] >= agree[""]]
+    at, seen, covariances = log.matched(pairs, starts)
+    whitening = np.linalg.inv(np.linalg.cholesky(covariances + 2 * np.diag(_POSES**2)))
+    if len(starts) > 1 and len(at) >= LEAST_PAIRS:
+        left = {
+            kind: np.einsum("nij,nj->ni", whitening, _errors(seen, readings[kind][at]))
+            for kind in ("", *_READINGS, "mirrored")
+        }
+        likely = {kind: likelihood(one) for kind, one in left.items()}
+        # Straight on, several read alike: the first of them.
+        best = next(kind for kind in likely if likely[kind] > max(likely.values()) - BOTH)
+        if best and is_gain(left[""], left[best]):
+            return SetupError(best, (), None)
+    far = is_far[at]
+    pairs, seen, whitening = pairs[at[far]], seen[far], whitening[far]
+    told = log.motions(pairs)
+    raw = log.slopes(pairs, told)
+    errors = _errors(seen, told)
+    kinds = {kind: one for kind, one in _KINDS.items() if log.has_times or kind in ("way", "turns", "tilt")}
+    fits = fits_of(errors, raw, whitening, kinds)
+    for kind in {"clock", "tilt"} & set(fits):
+        tried = [_again(log, pairs, seen, whitening, kind, one) for one in (fits[kind][0], *_TRIED[kind])]
+        fits[kind] = max(tried, key=lambda one: likelihood(one[1]))
+    kind = likeliest(np.einsum("nij,nj->ni", whitening, errors), fits)
+    if kind is None:
+        return None
+    values = fits[kind][0]
+    first, second = np.triu_indices(len(log.poses), 1)
+    beside = np.linalg.norm(log.poses[first, :3, 3] - log.poses[second, :3, 3], axis=1) < NEARER
+    around = np.stack((first[beside], second[beside]), axis=1)
+    moved = log.slopes(around, log.motions(around))[:, :, _KINDS[kind]] @ values
+    by = raw[:, :, _KINDS[kind]] @ values
+    return said_of(kind, values, by, moved)
+
+
+def _again(
+    log: _Log, pairs: Floats, seen: Floats, whitening: Floats, kind: str, values: Floats
+) -> tuple[Floats, Floats]:
+    """As of `fits_of`, of a kind whose errors are not proportional to it, near some values."""
+    for _ in range(_ROUNDS):
+        told = log.motions(pairs, kind, values)
+        change, left = fits_of(_errors(seen, told), log.slopes(pairs, told), whitening, {kind: _KINDS[kind]})[
+            kind
+        ]
+        if kind == "tilt":
+            up = (_tilted(values) @ turned_by(np.append(change, 0.0)))[2]
+            values = np.array([math.atan2(up[1], up[2]), -math.asin(up[0])])
+        else:
+            values = values + change
+    return values, left
+
+
+def _tilted(values: Floats) -> Floats:
+    """The rotation of a roll and a pitch."""
+    about_x, about_y, _ = about_axes(*values, 0.0)
+    rotation: Floats = about_y @ about_x
+    return rotation
+
+
+class _Log:
+    """The clouds that can be matched, and how their poses say that they lie to each other."""
+
+    def __init__(self, runs: Sequence[Sequence[Cloud]]) -> None:
+        inner = [
+            (run[k - 1], run[k], run[k + 1]) for run in runs for k in range(1, len(run) - 1) if run[k].patches
+        ]
+        self.clouds = [one for _, one, _ in inner]
+        # How the sensor is told to sit, on the whole, as seen from where it looks.
+        rotations = np.array([one.pose[:3, :3] for one in self.clouds]).reshape(-1, 3, 3)
+        headings = [_heading(one, rotations[0]) for one in rotations]
+        level = np.array([turned_by(np.array([0.0, 0.0, one])) for one in headings]).reshape(-1, 3, 3)
+        u, _, v = np.linalg.svd(np.einsum("nji,njk->ik", level, rotations))
+        #: From the sensor's frame into the robot's.
+        self.seat = _rigid(u @ v)
+        self.poses = np.array([one.pose @ self.seat.T for one in self.clouds]).reshape(-1, 4, 4)
+        self.has_times = all(a.stamp < b.stamp for run in runs for a, b in zip(run, run[1:]))
+        self.velocities = np.zeros((len(inner), 6))
+        if self.has_times:
+            moves = [[self._velocity(a, b) for a, b in zip(run, run[1:])] for run in runs if len(run) > 1]
+            usual = [[one[0], *(0.5 * (a + b) for a, b in zip(one, one[1:])), one[-1]] for one in moves]
+            #: Poses, velocities and times of all clouds.
+            self.trail = (
+                np.array([one.pose @ self.seat.T for run in runs if len(run) > 1 for one in run]),
+                np.array([one for run in usual for one in run]),
+                np.array([one.stamp for run in runs if len(run) > 1 for one in run]),
+            )
+            at = np.searchsorted(self.trail[2], [one.stamp for one in self.clouds])
+            self.velocities = self.trail[1][at].reshape(-1, 6)
+
+    def _velocity(self, one: Cloud, other: Cloud) -> Floats:
+        motion = self.seat @ np.linalg.inv(one.pose) @ other.pose @ self.seat.T
+        return _vector(motion) / (other.stamp - one.stamp)
+
+    def motions(self, pairs: Floats, kind: str = "", values: Floats | None = None) -> Floats:
+        """(n, 4, 4) of the robot by its poses, of a sensor that is tilted or late by some values."""
+        poses = self.poses
+        if kind == "tilt":
+            poses = poses @ _rigid(_tilted(values))
+        if kind == "clock":
+            times = np.array([one.stamp for one in self.clouds]) + values
+            at = np.abs(times[:, None] - self.trail[2]).argmin(axis=1)
+            by = (times - self.trail[2][at])[:, None] * self.trail[1][at]
+            poses = self.trail[0][at] @ np.array([_moved(one) for one in by])
+        return _between(poses, pairs)
+
+    def readings(self, pairs: Floats) -> dict[str, Floats]:
+        """Motions (n, 4, 4) of the robot as they are told, and as other readings have them."""
+        told = self.motions(pairs)
+        readings = {"": told}
+        for kind, read in _READINGS.items():
+            poses = np.array([read(one.pose) for one in self.clouds]).reshape(-1, 4, 4)
+            readings[kind] = self.seat @ _between(poses, pairs) @ self.seat.T
+        return {**readings, **{kind: read(told) for kind, read in _MOTIONS.items()}}
+
+    def pairs(self) -> tuple[Floats, Floats]:
+        """(n, 2) pairs that are matched, and whether each is one of `_far`; others are next to each other."""
+        number, far = len(self.poses), self._far()
+        far = far[:: max(1, math.ceil(len(far) / _MOST_PAIRS))]
+        near = [(i, i + k) for i in range(number) for k in (1, 2) if i + k < number]
+        near = near[:: max(1, math.ceil(len(near) / _MOST_NEAR))]
+        pairs = sorted({*far, *near})
+        return np.array(pairs, dtype=int).reshape(-1, 2), np.array(
+            [one in {*far} for one in pairs], dtype=bool
+        )
+
+    def _far(self) -> list[tuple[int, int]]:
+        """Pairs: of each cloud the next whose motion is far larger than what poses err, and a far one.
+
+        The very next may be farther: then it is all that there is.
+        """
+        found = []
+        for i in self._fresh():
+            way = turn = 0.0
+            ones: list[int] = []
+            for k in range(i + 1, len(self.poses)):
+                step = _vector(np.linalg.inv(self.poses[k - 1]) @ self.poses[k])
+                way, turn = way + float(np.linalg.norm(step[:3])), turn + float(np.linalg.norm(step[3:]))
+                if turn > MOST_MOTION[1] or way > (_FAR if ones else _FARTHEST):
+                    break
+                if _has_moved(self.poses[i], self.poses[k], LEAST_MOTION):
+                    ones.append(k)
+            found += [(i, k) for k in sorted({*ones[:1], *ones[-1:]})]
+        return found
+
+    def _fresh(self) -> list[int]:
+        """Clouds from one to the next of which the robot moves, so that each is in few pairs."""
+        fresh: list[int] = []
+        for i, pose in enumerate(self.poses):
+            if not fresh or _has_moved(self.poses[fresh[-1]], pose, FRESH):
+                fresh.append(i)
+        return fresh
+
+    def agreement(self, pairs: Floats, motions: Floats) -> float:
+        """How much of the clouds lies on each other, with these motions of the robot."""
+        return sum(
+            self.clouds[i].agreement(self.clouds[k], motion)
+            for (i, k), motion in zip(pairs, self._of_sensor(motions))
+        )
+
+    def matched(self, pairs: Floats, starts: list[Floats]) -> tuple[Floats, Floats, Floats]:
+        """Which pairs fit each other well somewhere, (n, 4, 4) how, and (n, 6, 6) the covariance.
+
+        `starts`: Motions of pairs, from each of which they are matched.
+        """
+        found, seen, covariances = [], [], []
+        turn = np.kron(np.eye(2), self.seat[:3, :3])
+        starts = [self._of_sensor(motions) for motions in starts]
+        for i, (one, two) in enumerate(pairs):
+            fits, best, told = _FITS, None, np.eye(6)
+            for motions in starts:
+                match, information = self.clouds[one].matched(self.clouds[two], motions[i])
+                fit = self.clouds[one].agreement(self.clouds[two], match)
+                if fit > fits + (_AS_WELL if best is not None else 0.0):
+                    fits, best, told = fit, match, information
+            if best is not None:
+                found.append(i)
+                seen.append(self.seat @ best @ self.seat.T)
+                known, axes = np.linalg.eigh(told)
+                axes = turn @ axes
+                covariances.append((axes / known.clip(_LEAST)) @ axes.T)
+        return (
+            np.array(found, dtype=int),
+            np.array(seen).reshape(-1, 4, 4),
+            np.array(covariances).reshape(-1, 6, 6),
+        )
+
+    def _of_sensor(self, motions: Floats) -> Floats:
+        result: Floats = self.seat.T @ motions @ self.seat
+        return result
+
+    def slopes(self, pairs: Floats, told: Floats) -> Floats:
+        """(n, 6, 8) how errors of motions (n, 4, 4) grow with each thing that may be wrong."""
+        place, rotation = told[:, :3, 3], told[:, :3, :3]
+        turn = np.array([turn_of(one) for one in rotation]).reshape(-1, 3)
+        slopes = np.zeros((len(told), 6, 8))
+        far = np.where(np.linalg.norm(place, axis=1) > LEAST_MOTION[0], 1.0, 0.0)[:, None]
+        slopes[:, :2, 0] = far * np.column_stack((place[:, 1], -place[:, 0]))
+        slopes[:, :3, 1] = far * place
+        still = rotation - np.eye(3)
+        slopes[:, :3, 2:4] = still[:, :, :2]
+        one, two = (self.velocities[pairs[:, k]] for k in (0, 1))
+        slopes[:, :3, 4] = np.einsum("nij,nj->ni", rotation, two[:, :3]) - one[:, :3]
+        slopes[:, :3, 4] -= np.cross(one[:, 3:], place)
+        slopes[:, 3:, 4] = np.einsum("nij,nj->ni", rotation, two[:, 3:]) - one[:, 3:]
+        turns = np.linalg.norm(turn, axis=1) > LEAST_MOTION[1]  # Others are noise.
+        slopes[:, 3:, 5] = np.where(turns[:, None], turn, 0.0)
+        slopes[:, :3, 6:8] = np.cross(place[:, None], np.eye(3)[:2]).transpose(0, 2, 1)
+        slopes[:, 3:, 6:8] = still[:, :, :2]
+        return slopes
+
+
+def _between(poses: Floats, pairs: Floats) -> Floats:
+    result: Floats = np.linalg.inv(poses[pairs[:, 0]]) @ poses[pairs[:, 1]]
+    return result
+
+
+def _heading(rotation: Floats, first: Floats) -> float:
+    """By how a sensor is turned from a first rotation, whatever looks up in that."""
+    since = rotation @ first.T
+    turn = math.atan2(since[1, 0] - since[0, 1], since[0, 0] + since[1, 1])
+    return math.atan2(first[1, 0], first[0, 0]) + turn
+
+
+def _moved(vector: Floats) -> Floats:
+    """A small motion of a place and a turn."""
+    result = _rigid(turned_by(vector[3:]))
+    result[:3, 3] = turned_by(0.5 * vector[3:]) @ vector[:3]
+    return result
+
+
+def _vector(motion: Floats) -> Floats:
+    """(6,) place and turn."""
+    return np.append(motion[:3, 3], turn_of(motion[:3, :3]))
+
+
+def _errors(seen: Floats, told: Floats) -> Floats:
+    """(n, 6) what is seen minus what is told: place, and turn on the left."""
+    turns = [turn_of(one @ other.T) for one, other in zip(seen[:, :3, :3], told[:, :3, :3])]
+    return np.hstack((seen[:, :3, 3] - told[:, :3, 3], np.array(turns).reshape(-1, 3)))
+
+
+def _has_moved(pose: Floats, other: Floats, motion: tuple[float, float]) -> bool:
+    """Whether another pose is farther away, or turned more."""
+    off = _vector(np.linalg.inv(pose) @ other)
+    return bool(np.linalg.norm(off[:3]) > motion[0] or np.linalg.norm(off[3:]) > motion[1])

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Clouds of lidars as flat patches of surface, and how one lies to another.
+
+Strategy: points are put into cubes of three sizes. Where those of a cube spread as on a plane, it holds a
+patch: their mean, and the normal. Patches of one cloud are moved onto the planes of another's, of large
+cubes first (Gauss-Newton, with Student's weights). A plane says nothing along itself, so that the pattern of
+the rings does not count, and what a corridor does not tell has a large covariance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.alignment.planar import Floats
+from ndtree.base.scan import Scan
+
+_MOST_POINTS = 6000  # Of a cloud, about.
+_SIZES = (0.5, 1.0, 2.0)  # Edges of cubes [m].
+_STEPS = ((2,), (1, 2), (0, 1, 2))  # Which of them are matched, one after the other.
+_ROUNDS, _STILL = 8, 1e-4  # Of each; until nothing is moved farther [m, rad].
+_LEAST_POINTS = 6  # Of a patch.
+_FLAT, _WIDE = 0.02, 0.1  # Variances of a plane: the least to the middle one; its root to the edge.
+_PARALLEL = 0.9  # Cosine of normals of the same surface.
+_ERROR = 0.02  # Of a patch, beside half of its thickness [m].
+_FREEDOM = 2.0  # Of Student's t.
+_START = np.array([1.0, 1.0, 1.0, 0.35, 0.35, 0.35])  # How far patches are from their places [m, rad].
+_BESIDE = 0.1  # Of its plane, a patch is on it [m].
+_CUBES = 2048  # On each side of the sensor.
+
+
+@dataclass(frozen=True)
+class _Patches:
+    """Flat patches in cubes of one size, in the order of the cubes' `keys`."""
+
+    size: float
+    keys: NDArray[np.int64]
+    mean: Floats
+    normal: Floats
+    variance: Floats  # Along the normal [m²].
+    slant: Floats  # Of the normal's angle, at most: thickness over width, squared [rad²].
+
+    @classmethod
+    def of(cls, points: Floats, size: float) -> _Patches:
+        cubes = np.floor(points / size)
+        keys, which, counts = np.unique(_keys(cubes), return_inverse=True, return_counts=True)
+        first = np.zeros((len(keys), 3))
+        first[which] = (cubes + 0.5) * size
+        local = (points - first[which]).T
+
+        def means(values: Floats) -> Floats:
+            return np.bincount(which, values, len(keys)) / np.maximum(counts, 1)
+
+        mean = np.stack([means(one) for one in local], axis=-1)
+        spread = np.stack([[means(one * other) for other in local] for one in local]).transpose(2, 0, 1)
+        use = counts >= _LEAST_POINTS
+        values, axes = np.linalg.eigh((spread - mean[:, :, None] * mean[:, None])[use])
+        flat = (values[:, 0] < _FLAT * values[:, 1]) & (values[:, 1] > (_WIDE * size) ** 2)
+        values = values[flat].clip(0.0)
+        keys, mean = keys[use][flat], (mean + first)[use][flat]
+        return cls(size, keys, mean, axes[flat, :, 0], values[:, 0], values[:, 0] / values[:, 1])
+
+
+def _keys(cubes: Floats) -> NDArray[np.int64]:
+    x, y, z = (cubes.clip(-_CUBES, _CUBES - 1) + _CUBES).astype(np.int64).T
+    return (x << 24) + (y << 12) + z
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """A cloud of a lidar in its sensor's frame, and its pose.
+
+    `patches`: Of each size; none of a cloud of which only the pose counts.
+    `pose` (4, 4): Of the sensor in the map.
+    """
+
+    patches: tuple[_Patches, ...]
+    pose: Floats
+    stamp: float
+
+    @classmethod
+    def of(cls, scan: Scan, *, with_patches: bool = True) -> Cloud | None:
+        """Some beams of a scan, of all rings of a lidar; None if its log does not say where and how it is."""
+        origins = np.atleast_2d(scan.origin)
+        if scan.dim != 3 or scan.rotation is None or scan.points_only or not len(origins):
+            return None
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = scan.rotation, origins.mean(axis=0, dtype=np.float64)
+        if not with_patches:
+            return cls((), pose, scan.stamp)
+        step = len(scan) // _MOST_POINTS | 1  # Rings are even in number.
+        scan = scan.only(slice(None, None, step if step % 5 else step + 2))
+        ways = scan.endpoints[scan.did_return].astype(np.float64) - pose[:3, 3]
+        points = ways[np.isfinite(ways).all(axis=1)] @ scan.rotation
+        return cls(tuple(_Patches.of(points, size) for size in _SIZES), pose, scan.stamp)
+
+    def agreement(self, other: Cloud, motion: Floats) -> float:
+        """Which part of another's patches lies on planes of this one, with its pose as seen from here."""
+        count = sum(len(one.keys) for one in other.patches)
+        near = [np.exp(-0.5 * (off / _BESIDE) ** 2).sum() for _, off, *_ in self._met(other, motion)]
+        return float(sum(near)) / max(count, 1)
+
+    def matched(self, other: Cloud, motion: Floats) -> tuple[Floats, Floats]:
+        """The pose of another cloud as seen from this one, (4, 4), near a guess of it; and its information.
+
+        That is (6, 6), of its place and of a turn on the left of its rotation; negative where nothing tells.
+        """
+        pose, information = motion.copy(), np.zeros((6, 6))
+        for sizes in _STEPS:
+            for _ in range(_ROUNDS):
+                information, slope, by_chance = np.zeros((6, 6)), np.zeros(6), np.zeros(2)
+                for normal, off, arm, variance, slant in self._met(other, pose, sizes):
+                    rows = np.hstack((normal, np.cross(arm, normal)))
+                    weights = (_FREEDOM + 1) / (_FREEDOM * variance + off**2)
+                    information += (rows * weights[:, None]).T @ rows
+                    slope += rows.T @ (weights * off)
+                    by_chance += (weights * slant).sum(), (weights * slant * (arm**2).sum(axis=1)).sum()
+                away = np.append(pose[:3, 3] - motion[:3, 3], turn_of(pose[:3, :3] @ motion[:3, :3].T))
+                change = -np.linalg.solve(information + np.diag(_START**-2), slope + away / _START**2)
+                change = change.clip(-_START, _START)
+                pose[:3, 3] += change[:3]
+                pose[:3, :3] = turned_by(change[3:]) @ pose[:3, :3]
+                if np.abs(change).max() < _STILL:
+                    break
+        # Normals that err seem to tell of all directions.
+        information -= np.diag(np.repeat(by_chance, 3))
+        return pose, information / len(_SIZES)  # A surface has patches of all sizes.
+
+    def _met(
+        self, other: Cloud, motion: Floats, sizes: tuple[int, ...] = _STEPS[-1]
+    ) -> Iterator[tuple[Floats, Floats, Floats, Floats, Floats]]:
+        """Of each size, another's patches that meet planes.
+
+        Yields (n, 3) normals of these, (n,) how far they are off, (n, 3) whence they are seen, and (n,)
+        variances of being off and of the normal's angle.
+        """
+        for one, two in ((self.patches[k], other.patches[k]) for k in sizes):
+            arm = two.mean @ motion[:3, :3].T
+            keys = _keys(np.floor((arm + motion[:3, 3]) / one.size))
+            at = np.searchsorted(one.keys, keys).clip(max=max(len(one.keys) - 1, 0))
+            met = np.flatnonzero(one.keys[at] == keys) if len(one.keys) else np.empty(0, np.int64)
+            normal = one.normal[at[met]]
+            cosine = np.einsum("ni,ni->n", normal, two.normal[met] @ motion[:3, :3].T)
+            use = np.abs(cosine) > _PARALLEL
+            met, normal = met[use], normal[use]
+            off = np.einsum("ni,ni->n", normal, arm[met] + motion[:3, 3] - one.mean[at[met]])
+            variance = _ERROR**2 + 0.25 * (one.variance[at[met]] + two.variance[met])
+            yield normal, off, arm[met], variance, one.slant[at[met]]
+
+
+def turn_of(rotation: Floats) -> Floats:
+    """The axis of a rotation times its angle (3,), below pi."""
+    axis = 0.5 * np.array(
+        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
+    )
+    sine, cosine = float(np.linalg.norm(axis)), 0.5 * (float(np.trace(rotation)) - 1.0)
+    turn: Floats = axis * (math.atan2(sine, cosine) / sine if sine > 1e-12 else 1.0)
+    return turn
+
+
+def turned_by(turn: Floats) -> Floats:
+    """The rotation of `turn_of`."""
+    angle = float(np.linalg.norm(turn))
+    x, y, z = turn
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sine = math.sin(angle) / angle if angle > 1e-12 else 1.0
+    versine = (1.0 - math.cos(angle)) / angle**2 if angle > 1e-6 else 0.5
+    rotation: Floats = np.eye(3) + sine * cross + versine * cross @ cross
+    return rotation
