@@ -121,7 +121,7 @@ def test_faults_are_told_where_each_beam_has_its_origin(drive: tuple[Poses, list
         found = found_in(told, clouds, per_beam=True)
         assert found is not None and found.kind == kind, (kind, found)
         alike = found_in(told, clouds)
-        assert alike is not None and found.values == pytest.approx(alike.values, rel=0.1)
+        assert alike is not None and found.values == pytest.approx(alike.values, rel=0.1, abs=1e-3)
 
 
 @pytest.mark.parametrize("seconds", [-0.15, 0.15])
@@ -152,7 +152,7 @@ def test_poses_that_are_read_in_another_way(drive: tuple[Poses, list[Floats]]) -
 
 
 def test_a_sensor_that_hangs_upside_down_or_looks_aside_is_right(drive: tuple[Poses, list[Floats]]) -> None:
-    """Where poses say so: slices are beside the robot, however the sensor's own axes lie."""
+    """Where poses say so, however the sensor's own axes lie."""
     for turn in (mount(0, 0, 180, 0, 0), mount(0, 0, 0, 89, 0), mount(0, 0, 0, 30, 140)):
         clouds = [points @ turn[:3, :3] for points in drive[1]]
         assert found_in(drive[0](TIMES) @ turn, clouds) is None
@@ -185,7 +185,7 @@ def test_a_sensor_that_is_the_other_way_up_than_told(drive: tuple[Poses, list[Fl
     hanging = [points @ over[:3, :3] for points in drive[1]]
     for told, clouds in ((true, hanging), (true @ over, drive[1])):
         found = found_in(told, clouds)
-        assert found is not None and found.kind in ("upside", "mirrored") and "180deg" in str(found)
+        assert found is not None and found.kind == "mirrored" and "180deg" in str(found)
         assert found_in(told @ over, clouds) is None, "what was told mends it"
 
 

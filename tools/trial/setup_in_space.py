@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import itertools
 import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -14,7 +13,7 @@ import ndtree
 from ndtree import Scan
 from ndtree.evaluation.sampling import spread
 from ndtree.tuning.setup_error import SetupError
-from ndtree.tuning.setup_in_space import is_matched, setup_error_in_space
+from ndtree.tuning.setup_in_space import setup_error_in_space
 from ndtree.tuning.surfaces import Cloud
 from trial import bag
 from trial.outcome import Case, Outcome, limit
@@ -190,8 +189,7 @@ def setup_trial(case: Case) -> tuple[Recording, Outcome]:
 
 def found_in(scans: Iterable[Scan]) -> SetupError | None:
     """What `ndtree.first_look` says of the setup, without all else that it looks at."""
-    number = itertools.count()
-    runs = spread(scans, None, lambda scan: Cloud.of(scan, with_patches=is_matched(next(number))))[0]
+    runs = spread(scans, None, Cloud.of)[0]
     return setup_error_in_space([[one for one in run if one is not None] for run in runs])
 
 

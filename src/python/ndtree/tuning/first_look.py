@@ -29,7 +29,7 @@ from ndtree.tuning.pairs import Jump, false_jump, pairs_of
 from ndtree.tuning.range_end import range_end
 from ndtree.tuning.revisits import Drift, drift
 from ndtree.tuning.setup_error import SetupError, setup_error
-from ndtree.tuning.setup_in_space import is_matched, setup_error_in_space
+from ndtree.tuning.setup_in_space import setup_error_in_space
 from ndtree.tuning.surfaces import Cloud
 
 #: Of structured light and stereo, where the log has too little to measure it: at the sensor [m], and growing
@@ -240,13 +240,8 @@ class _Looked:
                     search.add(scan)
                 yield scan
 
-        kept = 0
-
         def keep(scan: Scan) -> tuple[Scan, Cloud | None]:
-            nonlocal kept
-            cloud = Cloud.of(scan, with_patches=is_matched(kept))
-            kept += 1
-            return some_of(scan) if search is None else scan, cloud
+            return some_of(scan) if search is None else scan, Cloud.of(scan)
 
         found, self.scans, self.beams = spread(
             scans(), lambda done: report("looking at the log", done, total), keep

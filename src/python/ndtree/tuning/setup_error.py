@@ -69,10 +69,10 @@ class SetupError:
     """What is wrong all along a log, from `setup_error`.
 
     `kind`: "yaw", "place" or both of the "mount", its "tilt", "clock", "scale" of distances between poses,
-        "turns", "mirrored", the other side "upside", or poses in space that are "inverted", in the "axes" of
-        a camera, or have quaternions in the order "wxyz".
+        "turns", "mirrored", or poses in space that are "inverted", in the "axes" of a camera, or have
+        quaternions in the order "wxyz".
     `values`: To be added: [rad], along the sensor's x axis and to the left of that, seen from above [m], roll
-        and pitch [rad], [s], or a fraction; none of the last five.
+        and pitch [rad], [s], or a fraction; none of the last four.
     `apart`: How far apart two views of a surface 5 m away would lie at most [m]; None of the last five, and
         of a sensor in space that looks aside or back.
     """
@@ -91,10 +91,6 @@ class SetupError:
     def _words(self) -> tuple[str, str]:
         if self.kind in _MISREAD:
             return _MISREAD[self.kind]
-        if self.kind == "upside":
-            return "the sensor were mounted the other way up", (
-                f"add 180deg to its roll if it hangs upside down (of a bag: in /tf, or {key('mount')})"
-            )
         if self.kind == "mirrored":
             return "the sensor saw turns the other way round", (
                 f"it may hang upside down (of a bag: {key('mount')} with a roll of 180deg), its beams come "
@@ -143,6 +139,8 @@ def setup_error(log: Pairs) -> SetupError | None:
     if _is_mirrored(log):
         return SetupError("mirrored", (), None)
     far = [pair for pair in log.far if pair.is_matched]
+    if len(far) < LEAST_PAIRS:
+        return None
     own = {run: _velocity(log.runs[run]) for pair in far for run in (pair.run, pair.other)}
     has_times = all(np.isfinite(one).all() for one in own.values())
     raw = _slopes(
@@ -203,10 +201,9 @@ def fits_of(errors: Floats, raw: Floats, whitening: Floats, kinds: dict[str, lis
 
 
 def likeliest(errors: Floats, fits: Fits) -> str | None:
-    """Which explains whitened errors best; None if none does, or there are too few."""
-    if len(errors) < LEAST_PAIRS:
-        return None
-    kind = max(fits, key=lambda one: likelihood(fits[one][1]) - (BOTH if one == "mount" else 0.0))
+    """Which explains whitened errors best; None if none does."""
+    several = ("mount", "way") if "yaw" in fits else ("mount",)
+    kind = max(fits, key=lambda one: likelihood(fits[one][1]) - (BOTH if one in several else 0.0))
     return kind if is_gain(errors, fits[kind][1]) else None
 
 

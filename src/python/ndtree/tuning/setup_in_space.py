@@ -17,7 +17,6 @@ from functools import partial
 import numpy as np
 
 from ndtree.alignment.planar import Floats
-from ndtree.evaluation.sampling import RUN
 from ndtree.logs.poses.pose import about_axes, matrices_of, quaternions_of
 from ndtree.tuning.pairs import FRESH, LEAST_MOTION, MOST_MOTION
 from ndtree.tuning.setup_error import (
@@ -35,16 +34,17 @@ from ndtree.tuning.setup_error import (
 )
 from ndtree.tuning.surfaces import Cloud, turn_of, turned_by
 
-_FEW = 80  # Of the first so many scans, two of each run are matched, else one.
-_MOST_PAIRS, _MOST_NEAR = 48, 24  # For the time that they take.
+_FEW = 20  # Of so many runs, two clouds of each are matched, else one.
+_MOST_PAIRS, _MOST_NEAR = 48, 16  # For the time that they take.
 _FAR, _FARTHEST = 4.0, 6.0  # Least of the way to a far cloud, and the most to the next [m].
 _FITS = 0.3  # Of the patches, in clouds that fit each other.
 _AS_WELL = 0.02  # A match fits no better.
-_LEAST = 1e-3  # Of information, where nothing is told.
+_LEAST = 1.0  # Of information: nobody is farther away than is searched [1/m², 1/rad²].
 #: What poses err, each by itself: place [m] and turn [rad].
 _POSES = np.array([POSES[0], POSES[1], 0.03, 0.0123, 0.0123, POSES[2]])
-_KINDS = {**KINDS, "tilt": [6, 7]}
+_KINDS = {"yaw": [0], **KINDS, "tilt": [6, 7]}
 _ROUNDS = 4  # Of what is not small.
+_LATEST = 0.6  # Of a clock [s]; one that is later leads from one end of a drive to the other.
 _TRIED = {"clock": [np.array([0.1 * one]) for one in (-4, -3, -2, -1, 1, 2, 3, 4)], "tilt": []}  # [s]
 #: Axes of a camera, z forward and x to the right, of one whose x is forward and z up.
 _CAMERA = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
@@ -82,29 +82,27 @@ _MOTIONS: dict[str, Callable[[Floats], Floats]] = {
 }
 
 
-def is_matched(number: int) -> bool:
-    """Whether a scan, of those that are looked at, is matched."""
-    return number % RUN == 1 or (number % RUN == 2 and number < _FEW)
-
-
 def setup_error_in_space(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     """Find what is wrong with mount, clock, scale or poses of a log all along.
 
-    `runs`: Clouds that follow each other. Only those with patches are matched, of which the first and the
-    last have none.
+    `runs`: Clouds that follow each other.
     Returns: None where nothing is, or too little tells.
     """
     log = _Log(runs)
     pairs, is_far = log.pairs()
     readings = log.readings(pairs)
-    agree = {kind: log.agreement(pairs, motions) for kind, motions in readings.items()}
-    starts = [readings[kind] for kind in readings if agree[kind] >= agree[""]]
-    at, seen, covariances = log.matched(pairs, starts)
+    few = slice(None, None, max(1, len(pairs) // _MOST_NEAR))
+    agree = {kind: log.agreement(pairs[few], motions[few]) for kind, motions in readings.items()}
+    kinds = [kind for kind in readings if agree[kind] >= agree[""]]
+    if len(kinds) == 1:
+        pairs, is_far, readings = pairs[is_far], is_far[is_far], {"": readings[""][is_far]}
+    at, seen, covariances = log.matched(pairs, [readings[kind] for kind in kinds])
     whitening = np.linalg.inv(np.linalg.cholesky(covariances + 2 * np.diag(_POSES**2)))
-    if len(starts) > 1 and len(at) >= LEAST_PAIRS:
+    if len(kinds) > 1 and len(at) >= LEAST_PAIRS:
         left = {
             kind: np.einsum("nij,nj->ni", whitening, _errors(seen, readings[kind][at]))
             for kind in ("", *_READINGS, "mirrored")
+            if kind in kinds
         }
         likely = {kind: likelihood(one) for kind, one in left.items()}
         # Straight on, several read alike: the first of them.
@@ -112,15 +110,20 @@ def setup_error_in_space(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
         if best and is_gain(left[""], left[best]):
             return SetupError(best, (), None)
     far = is_far[at]
+    if np.count_nonzero(far) < LEAST_PAIRS:
+        return None
     pairs, seen, whitening = pairs[at[far]], seen[far], whitening[far]
     told = log.motions(pairs)
     raw = log.slopes(pairs, told)
     errors = _errors(seen, told)
-    kinds = {kind: one for kind, one in _KINDS.items() if log.has_times or kind in ("way", "turns", "tilt")}
-    fits = fits_of(errors, raw, whitening, kinds)
+    columns = {
+        kind: one for kind, one in _KINDS.items() if log.has_times or kind not in ("place", "clock", "mount")
+    }
+    fits = fits_of(errors, raw, whitening, columns)
     for kind in {"clock", "tilt"} & set(fits):
-        tried = [_again(log, pairs, seen, whitening, kind, one) for one in (fits[kind][0], *_TRIED[kind])]
-        fits[kind] = max(tried, key=lambda one: likelihood(one[1]))
+        fits[kind] = _again(log, pairs, seen, whitening, kind, fits[kind][0])
+    if "clock" in fits and abs(fits["clock"][0][0]) > _LATEST:
+        del fits["clock"]
     kind = likeliest(np.einsum("nij,nj->ni", whitening, errors), fits)
     if kind is None:
         return None
@@ -137,16 +140,26 @@ def _again(
     log: _Log, pairs: Floats, seen: Floats, whitening: Floats, kind: str, values: Floats
 ) -> tuple[Floats, Floats]:
     """As of `fits_of`, of a kind whose errors are not proportional to it, near some values."""
+
+    def left_of(values: Floats) -> Floats:
+        errors = _errors(seen, log.motions(pairs, kind, values))
+        return np.einsum("nij,nj->ni", whitening, errors)
+
+    values = max((values, *_TRIED[kind]), key=lambda one: likelihood(left_of(one)))
+    left = left_of(values)
     for _ in range(_ROUNDS):
         told = log.motions(pairs, kind, values)
-        change, left = fits_of(_errors(seen, told), log.slopes(pairs, told), whitening, {kind: _KINDS[kind]})[
-            kind
-        ]
+        slopes = log.slopes(pairs, told)
+        change = fits_of(_errors(seen, told), slopes, whitening, {kind: _KINDS[kind]})[kind][0]
         if kind == "tilt":
             up = (_tilted(values) @ turned_by(np.append(change, 0.0)))[2]
-            values = np.array([math.atan2(up[1], up[2]), -math.asin(up[0])])
+            new = np.array([math.atan2(up[1], up[2]), -math.asin(up[0])])
         else:
-            values = values + change
+            new = values + change
+        left_now = left_of(new)
+        if likelihood(left_now) < likelihood(left) + 1.0:
+            break
+        values, left = new, left_now
     return values, left
 
 
@@ -161,10 +174,7 @@ class _Log:
     """The clouds that can be matched, and how their poses say that they lie to each other."""
 
     def __init__(self, runs: Sequence[Sequence[Cloud]]) -> None:
-        inner = [
-            (run[k - 1], run[k], run[k + 1]) for run in runs for k in range(1, len(run) - 1) if run[k].patches
-        ]
-        self.clouds = [one for _, one, _ in inner]
+        self.clouds = [one for run in runs for one in run[1:-1][: 2 if len(runs) <= _FEW else 1]]
         # How the sensor is told to sit, on the whole, as seen from where it looks.
         rotations = np.array([one.pose[:3, :3] for one in self.clouds]).reshape(-1, 3, 3)
         headings = [_heading(one, rotations[0]) for one in rotations]
@@ -173,18 +183,17 @@ class _Log:
         #: From the sensor's frame into the robot's.
         self.seat = _rigid(u @ v)
         self.poses = np.array([one.pose @ self.seat.T for one in self.clouds]).reshape(-1, 4, 4)
-        self.has_times = all(a.stamp < b.stamp for run in runs for a, b in zip(run, run[1:]))
-        self.velocities = np.zeros((len(inner), 6))
-        if self.has_times:
-            moves = [[self._velocity(a, b) for a, b in zip(run, run[1:])] for run in runs if len(run) > 1]
+        moving = [run for run in runs if len(run) > 1]
+        stamps = np.array([one.stamp for run in moving for one in run])
+        self.has_times = bool((np.diff(stamps) > 0).all())
+        self.velocities = np.zeros((len(self.clouds), 6))
+        if self.has_times and moving:
+            moves = [[self._velocity(a, b) for a, b in zip(run, run[1:])] for run in moving]
             usual = [[one[0], *(0.5 * (a + b) for a, b in zip(one, one[1:])), one[-1]] for one in moves]
+            poses = np.array([one.pose @ self.seat.T for run in moving for one in run])
             #: Poses, velocities and times of all clouds.
-            self.trail = (
-                np.array([one.pose @ self.seat.T for run in runs if len(run) > 1 for one in run]),
-                np.array([one for run in usual for one in run]),
-                np.array([one.stamp for run in runs if len(run) > 1 for one in run]),
-            )
-            at = np.searchsorted(self.trail[2], [one.stamp for one in self.clouds])
+            self.trail = poses, np.array([one for run in usual for one in run]), stamps
+            at = np.searchsorted(stamps, [one.stamp for one in self.clouds])
             self.velocities = self.trail[1][at].reshape(-1, 6)
 
     def _velocity(self, one: Cloud, other: Cloud) -> Floats:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +23,12 @@ from ndtree.base.scan import Scan
 _MOST_POINTS = 6000  # Of a cloud, about.
 _SIZES = (0.5, 1.0, 2.0)  # Edges of cubes [m].
 _STEPS = ((2,), (1, 2), (0, 1, 2))  # Which of them are matched, one after the other.
-_ROUNDS, _STILL = 8, 1e-4  # Of each; until nothing is moved farther [m, rad].
+_ROUNDS, _STILL = 8, 1e-3  # Of each; until nothing is moved farther [m, rad].
 _LEAST_POINTS = 6  # Of a patch.
 _FLAT, _WIDE = 0.02, 0.1  # Variances of a plane: the least to the middle one; its root to the edge.
 _PARALLEL = 0.9  # Cosine of normals of the same surface.
 _ERROR = 0.02  # Of a patch, beside half of its thickness [m].
+_SLANT = math.radians(5.0)  # Normals of rods err alike by that: their near sides are seen.
 _FREEDOM = 2.0  # Of Student's t.
 _START = np.array([1.0, 1.0, 1.0, 0.35, 0.35, 0.35])  # How far patches are from their places [m, rad].
 _BESIDE = 0.1  # Of its plane, a patch is on it [m].
@@ -45,24 +47,24 @@ class _Patches:
     slant: Floats  # Of the normal's angle, at most: thickness over width, squared [rad²].
 
     @classmethod
-    def of(cls, points: Floats, size: float) -> _Patches:
-        cubes = np.floor(points / size)
-        keys, which, counts = np.unique(_keys(cubes), return_inverse=True, return_counts=True)
-        first = np.zeros((len(keys), 3))
-        first[which] = (cubes + 0.5) * size
-        local = (points - first[which]).T
-
-        def means(values: Floats) -> Floats:
-            return np.bincount(which, values, len(keys)) / np.maximum(counts, 1)
-
-        mean = np.stack([means(one) for one in local], axis=-1)
-        spread = np.stack([[means(one * other) for other in local] for one in local]).transpose(2, 0, 1)
-        use = counts >= _LEAST_POINTS
-        values, axes = np.linalg.eigh((spread - mean[:, :, None] * mean[:, None])[use])
-        flat = (values[:, 0] < _FLAT * values[:, 1]) & (values[:, 1] > (_WIDE * size) ** 2)
-        values = values[flat].clip(0.0)
-        keys, mean = keys[use][flat], (mean + first)[use][flat]
-        return cls(size, keys, mean, axes[flat, :, 0], values[:, 0], values[:, 0] / values[:, 1])
+    def of(cls, points: Floats) -> Iterator[_Patches]:
+        """Those of each size: of the smallest cubes by points, of others by these cubes."""
+        counts, sums = np.ones(len(points)), points
+        squares = points[:, [0, 0, 0, 1, 1, 2]] * points[:, [0, 1, 2, 1, 2, 2]]
+        for size in _SIZES:
+            keys, which = np.unique(_keys(np.floor(points / size)), return_inverse=True)
+            columns = (counts, *sums.T, *squares.T)
+            counts, *both = (np.bincount(which, one, len(keys)) for one in columns)
+            sums, squares = np.stack(both[:3], axis=-1), np.stack(both[3:], axis=-1)
+            points = sums / np.maximum(counts, 1)[:, None]  # Of a cube, its mean stands for it.
+            use = counts >= _LEAST_POINTS
+            mean = points[use]
+            spread = (squares[use] / counts[use, None])[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+            values, axes = np.linalg.eigh(spread - mean[:, :, None] * mean[:, None])
+            flat = (values[:, 0] < _FLAT * values[:, 1]) & (values[:, 1] > (_WIDE * size) ** 2)
+            values = values[flat].clip(0.0)
+            slant = values[:, 0] / values[:, 1]
+            yield cls(size, keys[use][flat], mean[flat], axes[flat, :, 0], values[:, 0], slant)
 
 
 def _keys(cubes: Floats) -> NDArray[np.int64]:
@@ -72,31 +74,31 @@ def _keys(cubes: Floats) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class Cloud:
-    """A cloud of a lidar in its sensor's frame, and its pose.
+    """Some beams of a cloud of a lidar, and the pose (4, 4) of the sensor in the map."""
 
-    `patches`: Of each size; none of a cloud of which only the pose counts.
-    `pose` (4, 4): Of the sensor in the map.
-    """
-
-    patches: tuple[_Patches, ...]
+    scan: Scan
     pose: Floats
-    stamp: float
 
     @classmethod
-    def of(cls, scan: Scan, *, with_patches: bool = True) -> Cloud | None:
-        """Some beams of a scan, of all rings of a lidar; None if its log does not say where and how it is."""
+    def of(cls, scan: Scan) -> Cloud | None:
+        """Beams of all rings; None if a scan's log does not say where it is and how it is turned."""
         origins = np.atleast_2d(scan.origin)
         if scan.dim != 3 or scan.rotation is None or scan.points_only or not len(origins):
             return None
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = scan.rotation, origins.mean(axis=0, dtype=np.float64)
-        if not with_patches:
-            return cls((), pose, scan.stamp)
         step = len(scan) // _MOST_POINTS | 1  # Rings are even in number.
-        scan = scan.only(slice(None, None, step if step % 5 else step + 2))
-        ways = scan.endpoints[scan.did_return].astype(np.float64) - pose[:3, 3]
-        points = ways[np.isfinite(ways).all(axis=1)] @ scan.rotation
-        return cls(tuple(_Patches.of(points, size) for size in _SIZES), pose, scan.stamp)
+        return cls(scan.only(slice(None, None, step if step % 5 else step + 2)), pose)
+
+    @property
+    def stamp(self) -> float:
+        return self.scan.stamp
+
+    @cached_property
+    def patches(self) -> tuple[_Patches, ...]:
+        """Of each size, in the sensor's frame."""
+        ways = self.scan.endpoints[self.scan.did_return].astype(np.float64) - self.pose[:3, 3]
+        return tuple(_Patches.of(ways[np.isfinite(ways).all(axis=1)] @ self.pose[:3, :3]))
 
     def agreement(self, other: Cloud, motion: Floats) -> float:
         """Which part of another's patches lies on planes of this one, with its pose as seen from here."""
@@ -112,13 +114,13 @@ class Cloud:
         pose, information = motion.copy(), np.zeros((6, 6))
         for sizes in _STEPS:
             for _ in range(_ROUNDS):
-                information, slope, by_chance = np.zeros((6, 6)), np.zeros(6), np.zeros(2)
+                information, slope, by_chance = np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6))
                 for normal, off, arm, variance, slant in self._met(other, pose, sizes):
-                    rows = np.hstack((normal, np.cross(arm, normal)))
+                    rows = np.hstack((normal, _crossed(arm, normal)))
                     weights = (_FREEDOM + 1) / (_FREEDOM * variance + off**2)
                     information += (rows * weights[:, None]).T @ rows
                     slope += rows.T @ (weights * off)
-                    by_chance += (weights * slant).sum(), (weights * slant * (arm**2).sum(axis=1)).sum()
+                    by_chance += _of_points(arm, weights * slant)
                 away = np.append(pose[:3, 3] - motion[:3, 3], turn_of(pose[:3, :3] @ motion[:3, :3].T))
                 change = -np.linalg.solve(information + np.diag(_START**-2), slope + away / _START**2)
                 change = change.clip(-_START, _START)
@@ -127,8 +129,8 @@ class Cloud:
                 if np.abs(change).max() < _STILL:
                     break
         # Normals that err seem to tell of all directions.
-        information -= np.diag(np.repeat(by_chance, 3))
-        return pose, information / len(_SIZES)  # A surface has patches of all sizes.
+        # A surface has patches of all sizes.
+        return pose, (information - by_chance) / len(_SIZES)
 
     def _met(
         self, other: Cloud, motion: Floats, sizes: tuple[int, ...] = _STEPS[-1]
@@ -149,7 +151,21 @@ class Cloud:
             met, normal = met[use], normal[use]
             off = np.einsum("ni,ni->n", normal, arm[met] + motion[:3, 3] - one.mean[at[met]])
             variance = _ERROR**2 + 0.25 * (one.variance[at[met]] + two.variance[met])
-            yield normal, off, arm[met], variance, one.slant[at[met]]
+            yield normal, off, arm[met], variance, one.slant[at[met]] + _SLANT**2
+
+
+def _crossed(ones: Floats, others: Floats) -> Floats:
+    """(n, 3) cross products."""
+    (a, b, c), (x, y, z) = ones.T, others.T
+    return np.stack((b * z - c * y, c * x - a * z, a * y - b * x), axis=-1)
+
+
+def _of_points(arm: Floats, weights: Floats) -> Floats:
+    """The information (6, 6) of points that were known in all directions, seen from (n, 3)."""
+    x, y, z = weights @ arm
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    square = (arm * weights[:, None]).T @ arm
+    return np.block([[weights.sum() * np.eye(3), -cross], [cross, np.trace(square) * np.eye(3) - square]])
 
 
 def turn_of(rotation: Floats) -> Floats:
