@@ -198,10 +198,14 @@ def test_a_sensor_that_looks_aside_or_back(drive: tuple[Poses, list[Floats]], de
     assert found_in(told @ mount(0, 0, 0, 0, degrees), drive[1]) is None
 
 
-def test_without_ground_or_rotations_nothing_is_told(drive: tuple[Poses, list[Floats]]) -> None:
+def test_no_ground_is_needed(drive: tuple[Poses, list[Floats]]) -> None:
     told = drive[0](TIMES) @ mount(0, 0, 0, 0, -10)
     above = [points[points[:, 2] > 0] for points in drive[1]]
-    assert found_in(told, above) is None
+    found = found_in(told, above)
+    assert found is not None and found.values == pytest.approx([math.radians(10)], rel=0.1)
+
+
+def test_without_rotations_nothing_is_told() -> None:
     assert Cloud.of(Scan(np.zeros((3, 3)), np.zeros(3))) is None
     assert Cloud.of(Scan(np.zeros((0, 3)), np.zeros((0, 3)), rotation=np.eye(3))) is None
     assert setup_error_in_space([]) is None

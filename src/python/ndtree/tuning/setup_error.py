@@ -73,8 +73,7 @@ class SetupError:
         quaternions in the order "wxyz".
     `values`: To be added: [rad], along the sensor's x axis and to the left of that, seen from above [m], roll
         and pitch [rad], [s], or a fraction; none of the last four.
-    `apart`: How far apart two views of a surface 5 m away would lie at most [m]; None of the last five, and
-        of a sensor in space that looks aside or back.
+    `apart`: How far apart two views of a surface 5 m away would lie at most [m]; None of the last four.
     """
 
     kind: str

@@ -45,7 +45,7 @@ _POSES = np.array([POSES[0], POSES[1], 0.03, 0.0123, 0.0123, POSES[2]])
 _KINDS = {"yaw": [0], **KINDS, "tilt": [6, 7]}
 _ROUNDS = 4  # Of what is not small.
 _LATEST = 0.6  # Of a clock [s]; one that is later leads from one end of a drive to the other.
-_TRIED = {"clock": [np.array([0.1 * one]) for one in (-4, -3, -2, -1, 1, 2, 3, 4)], "tilt": []}  # [s]
+_TRIED = {"clock": [np.array([0.05 * one]) for one in range(-8, 9)], "tilt": []}  # [s]
 #: Axes of a camera, z forward and x to the right, of one whose x is forward and z up.
 _CAMERA = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
 _MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
@@ -233,11 +233,12 @@ class _Log:
         )
 
     def _far(self) -> list[tuple[int, int]]:
-        """Pairs: of each cloud the next whose motion is far larger than what poses err, and a far one.
+        """Pairs: of each cloud the next whose motion is far larger than what poses err, and a far
+        one that is in few other pairs.
 
         The very next may be farther: then it is all that there is.
         """
-        found = []
+        found, used = [], [0] * len(self.poses)
         for i in self._fresh():
             way = turn = 0.0
             ones: list[int] = []
@@ -248,7 +249,10 @@ class _Log:
                     break
                 if _has_moved(self.poses[i], self.poses[k], LEAST_MOTION):
                     ones.append(k)
-            found += [(i, k) for k in sorted({*ones[:1], *ones[-1:]})]
+            if ones:
+                far = min(reversed(ones[len(ones) // 2 :]), key=lambda k: used[k])
+                used[far] += 1
+                found += [(i, k) for k in sorted({ones[0], far})]
         return found
 
     def _fresh(self) -> list[int]:
