@@ -34,12 +34,12 @@ from ndtree.tuning.setup_error import (
 )
 from ndtree.tuning.surfaces import Cloud, turn_of, turned_by
 
-_FEW = 20  # Of so many runs, two clouds of each are matched, else one.
+_FEW = 20  # Of up to this many runs, two clouds of each are matched, else one.
 _MOST_PAIRS, _MOST_NEAR = 48, 16  # For the time that they take.
 _FAR, _FARTHEST = 4.0, 6.0  # Least of the way to a far cloud, and the most to the next [m].
 _FITS = 0.3  # Of the patches, in clouds that fit each other.
 _AS_WELL = 0.02  # A match fits no better.
-_LEAST = 1.0  # Of information: nobody is farther away than is searched [1/m², 1/rad²].
+_LEAST = 1.0  # Of information: no match is farther away than is searched [1/m², 1/rad²].
 #: What poses err, each by itself: place [m] and turn [rad].
 _POSES = np.array([POSES[0], POSES[1], 0.03, 0.0123, 0.0123, POSES[2]])
 _KINDS = {"yaw": [0], **KINDS, "tilt": [6, 7]}
@@ -124,16 +124,15 @@ def setup_error_in_space(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
         fits[kind] = _again(log, pairs, seen, whitening, kind, fits[kind][0])
     if "clock" in fits and abs(fits["clock"][0][0]) > _LATEST:
         del fits["clock"]
-    kind = likeliest(np.einsum("nij,nj->ni", whitening, errors), fits)
-    if kind is None:
+    found = likeliest(np.einsum("nij,nj->ni", whitening, errors), fits)
+    if found is None:
         return None
-    values = fits[kind][0]
+    values = fits[found][0]
     first, second = np.triu_indices(len(log.poses), 1)
     beside = np.linalg.norm(log.poses[first, :3, 3] - log.poses[second, :3, 3], axis=1) < NEARER
     around = np.stack((first[beside], second[beside]), axis=1)
-    moved = log.slopes(around, log.motions(around))[:, :, _KINDS[kind]] @ values
-    by = raw[:, :, _KINDS[kind]] @ values
-    return said_of(kind, values, by, moved)
+    moved = log.slopes(around, log.motions(around))[:, :, _KINDS[found]] @ values
+    return said_of(found, values, raw[:, :, _KINDS[found]] @ values, moved)
 
 
 def _again(
@@ -228,15 +227,13 @@ class _Log:
         near = [(i, i + k) for i in range(number) for k in (1, 2) if i + k < number]
         near = near[:: max(1, math.ceil(len(near) / _MOST_NEAR))]
         pairs = sorted({*far, *near})
-        return np.array(pairs, dtype=int).reshape(-1, 2), np.array(
-            [one in {*far} for one in pairs], dtype=bool
-        )
+        is_far = [one in far for one in pairs]
+        return np.array(pairs, dtype=int).reshape(-1, 2), np.array(is_far, dtype=bool)
 
     def _far(self) -> list[tuple[int, int]]:
-        """Pairs: of each cloud the next whose motion is far larger than what poses err, and a far
-        one that is in few other pairs.
+        """Of each cloud the next whose motion is much larger than what poses err, and a far one.
 
-        The very next may be farther: then it is all that there is.
+        That is in few other pairs. The very next may be farther: then it is all that there is.
         """
         found, used = [], [0] * len(self.poses)
         for i in self._fresh():
