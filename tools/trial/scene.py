@@ -112,8 +112,7 @@ class Scene:
             for center, half, axes in self.boxes:
                 nearest = np.minimum(nearest, _meet_box(center, half, axes, origins, directions))
             if self.cylinders:
-                met = _meet_cylinders(np.array(self.cylinders), origins, directions)
-                nearest = np.minimum(nearest, met.min(1))
+                nearest = np.minimum(nearest, _meet_cylinders(np.array(self.cylinders), origins, directions))
         return nearest
 
     def nearest(self, points: Floats) -> Floats:
@@ -194,15 +193,26 @@ def _meet_box(center: Floats, half: Floats, axes: Floats, origins: Floats, direc
 
 
 def _meet_cylinders(cylinders: Floats, origins: Floats, directions: Floats) -> Floats:
-    """(n, cylinders) distances."""
-    x, y, r, low, high = cylinders.T
-    length = np.linalg.norm(directions[:, :2], axis=1)[:, None]
-    flat = np.where(length > 0, length, np.nan)
-    t = _meet_circles(cylinders[:, :3], origins[:, :2], directions[:, :2] / flat) / flat
-    z = origins[:, 2:] + t * directions[:, 2:]
-    nearest = np.where((z >= low) & (z <= high), t, np.inf)
+    """(n,) distances."""
+    length = np.linalg.norm(directions[:, :2], axis=1)
+    flat = np.where(length > 0, length, np.nan)[:, None]
+    x, y = (cylinders[:, k] - origins[:, k : k + 1] for k in (0, 1))
+    aside = np.abs(x * directions[:, 1:2] - y * directions[:, :1])
+    # Of vertical ones, only the ends are met.
+    ray, which = np.nonzero(~(aside > 1.001 * cylinders[:, 2] * flat))
+    o, d, flat = origins[ray], directions[ray], flat[ray, 0]
+    x, y, r, low, high = cylinders[which].T
+    nearest = np.full(len(directions), np.inf)
+    dx, dy = d[:, 0] / flat, d[:, 1] / flat
+    x, y = x - o[:, 0], y - o[:, 1]
+    along = x * dx + y * dy
+    left = r**2 - (x**2 + y**2) + along**2
+    t = along - np.sqrt(left)
+    t = np.where((left > 0) & (t > _BEHIND), t, np.inf) / flat
+    z = o[:, 2] + t * d[:, 2]
+    np.minimum.at(nearest, ray, np.where((z >= low) & (z <= high), t, np.inf))
     for height in (low, high):
-        t = (height - origins[:, 2:]) / directions[:, 2:]
-        aside = [origins[:, k : k + 1] + t * directions[:, k : k + 1] - at for k, at in ((0, x), (1, y))]
-        nearest = np.minimum(nearest, np.where((t > _BEHIND) & (np.hypot(*aside) < r), t, np.inf))
+        t = (height - o[:, 2]) / d[:, 2]
+        away = np.hypot(t * d[:, 0] - x, t * d[:, 1] - y)
+        np.minimum.at(nearest, ray, np.where((t > _BEHIND) & (away < r), t, np.inf))
     return nearest
