@@ -71,7 +71,7 @@ def _rigid(rotation: Floats) -> Floats:
 
 #: Other ways to read the pose of a sensor.
 _READINGS: dict[str, Callable[[Floats], Floats]] = {
-    "inverted": np.linalg.inv,
+    "inverted": lambda pose: np.asarray(np.linalg.inv(pose), dtype=np.float64),
     "wxyz": _wxyz,
     "axes": lambda pose: _CAMERA.T @ pose @ _CAMERA,
 }
@@ -164,7 +164,7 @@ def _again(
 
 def _tilted(values: Floats) -> Floats:
     """The rotation of a roll and a pitch."""
-    about_x, about_y, _ = about_axes(*values, 0.0)
+    about_x, about_y, _ = about_axes(float(values[0]), float(values[1]), 0.0)
     rotation: Floats = about_y @ about_x
     return rotation
 
@@ -202,9 +202,9 @@ class _Log:
     def motions(self, pairs: Floats, kind: str = "", values: Floats | None = None) -> Floats:
         """(n, 4, 4) of the robot by its poses, of a sensor that is tilted or late by some values."""
         poses = self.poses
-        if kind == "tilt":
+        if kind == "tilt" and values is not None:
             poses = poses @ _rigid(_tilted(values))
-        if kind == "clock":
+        if kind == "clock" and values is not None:
             times = np.array([one.stamp for one in self.clouds]) + values
             at = np.abs(times[:, None] - self.trail[2]).argmin(axis=1)
             by = (times - self.trail[2][at])[:, None] * self.trail[1][at]

@@ -49,12 +49,13 @@ class _Patches:
     @classmethod
     def of(cls, points: Floats) -> Iterator[_Patches]:
         """Those of each size: of the smallest cubes by points, of others by these cubes."""
-        counts, sums = np.ones(len(points)), points
+        counts: Floats = np.ones(len(points))
+        sums = points
         squares = points[:, [0, 0, 0, 1, 1, 2]] * points[:, [0, 1, 2, 1, 2, 2]]
         for size in _SIZES:
             keys, which = np.unique(_keys(np.floor(points / size)), return_inverse=True)
             columns = (counts, *sums.T, *squares.T)
-            counts, *both = (np.bincount(which, one, len(keys)) for one in columns)
+            counts, *both = (np.bincount(which, one, len(keys)).astype(float) for one in columns)
             sums, squares = np.stack(both[:3], axis=-1), np.stack(both[3:], axis=-1)
             points = sums / np.maximum(counts, 1)[:, None]  # Of a cube, its mean stands for it.
             use = counts >= _LEAST_POINTS
