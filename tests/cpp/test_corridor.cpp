@@ -2,6 +2,9 @@
 // Convex free space along paths: every place in it is free, and it contains the path.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cstddef>
+#include <limits>
 #include <stdexcept>
 #include <vector>
 
@@ -14,6 +17,47 @@
 namespace ndtree::test::test_corridor {
 namespace {
 
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+/// Each plane, but for those of the box around, has an obstacle behind it that is behind no other, and would
+/// not be were the plane a little farther out. @returns how many planes there are.
+template <class Map>
+int every_plane_is_needed_where_it_is(const Map& map, const Body<Map::kDim>& body,
+                                      const std::vector<HalfSpace<Map::kDim>>& planes) {
+  constexpr int D = Map::kDim;
+  RegionStates states;
+  states.occupied = states.unknown = true;
+  const std::size_t first = 2 * std::size_t{D};
+  std::vector<bool> is_needed(planes.size(), false);
+  Box<D> around;
+  for (int a = 0; a < D; ++a) {
+    around.upper[a] = planes[2 * static_cast<std::size_t>(a)].offset;
+    around.lower[a] = -planes[2 * static_cast<std::size_t>(a) + 1].offset;
+  }
+  for (const Box<D>& box : boxes_of(map, around.inflated(reach_of(body)), states))
+    for (const BodyPart<D>& part : body) {
+      std::size_t behind = 0;
+      std::size_t last = 0;
+      double room = 0.0;
+      for (std::size_t i = 0; i < planes.size(); ++i) {
+        double nearest = kInfinity;  // Of the box's corners, along the normal.
+        for (unsigned corner = 0; corner < 1u << D; ++corner) {
+          Vector<D> at;
+          for (int a = 0; a < D; ++a) at[a] = (corner >> a & 1u) != 0 ? box.upper[a] : box.lower[a];
+          nearest = std::min(nearest, planes[i].normal.dot(at));
+        }
+        const double beyond = nearest - detail::reach_along(part, planes[i].normal) - planes[i].offset;
+        if (beyond < -1e-9) continue;
+        ++behind;
+        last = i;
+        room = beyond;
+      }
+      EXPECT_GT(behind, 0u);
+      if (behind == 1 && room < 1e-9) is_needed[last] = true;
+    }
+  for (std::size_t i = first; i < planes.size(); ++i) EXPECT_TRUE(is_needed[i]);
+  return static_cast<int>(planes.size() - first);
+}
 template <class Map>
 void corridors_are_free_and_contain_the_path(Random& random) {
   constexpr int D = Map::kDim;
@@ -26,6 +70,7 @@ void corridors_are_free_and_contain_the_path(Random& random) {
   int segments = 0;
   int inside = 0;
   int blocked = 0;
+  int planes = 0;
   for (int round = 0; round < 12; ++round) {
     MapOptions options;
     options.min_cell_size = 0.25;
@@ -56,6 +101,7 @@ void corridors_are_free_and_contain_the_path(Random& random) {
           return true;
         };
         for (const HalfSpace<D>& plane : sets[k]) ASSERT_NEAR(plane.normal.norm(), 1.0, 1e-12);
+        planes += every_plane_is_needed_where_it_is(map, body, sets[k]);
         ASSERT_TRUE(contains(path.points[k], 1e-9) && contains(path.points[k + 1], 1e-9));
         for (int sample = 0; sample < 300; ++sample) {
           const double along = random.uniform();
@@ -72,6 +118,7 @@ void corridors_are_free_and_contain_the_path(Random& random) {
     }
   }
   EXPECT_GT(segments, 20);
+  EXPECT_GT(planes, 40);
   EXPECT_GT(inside, 1000);
   EXPECT_GT(blocked, 1000);
 }

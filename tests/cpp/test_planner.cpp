@@ -6,10 +6,13 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <map>
+#include <optional>
 #include <queue>
 #include <set>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -540,40 +543,145 @@ TYPED_TEST(Planning, FindsGapsThatAreHardlyWiderThanTheBody) {
     }
   EXPECT_EQ(found, D == 2 ? 16 : 4);
 }
-/// Coarse cells join whatever the space joins: else a guide would call a goal unreachable that is not.
+/// Coarse cells are joined if some places on both sides of their face are: else a guide would call a goal
+/// unreachable that is not, or lead into walls.
 TYPED_TEST(Planning, CoarseSpaceJoinsWhatIsJoined) {
   constexpr int D = TypeParam::kDim;
   Random random(406);
-  int pairs = 0;
+  int joined = 0;
+  int apart = 0;
   for (const double cost : {kInfinity, 2.0, 1.0, kInfinity, 2.0}) {
     const TypeParam map = random_world<TypeParam>(random, 10);
     const double reach = D == 2 ? 4.0 : 2.0;
     FreeSpace<TypeParam> space(map, random_body<D>(random), cost,
                                {Vector<D>::Constant(-reach), Vector<D>::Constant(reach)});
     detail::CoarseSpace<TypeParam> coarse(space);
-    const auto coarse_number = [&](const PlaceCell<D>& cell, const PlaceCell<D>& other) {
-      Lattice<D> at;  // Of the cube in which one cell is nearest to the other.
-      for (std::size_t a = 0; a < D; ++a)
-        at[a] = std::clamp(other.lower[a], cell.lower[a], cell.lower[a] + cell.edge - 1);
-      return coarse.cell_at(at);
+    struct Pair {
+      PlaceCell<D> from, to;
+      std::size_t axis;
+      bool is_open;
     };
-    space.for_each_in(space.limits(), [&](const PlaceCell<D>& cell) {
-      space.for_each_beside(cell, [&](const PlaceCell<D>& other) {
-        const auto from = coarse_number(cell, other);
-        const auto to = coarse_number(other, cell);
-        ASSERT_NE(from.passage, Passage::blocked);
-        ASSERT_NE(to.passage, Passage::blocked);
-        bool is_joined = from.number == to.number;
-        coarse.for_each_beside(from, [&](const auto& beside) { is_joined |= beside.number == to.number; });
-        ASSERT_TRUE(is_joined);
-        ++pairs;
+    std::map<std::pair<std::uint64_t, std::uint64_t>, Pair> pairs;
+    const auto is_passable = [&](const Lattice<D>& at) {
+      return space.cell_at(at).passage != Passage::blocked;
+    };
+    for_each_place<D>(space.limits(), [&](const Lattice<D>& at) {
+      for (std::size_t a = 0; a < D; ++a) {
+        Lattice<D> next = at;
+        if (++next[a] == space.limits().upper[a]) continue;
+        const auto from = coarse.cell_at(at);
+        const auto to = coarse.cell_at(next);
+        if (from.number == to.number || from.passage == Passage::blocked || to.passage == Passage::blocked)
+          continue;
+        auto& pair = pairs.try_emplace({from.number, to.number}, Pair{from, to, a, false}).first->second;
+        pair.is_open = pair.is_open || (is_passable(at) && is_passable(next));
+      }
+    });
+    for (const auto& [numbers, pair] : pairs) {
+      (pair.is_open ? joined : apart)++;
+      for (const bool upwards : {true, false}) {
+        const auto& from = upwards ? pair.from : pair.to;
+        const auto& to = upwards ? pair.to : pair.from;
+        ASSERT_EQ(coarse.are_joined(from, to, static_cast<int>(pair.axis), upwards), pair.is_open);
+        bool is_beside = false;
+        coarse.for_each_beside(from, [&](const auto& beside) { is_beside |= beside.number == to.number; });
+        ASSERT_EQ(is_beside, pair.is_open);
+      }
+    }
+  }
+  EXPECT_GT(joined, 100);
+  EXPECT_GT(apart, 3);
+}
+/// The cells beside one are those at all smallest cells behind its faces.
+TYPED_TEST(Planning, NarrowCellsBesideAreThoseAtItsFaces) {
+  constexpr int D = TypeParam::kDim;
+  Random random(408);
+  int narrow_ones = 0;
+  for (const double cost : {kInfinity, 1.0}) {
+    const TypeParam map = random_world<TypeParam>(random, 10);
+    const Body<D> body = random_body<D>(random);
+    const Box<D> around{Vector<D>::Constant(-2.0), Vector<D>::Constant(2.0)};
+    FreeSpace<TypeParam> sure(map, inflated(body, 1e-6), cost, around);
+    FreeSpace<TypeParam> possible(map, body, cost, around, detail::Touches::from_each);
+    const UnknownSpace unknown = std::isfinite(cost) ? UnknownSpace::free : UnknownSpace::occupied;
+    detail::NarrowSpace<TypeParam> space(map, sure, possible, body, unknown);
+    const auto at_place = [&](const Lattice<D>& at) -> std::optional<PlaceCell<D>> {
+      const auto cell = sure.cell_at(at);
+      if (cell.passage != Passage::blocked) return cell;
+      if (possible.cell_at(at).passage == Passage::blocked) return std::nullopt;
+      return space.narrow_at(at);
+    };
+    for_each_place<D>(sure.limits(), [&](const Lattice<D>& at) {
+      const std::optional<PlaceCell<D>> cell = at_place(at);
+      if (!cell || cell->lower != at) return;
+      narrow_ones += space.is_narrow(*cell);
+      std::set<std::uint64_t> expected, beside;
+      LatticeBox<D> box{cell->lower, cell->lower};
+      for (std::size_t a = 0; a < D; ++a) {
+        --box.lower[a];
+        box.upper[a] += cell->edge + 1;
+      }
+      for_each_place<D>(box, [&](const Lattice<D>& other) {
+        int outside = 0;
+        for (std::size_t a = 0; a < D; ++a)
+          outside += other[a] < cell->lower[a] || other[a] >= cell->lower[a] + cell->edge;
+        if (outside != 1) return;
+        if (const auto found = at_place(other)) expected.insert(found->number);
       });
+      space.for_each_beside(*cell, [&](const PlaceCell<D>& found) { beside.insert(found.number); });
+      ASSERT_EQ(beside, expected);
     });
   }
-  EXPECT_GT(pairs, 1000);
+  EXPECT_GT(narrow_ones, 10);
 }
-
-TYPED_TEST(Planning, NearestPlaceIsThatOfAllCells) {
+/// Cells in a row.
+struct Row {
+  static constexpr int D = 2;
+  std::int64_t count;
+  void for_each_beside(const PlaceCell<2>& cell,
+                       const std::function<void(const PlaceCell<2>&)>& visit) const {
+    for (const std::int64_t x : {cell.lower[0] - 1, cell.lower[0] + 1})
+      if (x >= 0 && x < count) visit({{x, 0}, 1, Passage::free, static_cast<std::uint64_t>(x)});
+  }
+};
+/// Looks at as many cells of a row as it is told, and says whether that were all.
+TEST(Planning, FloodsEndWithTheirCells) {
+  for (std::int64_t count = 1; count < 6; ++count)
+    for (std::size_t most = 0; most < 8; ++most)
+      for (std::int64_t wanted = 0; wanted < 8; ++wanted) {
+        Row row{count};
+        detail::GoalFlood<Row> flood(row);
+        flood.add({{0, 0}, 1, Passage::free, 0});
+        const auto looked = std::min(most, static_cast<std::size_t>(count));
+        std::size_t seen = 0;
+        const auto met = [&](const PlaceCell<2>& cell) {
+          seen += cell.lower[0] != wanted;
+          return cell.lower[0] == wanted;
+        };
+        const bool is_met = static_cast<std::size_t>(wanted) < looked;
+        ASSERT_EQ(flood.run(most, met), is_met ? detail::Joined::yes
+                                        : looked == static_cast<std::size_t>(count)
+                                            ? detail::Joined::no
+                                            : detail::Joined::perhaps);
+        ASSERT_EQ(seen, is_met ? static_cast<std::size_t>(wanted) : looked);
+      }
+}
+/// Place, and how far away it is said to be.
+template <int D>
+std::pair<Vector<D>, double> told_place(const std::string& message) {
+  const std::string begin = "the nearest place where it fits is ";
+  std::istringstream text(message.substr(message.find(begin) + begin.size()));
+  std::pair<Vector<D>, double> told;
+  text >> told.second;
+  text.ignore(100, '(');
+  for (int a = 0; a < D; ++a) {
+    text >> told.first[a];
+    text.ignore(1);
+  }
+  EXPECT_TRUE(text) << message;
+  return told;
+}
+TYPED_TEST(Planning, NearestPlaceIsThatOfManySamples) {
   constexpr int D = TypeParam::kDim;
   Random random(407);
   int found = 0;
@@ -581,24 +689,32 @@ TYPED_TEST(Planning, NearestPlaceIsThatOfAllCells) {
   for (int round = 0; round < 24; ++round) {
     const double reach = D == 2 ? 4.0 : 2.0;
     const TypeParam map = random_world<TypeParam>(random, 10);
-    const double cost = std::vector<double>{kInfinity, 2.0, 1.0}[static_cast<std::size_t>(round % 3)];
-    FreeSpace<TypeParam> space(map, inflated(random_body<D>(random), round < 4 ? 4.0 : 0.3), cost,
-                               {Vector<D>::Constant(-reach), Vector<D>::Constant(reach)});
-    for (int i = 0; i < 20; ++i) {
-      const Vector<D> at = random_point<D>(random, 3.0 * reach) / kUnit;
-      const auto nearest = space.nearest_place(at);
-      double least = kInfinity;
-      space.for_each_in(space.limits(), [&](const PlaceCell<D>& cell) {
-        least = std::min(least, (nearest_in(common_box(cell, cell), at) - at).norm());
-      });
-      ASSERT_EQ(nearest.has_value(), std::isfinite(least));
-      (nearest ? found : nowhere)++;
-      if (!nearest) continue;
-      ASSERT_DOUBLE_EQ((*nearest - at).norm(), least);
+    PlannerOptions options;
+    options.unknown_cost = std::vector<double>{kInfinity, 2.0, 1.0}[static_cast<std::size_t>(round % 3)];
+    Planner<TypeParam> planner(map, inflated(random_body<D>(random), round < 4 ? 4.0 : 0.3), options);
+    for (int i = 0; i < 10; ++i) {
+      const Vector<D> at = random_point<D>(random, 1.5 * reach);
+      if (planner.is_free(at, at)) continue;
+      const std::string message = refusal_by([&] { (void)planner.plan(at, at); });
+      double none_within = 3.0 * reach;
+      if (message.find("no place was found where it fits") != std::string::npos) {
+        ++nowhere;
+      } else {
+        const auto [place, away] = told_place<D>(message);
+        ASSERT_TRUE(planner.is_free(place, place)) << message;
+        ASSERT_NEAR((place - at).norm(), away, 0.01 * kUnit + 1e-6);
+        none_within = (place - at).norm() - kUnit / 32.0;
+        ++found;
+      }
+      for (int sample = 0; sample < 2000; ++sample) {
+        const Vector<D> way = random_point<D>(random, 1.0);
+        const Vector<D> other = at + way.normalized() * none_within * std::pow(random.uniform(), 0.3);
+        ASSERT_FALSE(planner.is_free(other, other)) << message << describe_point(other);
+      }
     }
   }
-  EXPECT_GT(found, 200);
-  EXPECT_GT(nowhere, 40);
+  EXPECT_GT(found, 60);
+  EXPECT_GT(nowhere, 5);
 }
 /// Bricks around a body of hundreds of cells take long.
 TEST(Planning, NearestPlaceOfAHugeBody) {
@@ -614,8 +730,7 @@ TEST(Planning, NearestPlaceOfAHugeBody) {
     Planner<AdaptiveMap<2, 2>> planner(map, body, over_unknown);
     return refusal_by([&] { (void)planner.plan({3.0, 0.0}, {3.0, 0.0}, max_seconds); });
   };
-  EXPECT_NE(message(kInfinity).find("the nearest place where it fits with a smallest cell to spare is 47.05"),
-            std::string::npos)
+  EXPECT_NE(message(kInfinity).find("the nearest place where it fits is 47.05"), std::string::npos)
       << message(kInfinity);
   EXPECT_NE(message(0.0).find("; out of time before the nearest place where it fits was found"),
             std::string::npos)
@@ -639,8 +754,7 @@ TEST(Planning, SaysWhatIsWrong) {
   };
   EXPECT_EQ(message({0.1, 1.1}, {2.0, 2.0}),
             "start = (0.1, 1.1): there the body meets the occupied cell from (-0.25, 1.0) to (0.0, 1.25); "
-            "the nearest "
-            "place where it fits with a smallest cell to spare is 0.4 m away, at (0.5, 1.1)");
+            "the nearest place where it fits is 0.2025 m away, at (0.30078125, 1.09765625)");
   EXPECT_NE(
       message({2.0, 2.0}, {9.0, 9.0}).find("goal = (9.0, 9.0): there the body meets unknown space outside"),
       std::string::npos);
@@ -655,7 +769,7 @@ TEST(Planning, SaysWhatIsWrong) {
                   }),
                   "goals")})
     EXPECT_EQ(question, std::string(name) + "[1] = (nan, 0.0): must be finite, and on the map's lattice");
-  EXPECT_NE(message({2.0, 2.0}, {1e8, 0.0}).find("smallest cell to spare is 99999996"), std::string::npos);
+  EXPECT_NE(message({2.0, 2.0}, {1e8, 0.0}).find("it fits is 99999996"), std::string::npos);
   const Path<2> none = planner.plan({-2.0, 0.0}, {2.0, 0.0});
   EXPECT_EQ(none.status, PathStatus::none);
   EXPECT_TRUE(none.points.empty());

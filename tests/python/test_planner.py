@@ -171,10 +171,10 @@ def test_ends_that_collide_are_named_with_the_nearest_place() -> None:
     ):
         m.plan([0.0, 0.0], [1.0, 1.0], body=body)
     with pytest.raises(
-        ValueError, match=r"goal = \(9\.0, 0\.0\): .*unknown.*nearest place where it fits .* is 5\."
+        ValueError, match=r"goal = \(9\.0, 0\.0\): .*unknown.*nearest place where it fits is 5\."
     ):
         m.plan([1.0, 1.0], [9.0, 0.0], body=body)
-    with pytest.raises(ValueError, match="it fits nowhere"):
+    with pytest.raises(ValueError, match="no place was found where it fits"):
         m.plan([1.0, 1.0], [2.0, 1.0], body=ndtree.Sphere(5.0))
 
 
@@ -359,7 +359,7 @@ def test_the_command_writes_a_path(tmp_path: Path) -> None:
             points = np.array(json.loads(text)["points"])
         else:
             points = np.array([json.loads(line.strip()[2:]) for line in text.splitlines() if "- [" in line])
-        np.testing.assert_allclose(points, expected.points, atol=1e-6)
+        np.testing.assert_allclose(points, expected.points, atol=1e-9)  # Less than it is tested with to spare.
     for more, status, said in (
         (["--clearance", "0.4"], 1, "no path found: the goal is in another part of free space"),
         (["--unknown", "0.5"], 2, "--unknown 0.5: expected blocked, free or a cost >= 1"),

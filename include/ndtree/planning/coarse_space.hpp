@@ -66,8 +66,6 @@ class CoarseSpace {
   /// Whether a way may lead from one cell to the next through a face.
   [[nodiscard]] bool are_joined(const Cell& from, const Cell& to, int axis, bool upwards) const {
     const auto a = static_cast<std::size_t>(axis);
-    if (from.edge == kEdge && to.edge == kEdge && node_of(from) == node_of(to))
-      return (cubes_of(node_of(from)).joined[a] & Cubes::bit(place_of(upwards ? from : to))) != 0;
     return (face_of(from, a, upwards ? 1 : 0) & face_of(to, a, upwards ? 0 : 1)) != 0;
   }
 
@@ -144,13 +142,12 @@ class CoarseSpace {
   template <class Visit>
   static void for_each_row(const typename Brick::Place& cube, const Visit& visit) {
     typename Brick::Place offset{};
-    for (offset[D - 1] = 0; offset[D - 1] < kEdge; ++offset[D - 1]) {
-      if constexpr (D == 2) {
-        visit(cube[1] * kEdge + offset[1], offset);
-      } else {
-        for (offset[1] = 0; offset[1] < kEdge; ++offset[1])
-          visit((cube[2] * kEdge + offset[2]) * Brick::kEdge + cube[1] * kEdge + offset[1], offset);
-      }
+    for (int i = 0; i < (D == 2 ? kEdge : kEdge * kEdge); ++i) {
+      offset[1] = i % kEdge;
+      offset[D - 1] = D == 2 ? i : i / kEdge;
+      int row = cube[1] * kEdge + offset[1];
+      if constexpr (D == 3) row += (cube[2] * kEdge + offset[2]) * Brick::kEdge;
+      visit(row, offset);
     }
   }
   /// Which places on a side of a cell are passable, a bit each; all of them in what is no cube of a brick.

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <stdexcept>
 #include <string>
 #include <variant>
@@ -66,6 +67,9 @@ class CorridorCell {
                        [](const Obstacle& a, const Obstacle& b) { return a.squared < b.squared; });
       for (const Obstacle& obstacle : nearest) cut(part, obstacle);
     }
+    widen(obstacles);
+    for (HalfSpace<D>& plane : planes_)  // Rounding may put one a little before the segment.
+      plane.offset = std::max({plane.offset, plane.normal.dot(from_), plane.normal.dot(to_)});
   }
   [[nodiscard]] const std::vector<HalfSpace<D>>& planes() const { return planes_; }
 
@@ -76,20 +80,38 @@ class CorridorCell {
     const Box<D>* box;
   };
 
+  /// Of a plane, so that from before it a part meets no point of a box behind it.
+  [[nodiscard]] static double largest_offset(const Vector<D>& normal, const BodyPart<D>& part,
+                                             const Box<D>& box) {
+    return normal.dot(0.5 * (box.lower + box.upper)) -
+           (0.5 * (box.upper - box.lower)).dot(normal.cwiseAbs()) - reach_along(part, normal);
+  }
+  /// Whether a plane, other than one, has a box behind it.
+  [[nodiscard]] bool is_behind_any(const BodyPart<D>& part, const Box<D>& box,
+                                   const HalfSpace<D>* other_than) const {
+    return std::any_of(planes_.begin(), planes_.end(), [&](const HalfSpace<D>& plane) {
+      return &plane != other_than && largest_offset(plane.normal, part, box) >= plane.offset;
+    });
+  }
   void cut(const BodyPart<D>& part, const Obstacle& obstacle) {
-    const Vector<D> centre = 0.5 * (obstacle.box->lower + obstacle.box->upper);
-    const Vector<D> half = 0.5 * (obstacle.box->upper - obstacle.box->lower);
-    for (const HalfSpace<D>& plane : planes_) {  // Beyond one already, with all that the part reaches?
-      const double nearest = plane.normal.dot(centre) - half.dot(plane.normal.cwiseAbs());
-      if (nearest >= plane.offset + reach_along(part, plane.normal)) return;
-    }
+    if (is_behind_any(part, *obstacle.box, nullptr)) return;
     const double length = obstacle.way.norm();
     if (!(length > 0.0)) throw std::invalid_argument("path: the body meets an obstacle on a segment");
     const Vector<D> normal = obstacle.way / length;
-    const double begin = normal.dot(centre) - half.dot(normal.cwiseAbs());
-    const double offset = begin - reach_along(part, normal);
-    // Rounding may put the plane a little before the segment: then it goes through its end.
-    planes_.push_back({normal, std::max(offset, std::max(normal.dot(from_), normal.dot(to_)))});
+    planes_.push_back({normal, largest_offset(normal, part, *obstacle.box)});
+  }
+  /// Moves each plane out to the first of the boxes that are behind no other; a plane without one goes. What
+  /// only one plane has behind it then stays so: none could be moved after all were.
+  void widen(const std::vector<Box<D>>& obstacles) {
+    for (auto plane = planes_.begin() + 2 * D; plane != planes_.end();) {
+      plane->offset = std::numeric_limits<double>::infinity();
+      for (const BodyPart<D>& part : body_)
+        for (const Box<D>& box : obstacles) {
+          const double offset = largest_offset(plane->normal, part, box);
+          if (offset < plane->offset && !is_behind_any(part, box, &*plane)) plane->offset = offset;
+        }
+      plane = std::isfinite(plane->offset) ? plane + 1 : planes_.erase(plane);
+    }
   }
 
   const Body<D>& body_;
@@ -101,9 +123,10 @@ class CorridorCell {
 }  // namespace detail
 
 /// For each segment of a path, a convex set of places of the body that contains the segment, so that
-/// neighbours share the point between them. From no place in a set does the body overlap an obstacle. Each
-/// plane keeps the body from one obstacle and, farther away, would let it overlap that one; where other
-/// planes or `reach` keep it from there, too, a set is not the largest.
+/// neighbours share the point between them. From no place in a set does the body overlap an obstacle, as each
+/// obstacle is behind one of the planes as a whole. In this sense a set is as large as it can be: where a
+/// plane was left out, or moved out, an obstacle would be behind none. The planes are at right angles to
+/// shortest ways from the swept body to obstacles, the nearest first.
 /// @param path two points at least, free for the body, as Path::points. @param reach how far sets go beyond
 /// the segment on each axis, > 0 [m].
 /// @throws std::invalid_argument if the body meets an obstacle on the path, or `reach` is not > 0 and finite.

@@ -8,7 +8,6 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
-#include <queue>
 #include <vector>
 
 #include "ndtree/core/body.hpp"
@@ -119,46 +118,12 @@ class FreeSpace {
   void for_each_in(const LatticeBox<D>& box, const Visit& visit) {
     if (box.overlaps(root_, std::int64_t{1} << root_.level)) descend(0, root_, Within{box}, visit);
   }
-  /// The nearest point of a cell that is not blocked, in smallest cells; none if there is no such cell. By
-  /// branch and bound: nothing that is farther is looked at. @throws Cancelled
-  [[nodiscard]] std::optional<Vector<D>> nearest_place(const Vector<D>& at) {
-    struct Part {
-      double squared;
-      CellIndex<D> index;
-      std::uint32_t number;
-      bool operator<(const Part& other) const {  // The top of a queue is the greatest.
-        return squared != other.squared ? squared > other.squared : index.lower > other.index.lower;
-      }
-    };
-    const auto nearest_of = [&](const Lattice<D>& lower, std::int64_t edge) {
-      const Cell cube{lower, edge};
-      return nearest_in(common_box(cube, cube), at);
-    };
-    double least = std::numeric_limits<double>::infinity();
-    std::optional<Vector<D>> nearest;
-    std::priority_queue<Part> open;
-    open.push({0.0, root_, 0});
-    while (!open.empty() && open.top().squared < least) {
-      const Part part = open.top();
-      open.pop();
-      this->visit(part.number, part.index);
-      const Node node = nodes_[part.number];
-      if (node.state == State::divided) {
-        for (unsigned j = 0; j < 1u << D; ++j) {
-          const CellIndex<D> below = child(part.index, j);
-          const double squared = (nearest_of(below.lower, std::int64_t{1} << below.level) - at).squaredNorm();
-          open.push({squared, below, node.below + j});
-        }
-        continue;
-      }
-      descend(part.number, part.index, All{}, [&](const Cell& cell) {
-        const Vector<D> place = nearest_of(cell.lower, cell.edge);
-        if (!((place - at).squaredNorm() < least)) return;
-        least = (place - at).squaredNorm();
-        nearest = place;
-      });
-    }
-    return nearest;
+  /// A cube that holds all places that may be free.
+  [[nodiscard]] const CellIndex<D>& root() const { return root_; }
+  /// Whether the body is free nowhere in a cube, or none of its places may be free; as far as one look at the
+  /// map tells. Builds nothing.
+  [[nodiscard]] bool is_blocked(const CellIndex<D>& cube) const {
+    return finder_.passage_of(cube) == Passage::blocked;
   }
 
   /// Obstacles, or what was none, came or went in a box: what depends on it is looked at again when it is

@@ -9,11 +9,13 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
+#include <queue>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "ndtree/core/body.hpp"
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/planning/place_cell.hpp"
@@ -57,6 +59,68 @@ template <class Space, class GoesTo>
     for (const Anchor<D>& anchor : candidates) {
       if (found.size() == kMost) break;
       if (goes_to(anchor.point)) found.push_back(anchor);
+    }
+  }
+  return found;
+}
+
+/// The place nearest to a point where a body is free, by the exact test; none if none was found. The space's
+/// cubes are looked at from the nearest on, by branch and bound: one that is not blocked as a whole, and is
+/// free neither at its nearest point nor in its middle, is divided. What is narrower than the smallest ones,
+/// kFinest, may be missed; but for that, no place is nearer by more than kFinest. Points are in smallest
+/// cells.
+/// @param space of which no free place is blocked. @param is_blocked whether the body is free nowhere in the
+/// cube with a centre and half an edge, as far as it tells. @throws Cancelled
+template <class Space, class IsFree, class IsBlocked>
+[[nodiscard]] std::optional<Vector<Space::D>> nearest_free(const Space& space, const Vector<Space::D>& at,
+                                                           const IsFree& is_free,
+                                                           const IsBlocked& is_blocked) {
+  constexpr int D = Space::D;
+  constexpr double kFinest = 1.0 / 32.0;
+  struct Cube {
+    double distance;
+    Vector<D> lower;
+    double edge;
+    bool operator<(const Cube& other) const {  // The top of a queue is the greatest.
+      if (distance != other.distance) return distance > other.distance;
+      if (edge != other.edge) return edge > other.edge;
+      return std::lexicographical_compare(other.lower.begin(), other.lower.end(), lower.begin(), lower.end());
+    }
+  };
+  const auto nearest_in_cube = [&](const Vector<D>& lower, double edge) {
+    return nearest_in(Box<D>{lower, (lower.array() + edge).matrix()}, at);
+  };
+  std::priority_queue<Cube> open;
+  const auto add = [&](const Vector<D>& lower, double edge) {
+    open.push({(nearest_in_cube(lower, edge) - at).norm(), lower, edge});
+  };
+  Vector<D> first;
+  for (int a = 0; a < D; ++a) first[a] = static_cast<double>(space.root().lower[static_cast<std::size_t>(a)]);
+  add(first, std::ldexp(1.0, space.root().level));
+  double least = std::numeric_limits<double>::infinity();
+  std::optional<Vector<D>> found;
+  Pace pace;
+  for (; !open.empty() && open.top().distance < least - kFinest / 2.0;) {
+    pace.spend(30);
+    const Cube cube = open.top();
+    open.pop();
+    const double half = 0.5 * cube.edge;
+    const Vector<D> middle = (cube.lower.array() + half).matrix();
+    if (cube.edge >= 1.0 &&
+        space.is_blocked({cell_ahead<D>(cube.lower, Vector<D>::Zero()), std::ilogb(cube.edge)}))
+      continue;
+    for (const Vector<D>& place : {nearest_in_cube(cube.lower, cube.edge), middle}) {
+      const double distance = (place - at).norm();
+      if (!(distance < least) || !is_free(place)) continue;
+      least = distance;
+      found = place;
+    }
+    if (cube.edge <= kFinest || is_blocked(middle, half)) continue;
+    for (unsigned j = 0; j < 1u << D; ++j) {
+      Vector<D> lower = cube.lower;
+      for (int a = 0; a < D; ++a)
+        if ((j >> a & 1u) != 0) lower[a] += half;
+      add(lower, half);
     }
   }
   return found;

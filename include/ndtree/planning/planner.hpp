@@ -392,11 +392,17 @@ class Planner {
   [[nodiscard]] std::string nearest_in_words(const Vector<D>& point, Deadline deadline) {
     try {
       const CancelScope until([&] { return Deadline::clock::now() > deadline; });
-      const auto nearest = space_->nearest_place(Vector<D>(point / unit()));
-      if (!nearest) return "it fits nowhere with a smallest cell to spare";
+      const auto nearest = detail::nearest_free(
+          *possible_, Vector<D>(point / unit()),
+          [&](const Vector<D>& at) { return is_free(at * unit(), at * unit()); },
+          [&](const Vector<D>& middle, double half) {
+            const Body<D> covered = covered_from(tested_, half * unit());
+            return sweep_collides(seen_, covered, middle * unit(), middle * unit(), unknown());
+          });
+      if (!nearest) return "no place was found where it fits";
       const Vector<D> place = *nearest * unit();
       const double step = 0.01 * unit();
-      return "the nearest place where it fits with a smallest cell to spare is " +
+      return "the nearest place where it fits is " +
              describe_number(step * std::ceil((place - point).norm() / step)) + " m away, at " +
              describe_point(place);
     } catch (const Cancelled&) {

@@ -90,10 +90,10 @@ def _write(way: Way, output: Path) -> None:
     ending = output.suffix.lower()
     if ending == ".csv":
         names = ",".join("xyz"[: way.points.shape[1]])
-        rows = [",".join(f"{value:.6f}" for value in point) for point in points]
+        rows = [",".join(f"{value:.9f}" for value in point) for point in points]
         write(lambda: "\n".join([names, *rows]) + "\n", output)
     elif ending == ".yaml":
-        rows = [f"  - [{', '.join(f'{value:.6f}' for value in point)}]" for point in points]
+        rows = [f"  - [{', '.join(f'{value:.9f}' for value in point)}]" for point in points]
         figures = f"length: {way.length:.6f}\nclearance: {way.clearance:.6f}\n"
         write(lambda: "\n".join([f"{figures}points:", *rows]) + "\n", output)
     else:
