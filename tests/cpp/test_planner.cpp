@@ -692,7 +692,7 @@ TYPED_TEST(Planning, NearestPlaceIsThatOfManySamples) {
     PlannerOptions options;
     options.unknown_cost = std::vector<double>{kInfinity, 2.0, 1.0}[static_cast<std::size_t>(round % 3)];
     Planner<TypeParam> planner(map, inflated(random_body<D>(random), round < 4 ? 4.0 : 0.3), options);
-    for (int i = 0; i < 10; ++i) {
+    for (int i = 0; i < (D == 2 ? 10 : 4); ++i) {
       const Vector<D> at = random_point<D>(random, 1.5 * reach);
       if (planner.is_free(at, at)) continue;
       const std::string message = refusal_by([&] { (void)planner.plan(at, at); });
@@ -706,15 +706,15 @@ TYPED_TEST(Planning, NearestPlaceIsThatOfManySamples) {
         none_within = (place - at).norm() - kUnit / 32.0;
         ++found;
       }
-      for (int sample = 0; sample < 2000; ++sample) {
+      for (int sample = 0; sample < (D == 2 ? 2000 : 300); ++sample) {
         const Vector<D> way = random_point<D>(random, 1.0);
         const Vector<D> other = at + way.normalized() * none_within * std::pow(random.uniform(), 0.3);
         ASSERT_FALSE(planner.is_free(other, other)) << message << describe_point(other);
       }
     }
   }
-  EXPECT_GT(found, 60);
-  EXPECT_GT(nowhere, 5);
+  EXPECT_GT(found, 30);
+  EXPECT_GT(nowhere, 4);
 }
 /// Bricks around a body of hundreds of cells take long.
 TEST(Planning, NearestPlaceOfAHugeBody) {

@@ -20,8 +20,9 @@
 #include "ndtree/core/types.hpp"
 #include "ndtree/planning/place_cell.hpp"
 #include "ndtree/planning/place_walk.hpp"
-#include "ndtree/query/cells.hpp"
+#include "ndtree/planning/sweep.hpp"
 #include "ndtree/query/collision.hpp"
+#include "ndtree/query/point.hpp"
 
 namespace ndtree::detail {
 
@@ -62,6 +63,53 @@ template <class Space, class GoesTo>
     }
   }
   return found;
+}
+
+/// Of the obstacles that a part of a body meets, that nearest to the middle of its bounds.
+template <class Tree>
+[[nodiscard]] std::optional<Box<Tree::kDim>> nearest_met(const Tree& tree, const BodyPart<Tree::kDim>& part,
+                                                         bool minds_unknown) {
+  constexpr int D = Tree::kDim;
+  const Box<D> bounds = bounds_of(part);
+  const Vector<D> centre = 0.5 * (bounds.lower + bounds.upper);
+  double least = std::numeric_limits<double>::infinity();
+  std::optional<Box<D>> found;
+  const auto squared_reach = [&] { return least; };
+  const auto enter = [&](const Box<D>& box, bool is_leaf) {
+    if (!touch(part, box)) return false;
+    if (!is_leaf) return true;
+    least = box.squared_distance(centre);
+    found = box;
+    return false;
+  };
+  ObstacleWalk(tree, Box<D>{centre, centre}, minds_unknown, squared_reach, enter).run();
+  return found;
+}
+/// Whether a body meets one obstacle from all places in a cube, as far as one tells: the places from which a
+/// part meets a box are convex, so those at the cube's corners are asked. @param half of the cube's edge [m].
+template <class Map>
+[[nodiscard]] bool meets_one_from_all(const Map& map, const Body<Map::kDim>& body,
+                                      const Vector<Map::kDim>& middle, double half, UnknownSpace unknown) {
+  constexpr int D = Map::kDim;
+  const bool minds_unknown = unknown == UnknownSpace::occupied;
+  const Box<D> root = map.tree().box(map.tree().root().index);
+  Pose<D> pose;
+  pose.translation = middle;
+  for (const BodyPart<D>& part : moved(body, pose)) {
+    const Box<D> bounds = bounds_of(part);
+    if (minds_unknown && ((bounds.lower.array() + half < root.lower.array()).any() ||
+                          (bounds.upper.array() - half > root.upper.array()).any()))
+      return true;
+    const std::optional<Box<D>> met = nearest_met(map.tree(), part, minds_unknown);
+    bool meets = met.has_value();
+    for (unsigned corner = 0; corner < 1u << D && meets; ++corner) {
+      Vector<D> away;
+      for (int a = 0; a < D; ++a) away[a] = (corner >> a & 1u) != 0 ? half : -half;
+      meets = touch(part, Box<D>{met->lower + away, met->upper + away});
+    }
+    if (meets) return true;
+  }
+  return false;
 }
 
 /// The place nearest to a point where a body is free, by the exact test; none if none was found. The space's
@@ -133,22 +181,15 @@ template <class Map>
   constexpr int D = Map::kDim;
   Pose<D> pose;
   pose.translation = point;
-  RegionStates states;
-  states.occupied = true;
-  states.unknown = unknown == UnknownSpace::occupied;
-  std::optional<std::pair<Box<D>, CellState>> found;
-  double least = std::numeric_limits<double>::infinity();
-  for (const BodyPart<D>& part : moved(body, pose))
-    for_each_leaf_of(map, bounds_of(part), states, [&](const auto& leaf) {
-      const Box<D> box = map.tree().box(leaf.index);
-      const double squared = box.squared_distance(point);
-      if (squared >= least || !touch(part, box)) return;
-      least = squared;
-      found = {box, leaf.cell().state()};
-    });
+  std::optional<Box<D>> found;
+  for (const BodyPart<D>& part : moved(body, pose)) {
+    const std::optional<Box<D>> met = nearest_met(map.tree(), part, unknown == UnknownSpace::occupied);
+    if (met && (!found || met->squared_distance(point) < found->squared_distance(point))) found = met;
+  }
   if (!found) return "unknown space outside the map";
-  return std::string(found->second == CellState::occupied ? "the occupied" : "the unknown") + " cell from " +
-         describe_point(found->first.lower) + " to " + describe_point(found->first.upper);
+  const bool is_occupied = state(map, Vector<D>(0.5 * (found->lower + found->upper))) == CellState::occupied;
+  return std::string(is_occupied ? "the occupied" : "the unknown") + " cell from " +
+         describe_point(found->lower) + " to " + describe_point(found->upper);
 }
 
 }  // namespace ndtree::detail

@@ -396,8 +396,7 @@ class Planner {
           *possible_, Vector<D>(point / unit()),
           [&](const Vector<D>& at) { return is_free(at * unit(), at * unit()); },
           [&](const Vector<D>& middle, double half) {
-            const Body<D> covered = covered_from(tested_, half * unit());
-            return sweep_collides(seen_, covered, middle * unit(), middle * unit(), unknown());
+            return detail::meets_one_from_all(seen_, tested_, middle * unit(), half * unit(), unknown());
           });
       if (!nearest) return "no place was found where it fits";
       const Vector<D> place = *nearest * unit();

@@ -359,23 +359,5 @@ template <int D>
   }
   return result;
 }
-/// All points that a body covers from every place in a cube around its own; nothing, if the cube is large.
-/// @param half of the cube's edge [m].
-template <int D>
-[[nodiscard]] Body<D> covered_from(const Body<D>& body, double half) {
-  Body<D> result;
-  for (BodyPart<D> part : body) {
-    double least = 0.0;
-    if (auto* const capsule = std::get_if<Capsule<D>>(&part)) {
-      least = capsule->radius -= half * std::sqrt(double{D});
-    } else {
-      auto& box = std::get<OrientedBox<D>>(part);
-      box.half_size -= half * box.axes.cwiseAbs().colwise().sum().transpose();
-      least = box.half_size.minCoeff();
-    }
-    if (least > 0.0) result.push_back(part);
-  }
-  return result;
-}
 
 }  // namespace ndtree
