@@ -101,15 +101,13 @@ class NarrowSpace {
   template <class Visit>
   void for_each_beside(const Cell& cell, const Visit& visit) {
     if (!is_narrow(cell)) sure_.for_each_beside(cell, visit);
+    LatticeBox<D> box{cell.lower, cell.lower};
+    for (std::int64_t& x : box.upper) x += cell.edge;
     for (std::size_t a = 0; a < D; ++a)
-      for (const int side : {0, 1}) {
-        LatticeBox<D> face;
-        for (std::size_t b = 0; b < D; ++b) {
-          face.lower[b] = cell.lower[b];
-          face.upper[b] = cell.lower[b] + cell.edge;
-        }
-        face.lower[a] = side == 0 ? cell.lower[a] - 1 : cell.lower[a] + cell.edge;
-        face.upper[a] = face.lower[a] + 1;
+      for (const std::int64_t beside : {box.lower[a] - 1, box.upper[a]}) {
+        LatticeBox<D> face = box;
+        face.lower[a] = beside;
+        face.upper[a] = beside + 1;
         at_face(face, is_narrow(cell), visit);
       }
   }

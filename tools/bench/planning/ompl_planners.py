@@ -80,7 +80,7 @@ def pairs_of(planner: ndtree.Planner, bounds, count: int, seed: int) -> list[tup
     """Places that have a way to each other."""
     random = np.random.default_rng(seed)
     while True:
-        places = random.uniform(*bounds, (200 * count, len(bounds[0])))
+        places = random.uniform(*bounds, (20 * count, len(bounds[0])))
         places = places[[planner.first_blocked([place, place]) < 0 for place in places]]
         for start in places[:10]:
             reached = places[np.isfinite(planner.ways(start, places))]

@@ -2261,8 +2261,9 @@ class Planner:
         """Convex free space along a path, as optimizers of trajectories take it.
 
         For each segment a set of places that contains it, so that neighbours share the point between them. From no place
-        in a set does the body, with its clearance, overlap an obstacle. Each plane touches one, at right angles to the
-        shortest way there from the body's sweep; obstacles are taken in that order, the nearest first.
+        in a set does the body, with its clearance, overlap an obstacle: each is behind one of the planes as a whole, and
+        if a plane was left out or moved out, one would not be. Planes are at right angles to the shortest ways from the
+        body's sweep to obstacles, the nearest first.
 
         Parameters
         ----------
