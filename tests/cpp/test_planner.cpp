@@ -703,7 +703,7 @@ TYPED_TEST(Planning, NearestPlaceIsThatOfManySamples) {
         const auto [place, away] = told_place<D>(message);
         ASSERT_TRUE(planner.is_free(place, place)) << message;
         ASSERT_NEAR((place - at).norm(), away, 0.01 * kUnit + 1e-6);
-        none_within = (place - at).norm() - kUnit / 32.0;
+        none_within = std::max(0.0, (place - at).norm() - kUnit / 32.0);
         ++found;
       }
       for (int sample = 0; sample < (D == 2 ? 2000 : 300); ++sample) {
