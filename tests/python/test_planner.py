@@ -359,7 +359,7 @@ def test_the_command_writes_a_path(tmp_path: Path) -> None:
             points = np.array(json.loads(text)["points"])
         else:
             points = np.array([json.loads(line.strip()[2:]) for line in text.splitlines() if "- [" in line])
-        np.testing.assert_allclose(points, expected.points, atol=1e-9)  # Less than it is tested with to spare.
+        np.testing.assert_allclose(points, expected.points, rtol=0.0, atol=1e-9)  # So they stay free.
     for more, status, said in (
         (["--clearance", "0.4"], 1, "no path found: the goal is in another part of free space"),
         (["--unknown", "0.5"], 2, "--unknown 0.5: expected blocked, free or a cost >= 1"),
