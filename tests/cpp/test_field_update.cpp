@@ -50,7 +50,7 @@ TYPED_TEST(FieldUpdate, GivesTheFieldThatIsMadeAnew) {
           for (int a = 0; a < D; ++a) scan.endpoints(a, i) = random.uniform(-2.5, 2.5);
         map.insert(scan);
       }
-      update(field, map, changes(before, map));
+      update(field, before, map);
       const DistanceField<D> anew = distance_field(map, box, cell, most, unknown);
       changed += static_cast<std::size_t>(std::count_if(
           anew.values().begin(), anew.values().end(), [&](float v) { return v < static_cast<float>(most); }));
@@ -78,9 +78,9 @@ TEST(FieldUpdateOfOneChange, IsExactWhereDistancesAreLessThanRounding) {
     const Box<1> box{Vector<1>::Constant(one.lower), Vector<1>::Constant(one.lower + 20.0 * one.cell_size)};
     ASSERT_FALSE(changes(before, map).empty());
     DistanceField<1> field = distance_field(before, box, one.cell_size, one.most);
-    update(field, map, changes(before, map));
+    update(field, before, map);
     EXPECT_EQ(field.values(), distance_field(map, box, one.cell_size, one.most).values()) << one.cell_size;
-    update(field, before, changes(map, before));
+    update(field, map, before);
     EXPECT_EQ(field.values(), distance_field(before, box, one.cell_size, one.most).values()) << one.cell_size;
   }
 }
@@ -102,7 +102,7 @@ TEST(FieldUpdateOfOneChange, LooksAtWhatIsNearAlone) {
   const FixedMap<2, 2> before = map.snapshot();
   scan.endpoints << -3.1, 0.1;
   for (int i = 0; i < 5; ++i) map.insert(scan);
-  update(field, map, changes(before, map));
+  update(field, before, map);
   const auto kept = std::count(field.values().begin(), field.values().end(), 1.0f);
   EXPECT_GT(static_cast<double>(kept), 0.97 * static_cast<double>(field.values().size()));
   EXPECT_LT(kept, static_cast<std::ptrdiff_t>(field.values().size()));
@@ -123,9 +123,9 @@ TEST(FieldUpdateOfOneChange, LeavesWhatIsFarAsItIs) {
     FixedMap<2, 2> changed = map;
     DistanceField<2> field = distance_field(map, box, 0.25, most);
     changed.clear({Vector<2>(-4.0, -1.0), Vector<2>(-2.0, 1.0)});
-    update(field, changed, changes(map, changed));
+    update(field, map, changed);
     EXPECT_EQ(field.values(), distance_field(changed, box, 0.25, most).values()) << most;
-    update(field, map, changes(changed, map));
+    update(field, changed, map);
     EXPECT_EQ(field.values(), distance_field(map, box, 0.25, most).values()) << most;
   }
 }
@@ -145,7 +145,6 @@ TEST(FieldUpdateOfOneChange, IsWholeOrNotAtAll) {
   const AdaptiveMap<2, 2> before = map.snapshot();
   const DistanceField<2> first = distance_field(map, box, 0.05, 2.0);
   map.insert(scan);
-  const auto what = changes(before, map);
   int stopped = 0;
   for (int questions = 0;; ++questions) {
     DistanceField<2> field = first;
@@ -153,7 +152,7 @@ TEST(FieldUpdateOfOneChange, IsWholeOrNotAtAll) {
     bool is_done = false;
     try {
       const CancelScope scope([&] { return left-- == 0; });
-      update(field, map, what);
+      update(field, before, map);
       is_done = true;
     } catch (const Cancelled&) {
       ++stopped;

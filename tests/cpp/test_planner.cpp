@@ -18,6 +18,7 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/cell/thin_things.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/planning/planner.hpp"
 #include "ndtree/query/point.hpp"
@@ -46,7 +47,21 @@ Box<D> random_box(Random& random, double reach, double largest) {
   }
   return box;
 }
-/// Free space with obstacles, and holes of unknown space.
+/// Beams of which a few end in a smallest cell that most of them pass: adaptive maps keep it as free, with
+/// something thin in it.
+template <class Map>
+void put_something_thin(Map& map, const Vector<Map::kDim>& place) {
+  constexpr int D = Map::kDim;
+  const Vector<D> center = ((place / kUnit).array().floor() + 0.5).matrix() * kUnit;
+  Scan<D> scan;
+  scan.origins = center - 2.0 * kUnit * Vector<D>::Unit(0);
+  scan.endpoints = (center + 2.0 * kUnit * Vector<D>::Unit(0)).replicate(1, 12);
+  scan.endpoints.leftCols(4).colwise() = center;
+  scan.returned.setConstant(12, false);
+  scan.returned.head(4) = true;
+  for (int i = 0; i < 6; ++i) map.insert(scan);
+}
+/// Free space with obstacles, something thin, and holes of unknown space.
 template <class Map>
 Map random_world(Random& random, int boxes) {
   constexpr int D = Map::kDim;
@@ -57,6 +72,8 @@ Map random_world(Random& random, int boxes) {
   Map map(options);
   const double reach = D == 2 ? 4.0 : 2.0;
   map.mark(Box<D>{Vector<D>::Constant(-reach), Vector<D>::Constant(reach)}, CellState::free);
+  Random places(static_cast<std::uint64_t>(boxes));
+  for (int i = 0; i < 3; ++i) put_something_thin<Map>(map, random_box<D>(places, reach, 1.0).lower);
   for (; boxes > 0; --boxes) {
     const Box<D> box = random_box<D>(random, reach, D == 2 ? 2.0 : 1.5);
     if (random.chance(0.2))
@@ -149,9 +166,10 @@ struct PlainPlaces {
   Box<D> root;
 
   explicit PlainPlaces(const Map& map) : root(map.tree().box(map.tree().root().index)) {
+    const ThinThings thin(map);
     for_each_leaf(map.tree(), [&](const auto& leaf) {
-      if (leaf.cell().state() != CellState::free)
-        obstacles.push_back({map.tree().box(leaf.index), leaf.cell().state()});
+      const CellState state = thin.state_in_column(leaf.cell());
+      if (state != CellState::free) obstacles.push_back({map.tree().box(leaf.index), state});
     });
   }
   Passage passage(const Lattice<D>& at, const Body<D>& body, double unknown_cost) const {
@@ -237,7 +255,10 @@ TYPED_TEST(Planning, FreeSpaceIsThatOfAllPlaces) {
     free_space_is_that_of_all_places(space, map, body, cost, mixed);
     for (int change = 0; change < 2; ++change) {
       const TypeParam before = map.snapshot();
-      map.mark(random_box<D>(random, 2.0, 1.0), random.chance(0.5) ? CellState::occupied : CellState::free);
+      if (change == 0)
+        map.mark(random_box<D>(random, 2.0, 1.0), random.chance(0.5) ? CellState::occupied : CellState::free);
+      else
+        put_something_thin<TypeParam>(map, random_point<D>(random, 1.0));
       detail::for_each_difference(before, map, [&](const CellIndex<D>& index) {
         LatticeBox<D> box;
         for (std::size_t a = 0; a < D; ++a) {
@@ -456,6 +477,24 @@ TYPED_TEST(Planning, PossiblePlacesAreAllThatAreFreeSomewhere) {
   EXPECT_GT(blocked, 300);
 }
 /// Bodies that are larger than the cubes of places that are looked at once, where most are blocked.
+TEST(Planning, NothingGoesThroughWhatIsThinnerThanACell) {
+  MapOptions options;
+  options.min_cell_size = kUnit;
+  AdaptiveMap<2, 2> map(options);
+  map.mark(Box<2>{Vector<2>(-3.0, -3.0), Vector<2>(3.0, 3.0)}, CellState::free);
+  const Body<2> ball{Capsule<2>{Vector<2>::Zero(), Vector<2>::Zero(), 0.3}};
+  Planner<AdaptiveMap<2, 2>> planner(map, ball);
+  const Vector<2> here(-2.0, 0.1), rod(0.1, 0.1), there(2.0, 0.1);
+  ASSERT_EQ(planner.plan(here, there).points.size(), 2u);
+  put_something_thin(map, rod);
+  ASSERT_EQ(state(map, rod), CellState::free);
+  EXPECT_TRUE(collides_at(map, ball, rod, UnknownSpace::free));
+  EXPECT_TRUE(planner.update(map));
+  const Path<2> path = planner.plan(here, there);
+  EXPECT_GT(path.points.size(), 2u);
+  EXPECT_FALSE(sweep_collides(map, ball, path.points[0], path.points[1]));
+  EXPECT_THROW((void)planner.plan(here, rod), std::invalid_argument);
+}
 TEST(Planning, LargeBodiesFitWhereTheyMeetNothing) {
   using Map = AdaptiveMap<2, 2>;
   Random random(415);

@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/cell/thin_things.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/cells.hpp"
 #include "ndtree/query/collision.hpp"
@@ -46,11 +47,12 @@ struct PlainLeaf {
   CellState state;
   bool observed;
 };
+/// @param thin counts as occupied.
 template <class Map>
-std::vector<PlainLeaf<Map::kDim>> plain_leaves(const Map& map) {
+std::vector<PlainLeaf<Map::kDim>> plain_leaves(const Map& map, const ThinThings& thin = {}) {
   std::vector<PlainLeaf<Map::kDim>> leaves;
   for_each_leaf(map.tree(), [&](const auto& leaf) {
-    leaves.push_back({map.tree().box(leaf.index), leaf.cell().state(), leaf.cell().observed()});
+    leaves.push_back({map.tree().box(leaf.index), thin.state_in_column(leaf.cell()), leaf.cell().observed()});
   });
   return leaves;
 }
@@ -263,14 +265,14 @@ template <class Map>
 void distance_fields_are_exact(Random& random) {
   constexpr int D = Map::kDim;
   const Map map = random_map<Map>(random);
-  auto leaves = plain_leaves(map);
+  auto leaves = plain_leaves(map, ThinThings(map));
   const Box<D> huge{Vector<D>::Constant(-50.0), Vector<D>::Constant(50.0)};
   for (const Box<D>& part : outside_of(map.tree().box(map.tree().root().index), huge))
     leaves.push_back({part, CellState::unknown, false});
   int inside = 0;
   int outside = 0;
   int far = 0;
-  for (int i = 0; i < 8; ++i) {
+  for (int i = 0; i < 12; ++i) {
     const Box<D> box = random_box<D>(random, 3.0);
     const double cell_size = random.chance(0.3) ? 0.25 : random.uniform(0.1, 0.6);
     const double most = random.chance(0.5) ? 20.0 : random.uniform(0.2, 2.0);
@@ -481,7 +483,7 @@ template <class Map>
 void collisions_are_those_with_all_leaves(Random& random) {
   constexpr int D = Map::kDim;
   const Map map = random_map<Map>(random);
-  const auto leaves = plain_leaves(map);
+  const auto leaves = plain_leaves(map, ThinThings(map));
   const Box<D> root = map.tree().box(map.tree().root().index);
   int hits = 0;
   int misses = 0;

@@ -8,6 +8,7 @@
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/cell/summary.hpp"
 #include "ndtree/core/log_odds.hpp"
 
 namespace ndtree {
@@ -30,8 +31,12 @@ class ThinThings {
   [[nodiscard]] bool are_in(const Cell& cell) const {
     return cell.log_odds() >= least_ && cell.state() == CellState::free && cell.hits() >= kLeastPartialHits;
   }
-  /// The state of a cell in a column of cells: a shelf that beams meet at a grazing angle is in no cell but
-  /// such, and a robot that drives there meets it.
+  /// Whether a node has, or might have, such a cell.
+  [[nodiscard]] bool may_be_below(const Summary& summary) const {
+    return !summary.is_valid() || summary.max_log_odds() >= least_;
+  }
+  /// The state of a cell for a robot that drives there: a shelf that beams meet at a grazing angle, a fence
+  /// and a pane are in no cell but such.
   template <class Cell>
   [[nodiscard]] CellState state_in_column(const Cell& cell) const {
     return are_in(cell) ? CellState::occupied : cell.state();

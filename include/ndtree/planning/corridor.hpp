@@ -139,9 +139,7 @@ template <class Map>
   constexpr int D = Map::kDim;
   if (!(reach > 0.0) || !std::isfinite(reach))
     throw std::invalid_argument("reach = " + describe_number(reach) + " m: must be > 0 and finite");
-  RegionStates states;
-  states.occupied = true;
-  states.unknown = unknown == UnknownSpace::occupied;
+  const RegionStates obstacles = obstacles_of(map, unknown);
   const double extent = reach_of(body);
   std::vector<std::vector<HalfSpace<D>>> result;
   for (std::size_t i = 0; i + 1 < path.size(); ++i) {
@@ -150,7 +148,7 @@ template <class Map>
       throw std::invalid_argument("path: the body meets an obstacle in segment " + std::to_string(i));
     const Box<D> around{path[i].cwiseMin(path[i + 1]), path[i].cwiseMax(path[i + 1])};
     detail::CorridorCell<D> cell(body, path[i], path[i + 1], around.inflated(reach));
-    cell.cut(boxes_of(map, around.inflated(reach + extent), states));
+    cell.cut(boxes_of(map, around.inflated(reach + extent), obstacles));
     result.push_back(cell.planes());
   }
   return result;

@@ -236,7 +236,7 @@ class NarrowSpace {
       if (is_leaf) found.push_back(box);
       return !is_leaf;
     };
-    ObstacleWalk(map_.tree(), cell, unknown_ == UnknownSpace::occupied, squared_reach, enter).run();
+    ObstacleWalk(map_.tree(), cell, obstacles_of(map_, unknown_), squared_reach, enter).run();
     return found;
   }
   [[nodiscard]] std::optional<Vector<D>> roomiest(const Lattice<D>& at) const {

@@ -11,6 +11,7 @@
 
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/summary.hpp"
+#include "ndtree/cell/thin_things.hpp"
 #include "ndtree/core/body.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/planning/body_stencil.hpp"
@@ -33,6 +34,7 @@ class PlaceFinder {
   /// As FreeSpace.
   PlaceFinder(const Map& map, const Body<D>& body, double unknown_cost, const Box<D>& around, Touches touches)
       : map_(&map),
+        thin_(map),
         stencil_(body, map.tree().geometry().unit(), touches),
         occupied_(stencil_),
         unknown_(stencil_),
@@ -177,18 +179,27 @@ class PlaceFinder {
       is_within = is_within && own.lower[a] >= box.lower[a] && own.upper[a] <= box.upper[a];
     }
     const Summary summary = Summary::of(*ref.node);
-    const Contents here{summary.may_contain(CellState::occupied), summary.may_contain(CellState::free),
+    const bool is_thin = may_be_thin(ref, summary);
+    const Contents here{is_thin || summary.may_contain(CellState::occupied),
+                        summary.may_contain(CellState::free) && !(is_thin && ref.is_leaf()),
                         summary.may_contain(CellState::unknown)};
     if ((contents.occupied || !here.occupied) && (contents.free || !here.free) &&
         (contents.unknown || !here.unknown))
       return;
-    if (ref.is_leaf() || (is_within && summary.is_valid()) || here.occupied + here.free + here.unknown == 1) {
+    const bool is_certain = is_within && summary.is_valid() && !is_thin;
+    if (ref.is_leaf() || is_certain || here.occupied + here.free + here.unknown == 1) {
       contents.occupied = contents.occupied || here.occupied;
       contents.free = contents.free || here.free;
       contents.unknown = contents.unknown || here.unknown;
       return;
     }
     for (int j = 0; j < Map::Tree::kNumChildren; ++j) look(tree.child(ref, j), box, contents);
+  }
+
+  /// Whether a leaf holds something thin, or an inner node might have such a leaf beside free ones.
+  [[nodiscard]] bool may_be_thin(const Ref& ref, const Summary& summary) const {
+    if (ref.is_leaf()) return thin_.are_in(ref.cell());
+    return summary.may_contain(CellState::free) && thin_.may_be_below(summary);
   }
 
   /// The bits of a row that lie within the limits.
@@ -232,7 +243,7 @@ class PlaceFinder {
   }
   void paint(const Ref& ref, const LatticeBox<D>& region) {
     const Summary summary = Summary::of(*ref.node);
-    const bool occupied = summary.may_contain(CellState::occupied);
+    const bool occupied = summary.may_contain(CellState::occupied) || may_be_thin(ref, summary);
     const bool unknown = summary.may_contain(CellState::unknown) && (unknown_blocks_ || unknown_costs_);
     if (!occupied && !unknown) return;
     const auto& tree = map_->tree();
@@ -247,6 +258,7 @@ class PlaceFinder {
   }
 
   const Map* map_;
+  ThinThings thin_;
   BodyStencil<D> stencil_;
   ObstacleBits<D> occupied_;
   ObstacleBits<D> unknown_;

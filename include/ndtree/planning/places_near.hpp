@@ -68,7 +68,7 @@ template <class Space, class GoesTo>
 /// Of the obstacles that a part of a body meets, that nearest to the middle of its bounds.
 template <class Tree>
 [[nodiscard]] std::optional<Box<Tree::kDim>> nearest_met(const Tree& tree, const BodyPart<Tree::kDim>& part,
-                                                         bool minds_unknown) {
+                                                         const RegionStates& obstacles) {
   constexpr int D = Tree::kDim;
   const Box<D> bounds = bounds_of(part);
   const Vector<D> centre = 0.5 * (bounds.lower + bounds.upper);
@@ -82,7 +82,7 @@ template <class Tree>
     found = box;
     return false;
   };
-  ObstacleWalk(tree, Box<D>{centre, centre}, minds_unknown, squared_reach, enter).run();
+  ObstacleWalk(tree, Box<D>{centre, centre}, obstacles, squared_reach, enter).run();
   return found;
 }
 /// Whether a body meets one obstacle from all places in a cube, as far as one tells: the places from which a
@@ -91,16 +91,16 @@ template <class Map>
 [[nodiscard]] bool meets_one_from_all(const Map& map, const Body<Map::kDim>& body,
                                       const Vector<Map::kDim>& middle, double half, UnknownSpace unknown) {
   constexpr int D = Map::kDim;
-  const bool minds_unknown = unknown == UnknownSpace::occupied;
+  const RegionStates obstacles = obstacles_of(map, unknown);
   const Box<D> root = map.tree().box(map.tree().root().index);
   Pose<D> pose;
   pose.translation = middle;
   for (const BodyPart<D>& part : moved(body, pose)) {
     const Box<D> bounds = bounds_of(part);
-    if (minds_unknown && ((bounds.lower.array() + half < root.lower.array()).any() ||
-                          (bounds.upper.array() - half > root.upper.array()).any()))
+    if (obstacles.unknown && ((bounds.lower.array() + half < root.lower.array()).any() ||
+                              (bounds.upper.array() - half > root.upper.array()).any()))
       return true;
-    const std::optional<Box<D>> met = nearest_met(map.tree(), part, minds_unknown);
+    const std::optional<Box<D>> met = nearest_met(map.tree(), part, obstacles);
     bool meets = met.has_value();
     for (unsigned corner = 0; corner < 1u << D && meets; ++corner) {
       Vector<D> away;
@@ -181,15 +181,18 @@ template <class Map>
   constexpr int D = Map::kDim;
   Pose<D> pose;
   pose.translation = point;
+  const RegionStates obstacles = obstacles_of(map, unknown);
   std::optional<Box<D>> found;
   for (const BodyPart<D>& part : moved(body, pose)) {
-    const std::optional<Box<D>> met = nearest_met(map.tree(), part, unknown == UnknownSpace::occupied);
+    const std::optional<Box<D>> met = nearest_met(map.tree(), part, obstacles);
     if (met && (!found || met->squared_distance(point) < found->squared_distance(point))) found = met;
   }
   if (!found) return "unknown space outside the map";
-  const bool is_occupied = state(map, Vector<D>(0.5 * (found->lower + found->upper))) == CellState::occupied;
-  return std::string(is_occupied ? "the occupied" : "the unknown") + " cell from " +
-         describe_point(found->lower) + " to " + describe_point(found->upper);
+  const CellState met = state(map, Vector<D>(0.5 * (found->lower + found->upper)));
+  const std::string kind = met == CellState::occupied  ? "occupied cell"
+                           : met == CellState::unknown ? "unknown cell"
+                                                       : "cell with something thin in it";
+  return "the " + kind + " from " + describe_point(found->lower) + " to " + describe_point(found->upper);
 }
 
 }  // namespace ndtree::detail

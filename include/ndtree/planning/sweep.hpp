@@ -207,20 +207,19 @@ class ObstacleWalk {
   using Ref = typename Tree::ConstRef;
 
  public:
-  ObstacleWalk(const Tree& tree, const Box<D>& around, bool minds_unknown, const SquaredReach& squared_reach,
-               const Enter& enter)
+  ObstacleWalk(const Tree& tree, const Box<D>& around, const RegionStates& obstacles,
+               const SquaredReach& squared_reach, const Enter& enter)
       : tree_(tree),
         around_(around),
         centre_(0.5 * (around.lower + around.upper)),
-        minds_unknown_(minds_unknown),
+        obstacles_(obstacles),
         squared_reach_(squared_reach),
         enter_(enter) {}
 
   void run() {
     const Ref root = tree_.root();
     const Box<D> box = tree_.box(root.index);
-    if (!may_have_obstacle(*root.node, minds_unknown_) || !(around_.squared_distance(box) < squared_reach_()))
-      return;
+    if (!may_contain(obstacles_, *root.node) || !(around_.squared_distance(box) < squared_reach_())) return;
     if (enter_(box, root.is_leaf())) below(root);
   }
 
@@ -248,7 +247,7 @@ class ObstacleWalk {
     const int first = child_number<N, D>(nearest);
     for (int i = 0; i < Tree::kNumChildren; ++i) {
       const int j = child_from<N, D>(first, i);
-      if (!may_have_obstacle(children[j], minds_unknown_)) continue;
+      if (!may_contain(obstacles_, children[j])) continue;
       const auto offset = child_offset<N, D>(j);
       Box<D> box;
       double sum = 0.0;
@@ -267,7 +266,7 @@ class ObstacleWalk {
   const Tree& tree_;
   Box<D> around_;
   Vector<D> centre_;
-  bool minds_unknown_;
+  RegionStates obstacles_;
   const SquaredReach& squared_reach_;
   const Enter& enter_;
 };
@@ -294,18 +293,18 @@ template <int D>
 
 /// The least distance [m] from a sweep to an obstacle of a tree, at most `most`.
 template <class Tree>
-[[nodiscard]] double clearance_of(const Tree& tree, const Sweep<Tree::kDim>& sweep, bool minds_unknown,
-                                  double most) {
+[[nodiscard]] double clearance_of(const Tree& tree, const Sweep<Tree::kDim>& sweep,
+                                  const RegionStates& obstacles, double most) {
   constexpr int D = Tree::kDim;
   const Box<D> around = rounded_box_around(sweep).core;
-  if (minds_unknown) most = std::min(most, room_inside(tree, sweep));
+  if (obstacles.unknown) most = std::min(most, room_inside(tree, sweep));
   const auto squared_reach = [&] { return (most + sweep.radius) * (most + sweep.radius); };
   const auto enter = [&](const Box<D>& box, bool is_leaf) {
     const double nearer = nearer_of(most, sweep, box);
     if (is_leaf) most = nearer;
     return !is_leaf && nearer < most;
   };
-  ObstacleWalk(tree, around, minds_unknown, squared_reach, enter).run();
+  ObstacleWalk(tree, around, obstacles, squared_reach, enter).run();
   return most;
 }
 
@@ -317,7 +316,7 @@ template <class Map>
 [[nodiscard]] bool sweep_collides(const Map& map, const Body<Map::kDim>& body, const Vector<Map::kDim>& from,
                                   const Vector<Map::kDim>& to, UnknownSpace unknown = UnknownSpace::free) {
   constexpr int D = Map::kDim;
-  const bool minds_unknown = unknown == UnknownSpace::occupied;
+  const RegionStates obstacles = obstacles_of(map, unknown);
   for (const BodyPart<D>& part : body) {
     const auto* const capsule = std::get_if<Capsule<D>>(&part);
     if (capsule != nullptr && capsule->a == capsule->b) {  // A ball sweeps a capsule.
@@ -328,8 +327,8 @@ template <class Map>
     }
     const detail::Sweep<D> sweep = detail::sweep_of<D>(part, from, to);
     const auto around = detail::rounded_box_around(sweep);
-    if (minds_unknown && !detail::contains(map.tree(), around.core.inflated(around.radius))) return true;
-    if (detail::CollisionSearch(map.tree(), sweep, minds_unknown).any()) return true;
+    if (obstacles.unknown && !detail::contains(map.tree(), around.core.inflated(around.radius))) return true;
+    if (detail::CollisionSearch(map.tree(), sweep, obstacles).any()) return true;
   }
   return false;
 }
@@ -342,7 +341,7 @@ template <class Map>
   constexpr int D = Map::kDim;
   for (const BodyPart<D>& part : body) {
     const detail::Sweep<D> sweep = detail::sweep_of<D>(part, from, to);
-    most = detail::clearance_of(map.tree(), sweep, unknown == UnknownSpace::occupied, most);
+    most = detail::clearance_of(map.tree(), sweep, obstacles_of(map, unknown), most);
   }
   return most;
 }

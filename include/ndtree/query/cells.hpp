@@ -9,6 +9,7 @@
 
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/summary.hpp"
+#include "ndtree/cell/thin_things.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/query/region.hpp"
@@ -27,11 +28,19 @@ enum class UnknownSpace { free, occupied };
 /// Whether a node is a leaf of one of these states, or has, or might have, one.
 template <class NodeType>
 [[nodiscard]] bool may_contain(const RegionStates& states, const NodeType& node) {
-  if (node.is_leaf()) return contains(states, node.cell().state());
+  if (node.is_leaf()) return contains(states, states.thin.state_in_column(node.cell()));
   const Summary summary(node.summary_word());
-  return (states.occupied && summary.may_contain(CellState::occupied)) ||
+  return (states.occupied &&
+          (summary.may_contain(CellState::occupied) || states.thin.may_be_below(summary))) ||
          (states.free && summary.may_contain(CellState::free)) ||
          (states.unknown && summary.may_contain(CellState::unknown));
+}
+
+/// What a body may not touch: occupied cells, those that hold something thin, and unknown space if it is
+/// taken for occupied.
+template <class Map>
+[[nodiscard]] RegionStates obstacles_of(const Map& map, UnknownSpace unknown) {
+  return {true, false, unknown == UnknownSpace::occupied, ThinThings(map)};
 }
 
 /// Calls `visit(leaf)` for each leaf of one of these states that shares a point with the closed box, depth

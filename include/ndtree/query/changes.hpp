@@ -203,18 +203,24 @@ void check_same_cells(const Map& before, const Map& after) {
         describe_number(geometry.cell_size(0)) + " m: changes are those between maps of the same cell sizes");
 }
 
-/// Calls `visit(index)` for regions that hold all leaves of two maps that are not the same, by place, size or
-/// state. O(what was written since).
+/// Calls `visit(index)` for regions that hold all leaves of two maps that are not the same, by place, size,
+/// state, or whether they hold something thin. O(what was written since).
 template <class Map, class Visit>
 void for_each_difference(const Map& before, const Map& after, const Visit& visit) {
   using Tree = typename Map::Tree;
   using Region = TreeRegion<Tree>;
   check_same_cells(before, after);
   Pace pace;
-  const auto is_same = [](const auto& old, const auto& now) { return old.state() == now.state(); };
+  const ThinThings in_old(before);
+  const ThinThings in_new(after);
+  const auto is_same = [&](const auto& old, const auto& now) {
+    return old.state() == now.state() && in_old.are_in(old) == in_new.are_in(now);
+  };
   for_each_pair(before.tree(), after.tree(), [&](const Region& a, const Region& b) {
     descend_pair(a, b, nullptr, pace, is_same, [&](const Region& old, const Region& now) {
-      if (old.is_leaf() != now.is_leaf() || old.state() != now.state()) visit(now.index());
+      if (old.is_leaf() != now.is_leaf() || old.state() != now.state() ||
+          old.state(in_old) != now.state(in_new))
+        visit(now.index());
       return false;
     });
   });

@@ -104,15 +104,7 @@ template <int D>
   return {bounds_of<D>(box), 0.0};
 }
 
-/// Whether there may be an obstacle in a node.
-template <class NodeType>
-[[nodiscard]] bool may_have_obstacle(const NodeType& node, bool minds_unknown) {
-  const Summary summary = Summary::of(node);
-  return summary.may_contain(CellState::occupied) ||
-         (minds_unknown && summary.may_contain(CellState::unknown));
-}
-
-/// Whether a shape shares a point with an obstacle of a tree.
+/// Whether a shape shares a point with an obstacle of a tree, see obstacles_of().
 template <class Tree, class Shape>
 class CollisionSearch {
   static constexpr int D = Tree::kDim;
@@ -120,14 +112,14 @@ class CollisionSearch {
   using Ref = typename Tree::ConstRef;
 
  public:
-  CollisionSearch(const Tree& tree, const Shape& shape, bool minds_unknown)
+  CollisionSearch(const Tree& tree, const Shape& shape, const RegionStates& obstacles)
       : tree_(tree),
         shape_(shape),
         nearness_(nearness_to(shape)),
         around_(rounded_box_around(shape)),
         diagonal_(std::sqrt(double{D})),
         rounding_(kRounding * tree.geometry().unit()),
-        minds_unknown_(minds_unknown) {
+        obstacles_(obstacles) {
     const double reach = around_.radius + rounding_;
     squared_reach_ = reach * reach;
     centre_ = 0.5 * (around_.core.lower + around_.core.upper);
@@ -135,9 +127,8 @@ class CollisionSearch {
 
   [[nodiscard]] bool any() const {
     const Ref root = tree_.root();
-    return root.is_leaf()
-               ? may_have_obstacle(*root.node, minds_unknown_) && touch(shape_, tree_.box(root.index))
-               : any_below(root);
+    return root.is_leaf() ? may_contain(obstacles_, *root.node) && touch(shape_, tree_.box(root.index))
+                          : any_below(root);
   }
 
  private:
@@ -172,7 +163,7 @@ class CollisionSearch {
       const auto offset = child_offset<N, D>(j);
       double sum = 0.0;
       for (std::size_t a = 0; a < D; ++a) sum += squared[a][static_cast<std::size_t>(offset[a])];
-      if (sum > squared_reach_ || !may_have_obstacle(children[j], minds_unknown_)) continue;
+      if (sum > squared_reach_ || !may_contain(obstacles_, children[j])) continue;
       const Ref child = tree_.child(parent, j);
       if (collides(child, geometry.cell_size(level))) return true;
     }
@@ -186,8 +177,14 @@ class CollisionSearch {
     const Nearness nearness = nearness_(centre, half, half * diagonal_, rounding_);
     if (nearness == Nearness::apart) return false;
     if (ref.is_leaf()) return nearness != Nearness::open || touch(shape_, tree_.box(ref.index));
-    if (nearness == Nearness::inside && Summary::of(*ref.node).is_valid()) return true;
+    if (nearness == Nearness::inside && has_for_certain(Summary::of(*ref.node))) return true;
     return any_below(ref);
+  }
+
+  /// Whether an inner node that may have an obstacle has one: something thin is looked for.
+  [[nodiscard]] bool has_for_certain(const Summary& summary) const {
+    return summary.is_valid() && (summary.may_contain(CellState::occupied) ||
+                                  (obstacles_.unknown && summary.may_contain(CellState::unknown)));
   }
 
   const Tree& tree_;
@@ -198,22 +195,21 @@ class CollisionSearch {
   Vector<D> centre_;
   double diagonal_;
   double rounding_;
-  bool minds_unknown_;
+  RegionStates obstacles_;
 };
 
 }  // namespace detail
 
-/// Whether some obstacle shares a point with a shape, borders counted in: an occupied cell, or, if unknown
-/// space is taken for occupied, one that is not free, or space outside the map. Nodes without any are not
-/// entered.
+/// Whether some obstacle shares a point with a shape, borders counted in: an occupied cell, one that holds
+/// something thin, or, if unknown space is taken for occupied, an unknown one, or space outside the map.
+/// Nodes without any are not entered.
 template <class Map>
 [[nodiscard]] bool collides(const Map& map, const BodyPart<Map::kDim>& part,
                             UnknownSpace unknown = UnknownSpace::free) {
-  const bool minds_unknown = unknown == UnknownSpace::occupied;
-  if (minds_unknown && !detail::contains(map.tree(), bounds_of(part))) return true;
+  const RegionStates obstacles = obstacles_of(map, unknown);
+  if (obstacles.unknown && !detail::contains(map.tree(), bounds_of(part))) return true;
   return std::visit(
-      [&](const auto& shape) { return detail::CollisionSearch(map.tree(), shape, minds_unknown).any(); },
-      part);
+      [&](const auto& shape) { return detail::CollisionSearch(map.tree(), shape, obstacles).any(); }, part);
 }
 
 /// Whether a body collides in a pose, otherwise as above.

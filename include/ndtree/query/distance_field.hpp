@@ -117,12 +117,9 @@ struct ObstacleStates {
   RegionStates obstacles;
   RegionStates others;
 
-  explicit ObstacleStates(UnknownSpace unknown) {
-    obstacles.occupied = true;
-    obstacles.unknown = unknown == UnknownSpace::occupied;
-    others.free = true;
-    others.unknown = !obstacles.unknown;
-  }
+  template <class Map>
+  ObstacleStates(const Map& map, UnknownSpace unknown)
+      : obstacles(obstacles_of(map, unknown)), others{false, true, !obstacles.unknown, obstacles.thin} {}
 };
 
 /// How far a field looks.
@@ -168,7 +165,7 @@ class FieldValues {
   using Block = GridBlock<D>;
 
   FieldValues(const Map& map, const DistanceField<D>& field, Pace& pace)
-      : map_(map), field_(field), limit_(field.max_distance()), states_(field.unknown()), pace_(pace) {}
+      : map_(map), field_(field), limit_(field.max_distance()), states_(map, field.unknown()), pace_(pace) {}
 
   /// Sets the values of a block. @param guess of how far to look: where that is not far enough, it is
   /// doubled.

@@ -46,7 +46,7 @@ class FieldUpdate {
               const std::vector<Box<D>>& went)
       : field_(field),
         limit_(field.max_distance()),
-        states_(field.unknown()),
+        states_(map, field.unknown()),
         obstacles_(map, states_.obstacles, pace_),
         others_(map, states_.others, pace_),
         outside_(outside_of(map.tree().box(map.tree().root().index),
@@ -228,23 +228,24 @@ class FieldUpdate {
 /// Brings a field up to date after a map has changed: as distance_field() would fill it in now. Only points
 /// are visited for which something that changed is no farther than their nearest obstacle was; they search
 /// the map again only if that nearest obstacle has changed.
-/// @param changes of the map since the field was made or updated, see changes().
-/// @throws std::bad_alloc, Cancelled; the field is then as it was.
+/// @param before the map as it was when the field was made or updated, its snapshot().
+/// @throws std::bad_alloc, Cancelled; the field is then as it was. As changes().
 template <class Map>
-void update(DistanceField<Map::kDim>& field, const Map& map, const std::vector<Change<Map::kDim>>& changes) {
+void update(DistanceField<Map::kDim>& field, const Map& before, const Map& map) {
   constexpr int D = Map::kDim;
-  const RegionStates obstacles = detail::ObstacleStates(field.unknown()).obstacles;
+  const RegionStates obstacles = obstacles_of(map, field.unknown());
   const Box<D> reach = field.grid().box().inflated(field.max_distance());
   std::vector<Box<D>> came;
   std::vector<Box<D>> went;
   Pace pace;
-  for (const Change<D>& change : changes) {
+  const auto note = [&](const Change<D>& change) {
     pace.spend();
     const bool is_obstacle = contains(obstacles, change.after);
-    if (contains(obstacles, change.before) == is_obstacle) continue;
+    if (contains(obstacles, change.before) == is_obstacle) return;
     const Box<D> box = map.tree().geometry().box(change.index);
     if (box.touches(reach)) (is_obstacle ? came : went).push_back(box);
-  }
+  };
+  for_each_change(before, map, note, ChangeOf::columns);
   if (came.empty() && went.empty()) return;
   const auto new_values = detail::FieldUpdate<Map>(map, field, came, went).run();
   last_checkpoint();

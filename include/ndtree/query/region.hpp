@@ -8,6 +8,7 @@
 
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/summary.hpp"
+#include "ndtree/cell/thin_things.hpp"
 #include "ndtree/core/log_odds.hpp"
 #include "ndtree/core/types.hpp"
 
@@ -18,6 +19,7 @@ struct RegionStates {
   bool occupied = false;
   bool free = false;
   bool unknown = false;
+  ThinThings thin{};  ///< Cells that are taken for occupied although they are free.
 };
 
 namespace detail {

@@ -83,7 +83,7 @@ class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
     if (same == nullptr)
       throw std::invalid_argument("a field with dim = " + std::to_string(field.dim()) +
                                   " of a map with dim = " + std::to_string(D));
-    update(*same, cells(), ndtree::changes(same_kind(before).cells(), cells()));
+    update(*same, same_kind(before).cells(), cells());
   }
   void probability(const double* points, std::size_t n, float* out) const final {
     for_each_cell_at(cells(), points, n, [out](std::size_t i, const auto& cell) {

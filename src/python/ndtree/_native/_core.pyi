@@ -1639,7 +1639,7 @@ class OccupancyMap:
         max_distance: float = 2.0,
         unknown: UnknownAs = "free",
     ) -> DistanceField:
-        """Signed Euclidean distance to the nearest obstacle, on a grid; exact for cells of any size.
+        """Signed Euclidean distance to the nearest obstacle, as of collides(), on a grid; exact for cells of any size.
 
         Parameters
         ----------
@@ -1682,6 +1682,8 @@ class OccupancyMap:
     def collides(self, shape: Shape, poses: Sequence[float], *, unknown: UnknownAs = "free") -> bool:
         """Whether a body meets an obstacle, in each of many poses.
 
+        An obstacle is an occupied cell, or a free one known to hold something thinner than it, as a rod of a fence.
+
         Parameters
         ----------
         shape : Shape
@@ -1706,6 +1708,8 @@ class OccupancyMap:
     @overload
     def collides(self, shape: Shape, poses: ArrayLike, *, unknown: UnknownAs = "free") -> NDArray[np.bool_]:
         """Whether a body meets an obstacle, in each of many poses.
+
+        An obstacle is an occupied cell, or a free one known to hold something thinner than it, as a rod of a fence.
 
         Parameters
         ----------
@@ -1758,7 +1762,7 @@ class OccupancyMap:
         """Find a short path for a body that does not turn; or in the plane, between poses, for one that does.
 
         Any-angle search over cells of free space as large as they can be, and through gaps that are hardly wider than the
-        body, then pulled tight. The volume that the body sweeps along each segment meets no obstacle. The path is nearly
+        body, then pulled tight. The volume that the body sweeps along each segment meets no obstacle of collides(). The path is nearly
         the shortest and not proved to be. Where there is none, its reason says whether that is proved. The same map gives
         the same path. For more than one question, a Planner keeps what it found out.
 
