@@ -300,6 +300,7 @@ _ANSWERS = {
     "slam": "the poses of a drive, scan by scan",
     "match": "one scan's pose in a map, and its covariance",
     "localize": "the robot in a saved map",
+    "plan": "paths through that map, for a ball",
     "moved": "`m.moved`: which of a map's points moved",
     "clean": "the points that `ndtree clean` leaves out",
     "static": "the map of `--static`",

@@ -22,7 +22,7 @@ sys.path.insert(0, str(TOOLS))
 
 import ndtree
 from ndtree.tuning import first_look
-from trial import moving, worlds
+from trial import moving, planning, worlds
 from trial.capabilities import CAPABILITIES, Trial
 from trial.maps import Truth, judge_map, mapped
 from trial.outcome import DOUBTED, RIGHT, WRONG, Outcome, limit
@@ -186,6 +186,20 @@ def test_a_judge_that_believes_all_beams_without_return_is_noticed(monkeypatch: 
     assert trial.run()[1].verdict != WRONG
     monkeypatch.setattr(first_look, "judge", always)
     assert trial.run()[1].verdict == WRONG
+
+
+@pytest.mark.parametrize(
+    ("state", "fault"), [("free", "told clearance"), ("free", "through hidden"), ("occupied", "no way")]
+)
+def test_a_path_through_a_wall_or_none_is_noticed(monkeypatch: pytest.MonkeyPatch, state, fault) -> None:
+    def marked(r: object, cell: float, branching: int = 2, is_fixed: bool = False) -> ndtree.OccupancyMap:
+        m = mapped(r, cell, branching, is_fixed)
+        m.mark(ndtree.Sphere(40.0), state, np.array([0.0, 0.0, 0.0]))
+        return m
+
+    monkeypatch.setattr(planning, "mapped", marked)
+    outcomes = [Trial.of("plan", seed, "loop", "none").run()[1] for seed in range(4)]
+    assert any(one.startswith(fault) for outcome in outcomes for one in outcome.faults)
 
 
 def test_a_doubt_makes_a_wrong_answer_a_doubted_one() -> None:

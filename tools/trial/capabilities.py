@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trial import living, maps, moving, poses, sensing, setup, setup_in_space
+from trial import living, maps, moving, planning, poses, sensing, setup, setup_in_space
 from trial.outcome import Case, Outcome
 from trial.robots import Recording
 from trial.worlds import PLANAR, SPATIAL, WORLDS
@@ -96,6 +96,7 @@ CAPABILITIES = {
         ("room", "corridor", "yard", "loop", "twins"),
         ("none", "late", "begins_late", "missing", "stamps_back", "largest"),
     ),
+    "plan": Capability(planning.plan_trial, (*_PLANAR, *_SPATIAL), _MOVES),
     "grid": Capability(living.grid_trial, ("flat", "street", "shelves", "chamber"), ("none", "pitch")),
 }
 
