@@ -67,7 +67,9 @@ def _judged(code: int, said: str, scratch: Path) -> str:
     if code == 0:  # What was read is said of it.
         errors = [line for line in errors if not _NOTE.search(line)]
     else:
-        errors = [line for line in errors if not re.search(" messages? found in it", line)]
+        errors = [
+            line for line in errors if not re.search(" messages? found in it", line) or ", found " in line
+        ]
     if len(errors) != code:
         return "a traceback" if "Traceback" in said else f"{len(errors)} lines of errors with status {code}"
     for line in lines:

@@ -634,6 +634,6 @@ def test_the_log_decides_what_beams_without_return_say(make, tmp_path):
     report = tmp_path / "report.json"
     done = call(path, "--maps", "fixed", "--held-out", "0", "--repeat", "1", "--json", report)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[0] == str(expected)
+    assert done.stdout.splitlines()[0] == expected.text
     assert json.loads(report.read_text())["parameters"]["no_return"] == expected.choice
     assert expected.beams > 0

@@ -847,7 +847,7 @@ BROKEN: dict[str, tuple[Make, str]] = {
         r"000002\.pcd: cannot be read as PCD",
     ),
     "header of a PLY": (changed("000002.pcd", b"ply\nrubbish"), r"000002\.pcd: cannot be read as PLY"),
-    "no fields": (without_x, r"000000\.pcd: no field y and no z, found x, b, c"),
+    "no fields": (without_x, r"000000\.pcd: no field y or z, found x, b, c"),
     "two kinds": (two_kinds, "found PCD and PLY files, expected PCD, PLY, .* of one kind"),
     "no poses": (
         numbered,

@@ -209,7 +209,7 @@ def test_a_slams_path_moves_what_was_mapped(robot: Robot, tmp_path: Path) -> Non
     one, other = ndtree.load(robot.folder / "node.ndt"), ndtree.load(tmp_path / "offline.ndt")
     for name in ("lower", "size", "log_odds", "hits", "misses"):
         np.testing.assert_array_equal(getattr(one.leaves(), name), getattr(other.leaves(), name))
-    assert "corrections" in received.log
+    assert "by 1 correction" in received.log
 
 
 @pytest.mark.parametrize("how", ["localize", "slam"])

@@ -863,7 +863,7 @@ class OccupancyMap:
     def max_cell_size(self) -> float:
         """float: edge of the largest cells that are updated [m].
 
-        It is the smallest size times a power of `branching`, the largest that the option of this name allows.
+        That is the smallest times a power of `branching`, the largest that the option of this name allows.
         """
     @property
     def options(self) -> MapOptions:

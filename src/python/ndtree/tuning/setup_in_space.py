@@ -75,11 +75,12 @@ _READINGS: dict[str, Callable[[Floats], Floats]] = {
     "wxyz": _wxyz,
     "axes": lambda pose: _CAMERA.T @ pose @ _CAMERA,
 }
-#: What else a robot's motion may be; where the sensor looks aside, that only says where to search.
-_MOTIONS: dict[str, Callable[[Floats], Floats]] = {
-    "mirrored": lambda motions: _MIRROR @ motions @ _MIRROR,
-    **{str(angle): partial(_aside, angle=angle) for angle in (math.pi / 2, math.pi, -math.pi / 2)},
+#: Motions of a robot whose sensor looks aside or back: they only say where to search.
+_ASIDE: dict[str, Callable[[Floats], Floats]] = {
+    str(angle): partial(_aside, angle=angle) for angle in (math.pi / 2, math.pi, -math.pi / 2)
 }
+#: What else a robot's motion may be.
+_MOTIONS = {"mirrored": lambda motions: _MIRROR @ motions @ _MIRROR, **_ASIDE}
 
 
 def setup_error_in_space(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
@@ -101,13 +102,13 @@ def setup_error_in_space(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     if len(kinds) > 1 and len(at) >= LEAST_PAIRS:
         left = {
             kind: np.einsum("nij,nj->ni", whitening, _errors(seen, readings[kind][at]))
-            for kind in ("", *_READINGS, "mirrored")
+            for kind in ("", *_ASIDE, *_READINGS, "mirrored")
             if kind in kinds
         }
         likely = {kind: likelihood(one) for kind, one in left.items()}
         # Straight on, several read alike: the first of them.
         best = next(kind for kind in likely if likely[kind] > max(likely.values()) - BOTH)
-        if best and is_gain(left[""], left[best]):
+        if best and best not in _ASIDE and is_gain(left[""], left[best]):
             return SetupError(best, (), None)
     far = is_far[at]
     if np.count_nonzero(far) < LEAST_PAIRS:
