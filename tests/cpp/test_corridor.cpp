@@ -25,8 +25,7 @@ template <class Map>
 int every_plane_is_needed_where_it_is(const Map& map, const Body<Map::kDim>& body,
                                       const std::vector<HalfSpace<Map::kDim>>& planes) {
   constexpr int D = Map::kDim;
-  RegionStates states;
-  states.occupied = states.unknown = true;
+  const RegionStates states = obstacles_of(map, UnknownSpace::occupied);
   const std::size_t first = 2 * std::size_t{D};
   std::vector<bool> is_needed(planes.size(), false);
   Box<D> around;

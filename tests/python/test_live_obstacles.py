@@ -140,3 +140,18 @@ def test_a_live_map_tells_what_is_around_the_robot() -> None:
     assert stamp == scans[-1].stamp
     expected = obstacle_distance(mapper.snapshot(), poses[0], max_distance=5.0)
     assert np.array_equal(last.distances, expected.distances) and (last.distances < 500).sum() > 10
+
+
+def test_what_is_thinner_than_a_cell_is_an_obstacle() -> None:
+    """For MAVLink, a body, and the grid of nav2: of the beams, a third ends at a rod, others pass beside."""
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.25)
+    m.mark(ndtree.Box((6.0, 6.0)), "free", [0.0, 0.0, 0.0])
+    rod, returned = np.array([1.125, 0.125]), np.arange(12) < 4
+    ends = np.where(returned[:, None], rod, rod + np.array([0.5, 0.0]))
+    for _ in range(6):
+        m.insert(ends, rod - np.array([0.5, 0.0]), returned=returned)
+    assert m.state([rod]) == 0 and m.leaves().thin.sum() == 1
+    said = obstacle_distance(m, [-1.0, 0.125, 0.0], max_distance=4.0).distances
+    assert said[0] == 200 and (said[10:60] > 300).all()
+    assert m.collides(ndtree.Sphere(0.2), [[1.0, 0.0, 0.0]])
+    assert np.count_nonzero(m.map_server_image()[0] == 0) == 1

@@ -33,7 +33,7 @@ class ThinThings {
   }
   /// Whether a node has, or might have, such a cell.
   [[nodiscard]] bool may_be_below(const Summary& summary) const {
-    return !summary.is_valid() || summary.max_log_odds() >= least_;
+    return !summary.is_valid() || (summary.may_contain(CellState::free) && summary.max_log_odds() >= least_);
   }
   /// The state of a cell for a robot that drives there: a shelf that beams meet at a grazing angle, a fence
   /// and a pane are in no cell but such.

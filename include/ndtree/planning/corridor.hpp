@@ -131,7 +131,7 @@ class CorridorCell {
 /// the segment on each axis, > 0 [m].
 /// @throws std::invalid_argument if the body meets an obstacle on the path, or `reach` is not > 0 and finite.
 /// Cancelled, see CancelScope.
-/// O(segments · obstacles around · planes).
+/// O(segments · obstacles around · planes²).
 template <class Map>
 [[nodiscard]] std::vector<std::vector<HalfSpace<Map::kDim>>> corridors(
     const Map& map, const Body<Map::kDim>& body, const std::vector<Vector<Map::kDim>>& path, double reach,

@@ -57,7 +57,10 @@ class PlaceFinder {
   PlaceFinder(const PlaceFinder&) = delete;
   PlaceFinder& operator=(const PlaceFinder&) = delete;
 
-  void set_map(const Map& map) { map_ = &map; }
+  void set_map(const Map& map) {
+    map_ = &map;
+    thin_ = ThinThings(map);
+  }
   /// Places that may be free: all others are blocked.
   [[nodiscard]] const LatticeBox<D>& limits() const { return limits_; }
   [[nodiscard]] bool has_costs() const { return unknown_costs_; }
@@ -199,7 +202,7 @@ class PlaceFinder {
   /// Whether a leaf holds something thin, or an inner node might have such a leaf beside free ones.
   [[nodiscard]] bool may_be_thin(const Ref& ref, const Summary& summary) const {
     if (ref.is_leaf()) return thin_.are_in(ref.cell());
-    return summary.may_contain(CellState::free) && thin_.may_be_below(summary);
+    return thin_.may_be_below(summary);
   }
 
   /// The bits of a row that lie within the limits.

@@ -181,7 +181,8 @@ class CollisionSearch {
     return any_below(ref);
   }
 
-  /// Whether an inner node that may have an obstacle has one: something thin is looked for.
+  /// Whether an inner node that may have an obstacle is certain to have one: summaries only say that there
+  /// may be something thin.
   [[nodiscard]] bool has_for_certain(const Summary& summary) const {
     return summary.is_valid() && (summary.may_contain(CellState::occupied) ||
                                   (obstacles_.unknown && summary.may_contain(CellState::unknown)));

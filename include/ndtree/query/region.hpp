@@ -19,7 +19,8 @@ struct RegionStates {
   bool occupied = false;
   bool free = false;
   bool unknown = false;
-  ThinThings thin{};  ///< Cells that are taken for occupied although they are free.
+  ThinThings
+      thin{};  ///< Cells that are looked for as if they were occupied, though free; states_in() sets none.
 };
 
 namespace detail {

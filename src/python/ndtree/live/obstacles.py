@@ -123,6 +123,8 @@ def obstacle_distance(
     ends = m.cast_rays(origins, ways, max_range=max_distance, unknown=stops, at="cell")
     by_sector = (_rows(m, height), SECTORS, -1)
     nearest = np.fmin.reduce(ends.reshape(by_sector), axis=(0, 2))
+    yaw = math.atan2(ahead[1], ahead[0])
+    nearest = np.fmin(nearest, _thin_things(m, position, yaw, max_distance, height))
     found = np.isfinite(nearest)
     limits = tuple(min(math.floor(100 * one + 1e-6), NOT_KNOWN - 2) for one in (min_distance, max_distance))
     distances = np.full(SECTORS, limits[1] + 1, dtype=np.int64)
@@ -168,6 +170,29 @@ class ObstacleSink:
         pose = self._pose()
         if pose is not None:
             self._send(obstacle_distance(m, pose, **self._options), stamp)
+
+
+def _thin_things(
+    m: OccupancyMap,
+    position: NDArray[np.float64],
+    yaw: float,
+    max_distance: float,
+    height: tuple[float, float],
+) -> NDArray[np.float64]:
+    """(72,) distances to free cells that hold something thin, which rays pass; nan where there is none."""
+    reach = np.full((2, m.dim), max_distance) * [[-1.0], [1.0]]
+    reach[:, 2:] = np.reshape(height, (2, 1))
+    cells = m.leaves(position + reach, states=("free",))
+    lower, size = cells.lower[cells.thin, :2] - position[:2], cells.size[cells.thin, None]
+    away = np.linalg.norm(np.maximum(0.0, np.maximum(lower, -lower - size)), axis=1)
+    middle = lower + 0.5 * size
+    far = np.maximum(np.linalg.norm(middle, axis=1), 1e-9)
+    half = np.arcsin(np.minimum(1.0, math.sqrt(0.5) * size[:, 0] / far))
+    angles = (yaw - np.arctan2(middle[:, 1], middle[:, 0]))[:, None]
+    off = np.abs((angles - 2 * math.pi / SECTORS * np.arange(SECTORS) + math.pi) % (2 * math.pi) - math.pi)
+    met = (off < half[:, None] + math.pi / SECTORS) & (away < max_distance)[:, None]
+    least: NDArray[np.float64] = np.where(met, away[:, None], np.inf).min(axis=0, initial=np.inf)
+    return np.where(np.isfinite(least), least, np.nan)
 
 
 def _rows(m: OccupancyMap, height: tuple[float, float]) -> int:
