@@ -24,7 +24,7 @@ from ndtree.logs.poses.pose import matrices_of, quaternions_of
 from ndtree.logs.ros.placement.mount import mount_of
 from ndtree.tuning.setup_error import SetupError
 from ndtree.tuning.setup_in_space import setup_error_in_space
-from ndtree.tuning.surfaces import Cloud
+from ndtree.tuning.surfaces import Cloud, turn_of, turned_by
 from trial import bag, worlds
 from trial import setup_in_space as setup_trials
 from trial.scene import Floats
@@ -78,6 +78,26 @@ def test_what_is_right_is_not_told_of(drive: tuple[Poses, list[Floats]], centime
         T[:3, 3] += rng.normal(0, centimetres / 100, 3)
         T[:3, :3] = T[:3, :3] @ _turned(*np.radians(rng.normal(0, 0.5, 3)))[:3, :3]
     assert found_in(told, drive[1]) is None
+
+
+@pytest.mark.parametrize("degrees", [0, 8])
+def test_beams_without_echo_at_the_largest_range_say_nothing(
+    drive: tuple[Poses, list[Floats]], degrees: float
+) -> None:
+    """Such ends lie on a sphere that moves with the sensor, and fit each other however it moved."""
+    told = drive[0](TIMES) @ mount(0, 0, 0, 0, -degrees)
+    silent = _beams()[_beams()[:, 2] > -0.2]
+    rng = np.random.default_rng(2)
+    farthest = 0.5 + max(np.linalg.norm(points, axis=1).max() for points in drive[1])
+    ends = [silent * (farthest + rng.normal(0, 0.01, (len(silent), 1))) for _ in TIMES]
+    found = found_in(told, [np.concatenate(both) for both in zip(drive[1], ends)])
+    assert found is None if degrees == 0 else found is not None and found.kind == "yaw"
+
+
+def test_half_a_turn_is_no_rest() -> None:
+    for axis in (*np.eye(3), np.array([0.6, -0.8, 0.0])):
+        for angle in (0.0, 1e-7, 3.0, math.pi - 1e-8, math.pi):
+            assert np.linalg.norm(turn_of(turned_by(angle * axis))) == pytest.approx(angle, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -209,6 +229,7 @@ def test_without_rotations_nothing_is_told() -> None:
     assert Cloud.of(Scan(np.zeros((3, 3)), np.zeros(3))) is None
     assert Cloud.of(Scan(np.zeros((0, 3)), np.zeros((0, 3)), rotation=np.eye(3))) is None
     assert setup_error_in_space([]) is None
+    assert Cloud.of(Scan(np.zeros((3, 3)), np.zeros(3), rotation=np.full((3, 3), np.nan))) is None
 
 
 def test_of_a_bag_the_option_that_is_told_mends_it(drive: tuple[Poses, list[Floats]], tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from decimal import Decimal
 
@@ -13,7 +14,9 @@ def number_of(count: int, thing: str) -> str:
 
 
 def in_full(value: float, digits: int | None = None) -> str:
-    """A number without an exponent: rounded to some digits, or exact."""
+    """A number without an exponent: rounded to some digits, or exact; or as "inf" and "nan"."""
+    if not math.isfinite(value):
+        return str(float(value))
     return f"{Decimal(repr(float(value)) if digits is None else f'{value:.{digits}g}'):f}"
 
 

@@ -54,7 +54,7 @@ class PoseTilt:
         lowest beams meet walls and ramps, is in the first alone: the smaller one counts. Medians, so that a
         step of the ground or a sharp turn does not count.
 
-        `scans`: In space, in the order of their times. Without ground in five pairs: no tilt.
+        `scans`: In space, in the order of their times. With too little ground in a row: no tilt.
         """
         planes = np.array(list(_differences(scans))).reshape(-1, 3)
         spreads = []

@@ -253,6 +253,7 @@ class _Looked:
             limit = self.limit
             cut = (lambda scan: scan) if limit is None else limit.applied
             self.runs = [[some_of(cut(scan)) for scan in run] for run in self.runs]
+            self.clouds = [[cloud.cut(cut) for cloud in run] for run in self.clouds]
         self.cut_off = log.cut_off if search is None else None if self.limit is None else self.limit.at
         self.unsure_end: str | None = None
         is_open = self.limit is None and log.rules.cut_off is UNSEARCHED
@@ -260,6 +261,7 @@ class _Looked:
         if end is not None and end.is_empty:
             self.limit, self.cut_off = end.limit, end.limit.at
             self.runs = [[end.limit.applied(scan) for scan in run] for run in self.runs]
+            self.clouds = [[cloud.cut(end.limit.applied) for cloud in run] for run in self.clouds]
         elif end is not None:
             self.unsure_end = str(end)
         #: Of the scans, how many times as many there are as were decoded.

@@ -12,8 +12,9 @@ motion (t, phi) and the sensor's own velocities at both ends, the error is
 
 Each is fitted by itself; errors are Student's t, with the covariances of the matches and what poses err
 anyway. Noise of the poses must not look like an error: motions are far larger, velocities are those of other
-scans, and few pairs share a scan. The likeliest one counts if it explains the errors far better than none, no
-part of the log worse, by more than matches err alike, and if it puts surfaces apart that are seen twice.
+scans, and few pairs share a scan. The likeliest one counts if it explains the errors far better than none,
+hardly worse in any part of the log, by more than matches err alike, and if it puts surfaces apart that are
+seen twice.
 Where nothing is seen twice, nothing is told: a robot that only drives straight on shows neither a moved mount
 nor a mirrored laser, and one that always drives alike no wrong clock.
 """
@@ -108,8 +109,8 @@ class SetupError:
         if self.kind == "tilt":
             roll, pitch = map(math.degrees, self.values)
             return "the sensor were tilted on the robot", (
-                f"add {roll:.1f}deg to its roll and {pitch:.1f}deg to its pitch (of a bag: in /tf, or "
-                f"{key('mount')})"
+                f"turn its mount by {roll:.1f}deg about the robot's x axis, then by {pitch:.1f}deg about its "
+                f"y axis: roll and pitch of a level one (of a bag: in /tf, or {key('mount')})"
             )
         if self.kind == "place":
             return f"the sensor sat {_moved(*self.values)}", mount

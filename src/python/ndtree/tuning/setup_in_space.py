@@ -36,7 +36,7 @@ from ndtree.tuning.surfaces import Cloud, turn_of, turned_by
 
 _FEW = 20  # Of up to this many runs, two clouds of each are matched, else one.
 _MOST_PAIRS, _MOST_NEAR = 48, 16  # For the time that they take.
-_FAR, _FARTHEST = 4.0, 6.0  # Least of the way to a far cloud, and the most to the next [m].
+_FAR, _FARTHEST = 4.0, 6.0  # Most of the way to a far cloud, and to the next [m].
 _FITS = 0.3  # Of the patches, in clouds that fit each other.
 _AS_WELL = 0.02  # A match fits no better.
 _LEAST = 1.0  # Of information: no match is farther away than is searched [1/m², 1/rad²].
@@ -153,7 +153,7 @@ def _again(
         change = fits_of(_errors(seen, told), slopes, whitening, {kind: _KINDS[kind]})[kind][0]
         if kind == "tilt":
             up = (_tilted(values) @ turned_by(np.append(change, 0.0)))[2]
-            new = np.array([math.atan2(up[1], up[2]), -math.asin(up[0])])
+            new = np.array([math.atan2(up[1], up[2]), -math.asin(np.clip(up[0], -1.0, 1.0))])
         else:
             new = values + change
         left_now = left_of(new)
@@ -181,7 +181,7 @@ class _Log:
         level = np.array([turned_by(np.array([0.0, 0.0, one])) for one in headings]).reshape(-1, 3, 3)
         u, _, v = np.linalg.svd(np.einsum("nji,njk->ik", level, rotations))
         #: From the sensor's frame into the robot's.
-        self.seat = _rigid(u @ v)
+        self.seat = _rigid(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v)
         self.poses = np.array([one.pose @ self.seat.T for one in self.clouds]).reshape(-1, 4, 4)
         moving = [run for run in runs if len(run) > 1]
         stamps = np.array([one.stamp for run in moving for one in run])

@@ -10,8 +10,8 @@ the rings does not count, and what a corridor does not tell has a large covarian
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ndtree.alignment.planar import Floats
 from ndtree.base.scan import Scan
 
+_SHELL = 0.1  # Before the largest range [m].
 _MOST_POINTS = 6000  # Of a cloud, about.
 _SIZES = (0.5, 1.0, 2.0)  # Edges of cubes [m].
 _STEPS = ((2,), (1, 2), (0, 1, 2))  # Which of them are matched, one after the other.
@@ -88,8 +89,14 @@ class Cloud:
             return None
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = scan.rotation, origins.mean(axis=0, dtype=np.float64)
+        if not np.isfinite(pose).all():
+            return None
         step = len(scan) // _MOST_POINTS | 1  # Rings are even in number.
         return cls(scan.only(slice(None, None, step if step % 5 else step + 2)), pose)
+
+    def cut(self, rule: Callable[[Scan], Scan]) -> Cloud:
+        """With beams as a rule has them, by which some have not returned."""
+        return replace(self, scan=rule(self.scan))
 
     @property
     def stamp(self) -> float:
@@ -97,9 +104,11 @@ class Cloud:
 
     @cached_property
     def patches(self) -> tuple[_Patches, ...]:
-        """Of each size, in the sensor's frame."""
+        """Of each size, in the sensor's frame; at the largest range may be beams without echo."""
         ways = self.scan.endpoints[self.scan.did_return].astype(np.float64) - self.pose[:3, 3]
-        return tuple(_Patches.of(ways[np.isfinite(ways).all(axis=1)] @ self.pose[:3, :3]))
+        ways = ways[np.isfinite(ways).all(axis=1)]
+        ranges = np.linalg.norm(ways, axis=1)
+        return tuple(_Patches.of(ways[ranges < ranges.max(initial=0.0) - _SHELL] @ self.pose[:3, :3]))
 
     def agreement(self, other: Cloud, motion: Floats) -> float:
         """Which part of another's patches lies on planes of this one, with its pose as seen from here."""
@@ -170,11 +179,15 @@ def _of_points(arm: Floats, weights: Floats) -> Floats:
 
 
 def turn_of(rotation: Floats) -> Floats:
-    """The axis of a rotation times its angle (3,), below pi."""
+    """The axis of a rotation times its angle (3,), up to pi."""
     axis = 0.5 * np.array(
         [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
     )
     sine, cosine = float(np.linalg.norm(axis)), 0.5 * (float(np.trace(rotation)) - 1.0)
+    if cosine < 0.0 and sine < 1e-6:  # Half a turn: turn + 1 = 2 axis axis^T.
+        column = (rotation + np.eye(3))[:, int(np.argmax(np.diag(rotation)))]
+        half: Floats = math.pi * column / np.linalg.norm(column)
+        return half
     turn: Floats = axis * (math.atan2(sine, cosine) / sine if sine > 1e-12 else 1.0)
     return turn
 
