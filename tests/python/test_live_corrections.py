@@ -180,7 +180,7 @@ def test_a_recording_with_a_slams_path(tmp_path: Path) -> None:
         done = cli("live", bag, "-o", target, "--json", tmp_path / f"{name}.json", *options)
         assert done.exit_code == 0, done.stderr
         files.append(target)
-    assert "corrections" in done.stdout
+    assert " correction" in done.stdout
     assert_same(*(ndtree.load(file) for file in files))
 
 

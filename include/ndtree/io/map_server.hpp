@@ -71,9 +71,9 @@ struct MapServerImage {
 };
 
 /// The image of a 2-D map, or of a slice through a 3-D one: a pixel is occupied if some occupied cell
-/// overlaps it, or a free one that holds something thin, see ThinThings; else free if some free one does,
-/// else unknown. Of large occupied cells only what is near free space is drawn, see
-/// MapServerOptions::wall_depth. It is as large as what is known.
+/// overlaps it, else free if some free one does, else unknown. Through a 3-D map, so is one above which a
+/// free cell holds something thin, see ThinThings. Of large occupied cells only what is near free space is
+/// drawn, see MapServerOptions::wall_depth. It is as large as what is known.
 /// @throws std::invalid_argument if an option is out of bounds or does not fit the map, if nothing is known
 ///   there, or if the image had more than 2^30 pixels.
 template <class Map>
@@ -102,7 +102,7 @@ template <class Map>
   // Calls visit(first x, last x, first y, last y, pixel) for what is known, in pixels about 0.
   const auto for_each_known = [&](const auto& visit) {
     for_each_leaf(map.tree(), [&](const auto& leaf) {
-      const CellState state = thin.state_in_column(leaf.cell());
+      const CellState state = D == 3 ? thin.state_in_column(leaf.cell()) : leaf.cell().state();
       if (state == CellState::unknown) return;
       const std::int64_t edge = geometry.edge(leaf.index.level);
       const auto& lower = leaf.index.lower;
