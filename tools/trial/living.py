@@ -11,7 +11,7 @@ import numpy as np
 import ndtree
 from trial import bag, faults
 from trial.command import run
-from trial.maps import Truth, count_in, judge_lost, judge_map, mapped
+from trial.maps import Truth, count_in, distance_to, judge_lost, judge_map, mapped
 from trial.outcome import Case, Outcome, limit
 from trial.robots import Recording, laser, planar, poses_along, record, rings
 from trial.scene import Floats
@@ -95,7 +95,7 @@ def grid_trial(case: Case) -> tuple[Recording, Outcome]:
     inside = (ends[:, 2] > low + cell) & (ends[:, 2] < high - cell)
     obstacles = ends[inside & (count_in(ends, ends, cell) >= 5)][::3]
     if len(obstacles) >= 50:
-        far = _distance(obstacles[:, :2], plan.occupied) > truth.margin
+        far = distance_to(obstacles[:, :2], plan.occupied) > truth.margin
         outcome.expect("grid", 100 * np.mean(far), "% of obstacles lost")
         outcome.drawn["obstacles lost"] = obstacles[far]
     flat = ends[(ends[:, 2] > low - truth.margin) & (ends[:, 2] < high + truth.margin)]
@@ -104,10 +104,10 @@ def grid_trial(case: Case) -> tuple[Recording, Outcome]:
     places = truth.centers(places)
     seen = places[truth.passing(places, range(len(r))) >= 2]
     if len(seen) and len(flat):
-        nearest = _distance(seen[:, :2], flat[::5, :2])
+        nearest = distance_to(seen[:, :2], flat[::5, :2])
         clear = seen[nearest > truth.margin + cell]
         if len(clear) >= 50:
-            taken = _distance(clear[:, :2], plan.occupied) < 0.5 * cell
+            taken = distance_to(clear[:, :2], plan.occupied) < 0.5 * cell
             outcome.expect("grid, clear", 100 * np.mean(taken), "% of clear columns occupied", limit("grid"))
             outcome.drawn["clear but occupied"] = clear[taken]
     outcome.drawn["map"] = m
@@ -127,12 +127,3 @@ class _Grid:
             dark = 1 - np.asarray(image.convert("L"), float) / 255
         row, column = np.nonzero(dark > float(lines["occupied_thresh"]))
         self.occupied = np.c_[x + (column + 0.5) * resolution, y + (len(dark) - row - 0.5) * resolution]
-
-
-def _distance(points: Floats, others: Floats) -> Floats:
-    """(n,) to the nearest of the others; inf where there are none [m]."""
-    nearest = np.full(len(points), np.inf)
-    for part in np.array_split(others, max(1, len(others) // 500)):
-        if len(part):
-            nearest = np.minimum(nearest, ((points[:, None] - part[None]) ** 2).sum(2).min(1))
-    return np.sqrt(nearest)

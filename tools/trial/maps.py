@@ -189,6 +189,15 @@ def count_near(points: Floats, others: Floats, distance: float) -> np.ndarray:
     return _counts(_neighbours(points, distance), others, distance).sum(1)
 
 
+def distance_to(points: Floats, others: Floats) -> Floats:
+    """(n,) to the nearest of the others; inf where there are none [m]."""
+    nearest = np.full(len(points), np.inf)
+    for part in np.array_split(others, max(1, len(others) // 500)):
+        if len(part):
+            nearest = np.minimum(nearest, ((points[:, None] - part[None]) ** 2).sum(2).min(1))
+    return np.sqrt(nearest)
+
+
 def _counts(cells: np.ndarray, others: Floats, edge: float) -> np.ndarray:
     """How many others are in each of some cells, given by keys."""
     keys, counts = np.unique(_keys(others, edge), return_counts=True)
@@ -262,20 +271,33 @@ def judge_ghosts(m: ndtree.OccupancyMap, truth: Truth, outcome: Outcome, last: i
 
 def map_trial(case: Case) -> tuple[Recording, Outcome]:
     """The map of exact poses, with default options but cells and noise."""
-    world, rng, dim = case.world, case.rng, case.dim
-    cell = float(rng.choice([0.05, 0.1])) if dim == 2 else 0.1
-    sensor = sensor_of(rng, dim)
-    scans = int(rng.integers(30, 60)) if dim == 2 else int(rng.integers(12, 24))
-    mover, last = mover_of(case, scans)
-    r = record(world.scene, sensor, poses_along(world, rng, scans), rng, mover)
-    truth, outcome = Truth(world, r, cell, rng), Outcome()
-    branching = int(rng.choice([2, 2, 3]))
+    r, cell, last = recorded(case)
+    truth, outcome = Truth(case.world, r, cell, case.rng), Outcome()
+    branching = int(case.rng.choice([2, 2, 3]))
     m = mapped(r, cell, branching, case.is_fixed)
     judge_map(m, truth, outcome, last)
     if last is not None:
         judge_ghosts(m, truth, outcome, last)
     outcome.drawn["map"] = m
     return r, outcome
+
+
+def recorded(
+    case: Case,
+    planar: tuple[int, int] = (30, 60),
+    spatial: tuple[int, int] = (12, 24),
+    motion: str | None = None,
+) -> tuple[Recording, float, int | None]:
+    """By exact poses, with the size of the map's cells, and the scan from which on nothing moves.
+
+    `planar`, `spatial`: How many scans, from the first number to before the second.
+    """
+    world, rng, dim = case.world, case.rng, case.dim
+    cell = float(rng.choice([0.05, 0.1])) if dim == 2 else 0.1
+    sensor = sensor_of(rng, dim)
+    scans = int(rng.integers(*(planar if dim == 2 else spatial)))
+    mover, last = mover_of(case, scans)
+    return record(world.scene, sensor, poses_along(world, rng, scans, motion), rng, mover), cell, last
 
 
 def mover_of(case: Case, scans: int) -> tuple[Mover, int | None]:

@@ -9,22 +9,17 @@ from pathlib import Path
 import numpy as np
 
 import ndtree
-from trial import faults
+from trial import faults, maps
 from trial.command import run
-from trial.maps import Truth, count_near, judge_lost, judge_map, mapped, mover_of
+from trial.maps import Truth, count_near, judge_lost, judge_map, mapped
 from trial.outcome import Case, Outcome, limit
-from trial.robots import Recording, poses_along, record, sensor_of
+from trial.robots import Recording
 
 
 def recorded(case: Case) -> tuple[Recording, float, int | None]:
-    world, rng, dim = case.world, case.rng, case.dim
-    cell = float(rng.choice([0.05, 0.1])) if dim == 2 else 0.1
-    sensor = sensor_of(rng, dim)
-    scans = int(rng.integers(40, 70)) if dim == 2 else int(rng.integers(12, 20))
-    mover, last = mover_of(case, scans)
-    r = record(world.scene, sensor, poses_along(world, rng, scans, "drives"), rng, mover)
+    r, cell, last = maps.recorded(case, (40, 70), (12, 20), "drives")
     if case.fault == "pitch":
-        r = faults.pitch(r, rng)
+        r = faults.pitch(r, case.rng)
     return r, cell, last
 
 

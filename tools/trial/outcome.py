@@ -47,7 +47,7 @@ TOLERANCES: dict[str, tuple[float, str, str]] = {
         "who says of a fifth that it may go says too little",
     ),
     "told clearance": (1.0, "cells, and 3 sigma, too large", "surfaces are known up to a cell"),
-    "through hidden": (0.0, "paths through what nobody saw", "unknown space is blocked"),
+    "through hidden": (0.0, "paths through hidden space", "unknown space is blocked"),
     "longer than a known way": (2.0, "% than the robot's own", "which went through what it saw"),
     "no way": (0.0, "ways that the robot went", "through what three scans passed"),
     "other after a change": (0.005, "m in length", "a planner that follows is as a new one"),

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 
 import ndtree
-from trial.maps import Truth, count_in, mapped, mover_of
+from trial.maps import Truth, count_in, distance_to, mapped, recorded
 from trial.outcome import Case, Outcome
-from trial.robots import Recording, poses_along, record, sensor_of
+from trial.robots import Recording
 from trial.scene import Floats
 
 _GOALS = 6
@@ -19,15 +19,10 @@ _OFTEN = 5  # Beams that end in a cell with which it is no chance.
 
 def plan_trial(case: Case) -> tuple[Recording, Outcome]:
     """Paths of a ball in the map of exact poses, with default options but cells and noise."""
-    world, rng, dim = case.world, case.rng, case.dim
-    cell = float(rng.choice([0.05, 0.1])) if dim == 2 else 0.1
-    sensor = sensor_of(rng, dim)
-    scans = int(rng.integers(30, 60)) if dim == 2 else int(rng.integers(12, 24))
-    mover, last = mover_of(case, scans)
-    r = record(world.scene, sensor, poses_along(world, rng, scans), rng, mover)
-    truth, outcome = Truth(world, r, cell, rng), Outcome()
-    m, half = (mapped(part, cell, is_fixed=case.is_fixed) for part in (r, r.kept(np.arange(scans // 2))))
-    radius = float(rng.uniform(0.5, 4.0)) * cell
+    r, cell, last = recorded(case)
+    truth, outcome = Truth(case.world, r, cell, case.rng), Outcome()
+    m, half = (mapped(part, cell, is_fixed=case.is_fixed) for part in (r, r.kept(np.arange(len(r) // 2))))
+    radius = float(case.rng.uniform(0.5, 4.0)) * cell
     body = ndtree.Sphere(radius)
     met = truth.ends[count_in(truth.ends, truth.ends, cell) >= _OFTEN]
     follows = ndtree.Planner(half, body)
@@ -45,9 +40,9 @@ def plan_trial(case: Case) -> tuple[Recording, Outcome]:
             told_none += known is not None
             continue
         points = _dense(path.points, 0.5 * cell)
-        clearance = distance_to(points, met).min() - radius if len(met) else np.inf
+        clearance = distance_to(points, met).min() - radius
         outcome.figures["paths"] = outcome.figures.get("paths", 0) + 1
-        deepest = max(deepest, (path.clearance - clearance - 3 * sensor.sigma) / cell)
+        deepest = max(deepest, (path.clearance - clearance - 3 * r.sensor.sigma) / cell)
         hidden = truth.is_hidden(points) & truth.is_clear(points)
         unseen += int(hidden.any())
         outcome.drawn["through hidden"] = points[hidden]
@@ -99,8 +94,3 @@ def _dense(points: Floats, step: float) -> Floats:
         count = int(np.ceil(np.linalg.norm(other - one) / step))
         parts.append(one + np.linspace(0, 1, count + 1)[1:, None] * (other - one))
     return np.concatenate(parts)
-
-
-def distance_to(points: Floats, others: Floats) -> Floats:
-    """(n,) to the nearest of others."""
-    return np.array([np.sqrt(((others - point) ** 2).sum(1).min()) for point in points])
