@@ -118,12 +118,12 @@ def obstacle_distance(
     ahead, position = matrix[:2, 0], matrix[: m.dim, m.dim]
     if np.hypot(*ahead) < 1e-6:
         raise ValueError("pose: its x axis points up or down, expected one that points somewhere ahead")
-    origins, ways = _rays(m, position, math.atan2(ahead[1], ahead[0]), max_distance, height)
+    yaw = math.atan2(ahead[1], ahead[0])
+    origins, ways = _rays(m, position, yaw, max_distance, height)
     stops = "stop" if unknown == "occupied" else "pass"
     ends = m.cast_rays(origins, ways, max_range=max_distance, unknown=stops, at="cell")
     by_sector = (_rows(m, height), SECTORS, -1)
     nearest = np.fmin.reduce(ends.reshape(by_sector), axis=(0, 2))
-    yaw = math.atan2(ahead[1], ahead[0])
     nearest = np.fmin(nearest, _thin_things(m, position, yaw, max_distance, height))
     found = np.isfinite(nearest)
     limits = tuple(min(math.floor(100 * one + 1e-6), NOT_KNOWN - 2) for one in (min_distance, max_distance))
@@ -179,7 +179,7 @@ def _thin_things(
     max_distance: float,
     height: tuple[float, float],
 ) -> NDArray[np.float64]:
-    """(72,) distances to free cells that hold something thin, which rays pass; nan where there is none."""
+    """(72,) distances to free cells that hold something thin, which rays pass; inf where there is none."""
     reach = np.full((2, m.dim), max_distance) * [[-1.0], [1.0]]
     reach[:, 2:] = np.reshape(height, (2, 1))
     cells = m.leaves(position + reach, states=("free",))
@@ -192,7 +192,7 @@ def _thin_things(
     off = np.abs((angles - 2 * math.pi / SECTORS * np.arange(SECTORS) + math.pi) % (2 * math.pi) - math.pi)
     met = (off < half[:, None] + math.pi / SECTORS) & (away < max_distance)[:, None]
     least: NDArray[np.float64] = np.where(met, away[:, None], np.inf).min(axis=0, initial=np.inf)
-    return np.where(np.isfinite(least), least, np.nan)
+    return least
 
 
 def _rows(m: OccupancyMap, height: tuple[float, float]) -> int:

@@ -190,9 +190,9 @@ def _measured(
     if np.count_nonzero(cut_off) >= least_cut_off:  # What is measured does not come twice to the last bit.
         silent |= cut_off & np.isfinite(ranges)
     returned = (ranges >= nearest) & (ranges <= farthest) & np.isfinite(ranges) & ~silent
-    beyond = ranges[np.isfinite(ranges) & (ranges > farthest) & ~silent]
-    is_all = len(beyond) and not returned.any()
-    said = f"{beyond.min():,.1f} to {beyond.max():,.1f} m, expected up to {farthest:g} m" if is_all else ""
+    said = ""
+    if not returned.any() and len(beyond := ranges[np.isfinite(ranges) & (ranges > farthest) & ~silent]):
+        said = f"{beyond.min():,.1f} to {beyond.max():,.1f} m, expected up to {farthest:g} m"
     length = np.where(returned, ranges, np.nan).astype(np.float64)
     limit = farthest if 0 < farthest < np.inf else no_return_range
     endless = 0
