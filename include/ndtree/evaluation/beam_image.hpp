@@ -75,8 +75,8 @@ class BeamImage {
     Point direction;
     typename Faces::Place place{};
     int face = 0;
-    float sure = 0.0F;                              // Up to where it surely passed [m],
-    bool returned = true;                           // there from a surface.
+    float sure = 0.0F;                              // Up to where it surely passed [m].
+    bool returned = true;                           // Whether it ends there on a surface.
     std::int32_t next = -1;                         // In its pixel.
     std::array<std::int32_t, 2 * kSides> beside{};  // Numbers of beams; kNotSought or kNone.
   };

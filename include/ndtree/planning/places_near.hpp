@@ -117,8 +117,8 @@ template <class Map>
 /// free neither at its nearest point nor in its middle, is divided. What is narrower than the smallest ones,
 /// kFinest, may be missed; but for that, no place is nearer by more than kFinest. Points are in smallest
 /// cells.
-/// @param space of which no free place is blocked. @param is_blocked whether the body is free nowhere in the
-/// cube with a centre and half an edge, as far as it tells. @throws Cancelled
+/// @param space that takes no free place for blocked. @param is_blocked whether the body is free nowhere in
+/// the cube with a centre and half an edge, as far as it tells. @throws Cancelled
 template <class Space, class IsFree, class IsBlocked>
 [[nodiscard]] std::optional<Vector<Space::D>> nearest_free(const Space& space, const Vector<Space::D>& at,
                                                            const IsFree& is_free,

@@ -339,9 +339,10 @@ template <class Map>
                                      const Vector<Map::kDim>& from, const Vector<Map::kDim>& to,
                                      UnknownSpace unknown, double most) {
   constexpr int D = Map::kDim;
+  const RegionStates obstacles = obstacles_of(map, unknown);
   for (const BodyPart<D>& part : body) {
     const detail::Sweep<D> sweep = detail::sweep_of<D>(part, from, to);
-    most = detail::clearance_of(map.tree(), sweep, obstacles_of(map, unknown), most);
+    most = detail::clearance_of(map.tree(), sweep, obstacles, most);
   }
   return most;
 }

@@ -36,8 +36,8 @@ template <class NodeType>
          (states.unknown && summary.may_contain(CellState::unknown));
 }
 
-/// What a body may not touch: occupied cells, those that hold something thin, and unknown space if it is
-/// taken for occupied.
+/// Obstacles to a body: occupied cells, cells that hold something thin, and unknown space if it is taken for
+/// occupied.
 template <class Map>
 [[nodiscard]] RegionStates obstacles_of(const Map& map, UnknownSpace unknown) {
   return {true, false, unknown == UnknownSpace::occupied, ThinThings(map)};

@@ -254,7 +254,7 @@ class _Log:
         return found
 
     def _fresh(self) -> list[int]:
-        """Clouds from one to the next of which the robot moves, so that each is in few pairs."""
+        """Numbers of clouds between which the robot moves, so that each is in few pairs."""
         fresh: list[int] = []
         for i, pose in enumerate(self.poses):
             if not fresh or _has_moved(self.poses[fresh[-1]], pose, FRESH):
@@ -271,7 +271,7 @@ class _Log:
     def matched(self, pairs: Floats, starts: list[Floats]) -> tuple[Floats, Floats, Floats]:
         """Which pairs fit each other well somewhere, (n, 4, 4) how, and (n, 6, 6) the covariance.
 
-        `starts`: Motions of pairs, from each of which they are matched.
+        `starts`: Motions of pairs, at which matching starts; the best match counts.
         """
         found, seen, covariances = [], [], []
         turn = np.kron(np.eye(2), self.seat[:3, :3])
