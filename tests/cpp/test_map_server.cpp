@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "ndtree/cell/thin_things.hpp"
 #include "ndtree/io/map_builder.hpp"
 #include "ndtree/io/map_server.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
@@ -190,6 +191,50 @@ TEST(MapServer, FarWallsAreNoThickerThanAsked) {
   MapServerOptions refused;
   refused.wall_depth = 0.0;
   EXPECT_THROW(static_cast<void>(map_server_image(map, refused)), std::invalid_argument);
+}
+
+TEST(MapServer, AFenceIsDrawnAndAWallGetsNoThicker) {
+  // Rods of 2 cm every 0.3 m along y = 2, and a wall behind, y = 3 + 0.12 x.
+  AdaptiveMap<2, 2> map{MapOptions()};
+  for (int i = 0; i < 20; ++i) {
+    Scan<2> scan;
+    const Vector<2> origin(0.13 * i - 1.3, 0.01 * i);
+    scan.origins = origin;
+    scan.endpoints.resize(2, 600);
+    for (int k = 0; k < 600; ++k) {
+      const double angle = 0.4 + 2.3 * k / 600.0;
+      const Vector<2> direction(std::cos(angle), std::sin(angle));
+      double range = (3.0 + 0.12 * origin.x() - origin.y()) / (direction.y() - 0.12 * direction.x());
+      for (int rod = -10; rod <= 10; ++rod) {
+        const Vector<2> to = Vector<2>(0.3 * rod + 0.02, 2.02) - origin;
+        const double along = to.dot(direction), beside = (to - along * direction).norm();
+        if (beside < 0.01) range = std::min(range, along - std::sqrt(1e-4 - beside * beside));
+      }
+      scan.endpoints.col(k) = origin + range * direction;
+    }
+    map.insert(scan);
+  }
+  const MapServerImage image = map_server_image(map);
+  const ThinThings things(map);
+  int single = 0, beside_wall = 0;
+  for (std::size_t row = 0; row < image.height; ++row)
+    for (std::size_t column = 0; column < image.width; ++column) {
+      const Vector<2> at = image.origin + 0.05 * Vector<2>(static_cast<double>(column) + 0.5,
+                                                           static_cast<double>(image.height - 1 - row) + 0.5);
+      const auto is_occupied = [&](double x, double y) {
+        return state(map, Vector<2>(at + 0.05 * Vector<2>(x, y))) == CellState::occupied;
+      };
+      const auto leaf = map.tree().find_leaf(at);
+      const bool is_thin = leaf && things.are_in(leaf->cell());
+      const bool is_beside =
+          is_occupied(-1, 0) || is_occupied(1, 0) || is_occupied(0, -1) || is_occupied(0, 1);
+      single += is_thin && !is_beside;
+      beside_wall += is_thin && is_beside;
+      ASSERT_EQ(image.pixels[row * image.width + column] == MapServerImage::kOccupied,
+                is_occupied(0, 0) || (is_thin && !is_beside));
+    }
+  EXPECT_GT(single, 5);
+  EXPECT_GT(beside_wall, 5);
 }
 
 TEST(MapServer, FilesByHand) {

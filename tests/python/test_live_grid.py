@@ -32,12 +32,17 @@ def image_of(m: Any, grid: GridFollower, **options: Any) -> np.ndarray:
 
 
 def array_of(m: Any, grid: GridFollower, wall_depth: float | None) -> np.ndarray:
-    """The map's dense array in the place of a grid in the plane."""
+    """The map's dense array in the place of a grid in the plane, with single thin things."""
     assert grid.values is not None
     size = np.array(grid.values.shape[::-1])
     box = np.array([grid.origin, grid.origin + size * grid.cell_size])
     states = m.to_grid(box, grid.cell_size, wall_depth=wall_depth)
-    return np.where(states == 1, 100, states).T
+    leaves, thin, wall = m.leaves(), np.zeros(states.shape, bool), np.pad(states == 1, 1)
+    for lower, edge in zip(leaves.lower[leaves.thin], leaves.size[leaves.thin]):
+        first, last = ((lower + by - grid.origin) / grid.cell_size for by in (1e-6, edge - 1e-6))
+        thin[tuple(slice(int(a), int(b) + 1) for a, b in zip(first, last))] = True
+    beside = wall[2:, 1:-1] | wall[:-2, 1:-1] | wall[1:-1, 2:] | wall[1:-1, :-2]
+    return np.where((states == 1) | (thin & ~beside), 100, states).T
 
 
 class Listener:

@@ -143,7 +143,7 @@ def test_a_live_map_tells_what_is_around_the_robot() -> None:
 
 
 def test_what_is_thinner_than_a_cell_is_an_obstacle() -> None:
-    """For MAVLink and a body: of the beams, a third ends at a rod, others pass beside."""
+    """For MAVLink, a body and the grid of nav2: of the beams, a third ends at a rod, others pass beside."""
     m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.25)
     m.mark(ndtree.Box((6.0, 6.0)), "free", [0.0, 0.0, 0.0])
     rod, returned = np.array([1.125, 0.125]), np.arange(12) < 4
@@ -154,3 +154,4 @@ def test_what_is_thinner_than_a_cell_is_an_obstacle() -> None:
     said = obstacle_distance(m, [-1.0, 0.125, 0.0], max_distance=4.0).distances
     assert said[0] == 200 and (said[10:60] > 300).all()
     assert m.collides(ndtree.Sphere(0.2), [[1.0, 0.0, 0.0]])
+    assert np.count_nonzero(m.map_server_image()[0] == 0) == 1

@@ -48,6 +48,18 @@ struct MapServerImage {
   Vector<2> origin = Vector<2>::Zero();  ///< Lower left corner of the pixel at the lower left [m].
   std::vector<std::uint8_t> pixels;
 
+  /// Makes those of some pixels occupied that share no side with an occupied one.
+  void occupy_single(std::vector<std::size_t> some) {
+    const auto is_beside_wall = [&](std::size_t i) {
+      const auto is_occupied = [&](bool is_inside, std::size_t at) {
+        return is_inside && pixels[at] == kOccupied;
+      };
+      return is_occupied(i % width > 0, i - 1) || is_occupied(i % width + 1 < width, i + 1) ||
+             is_occupied(i >= width, i - width) || is_occupied(i + width < pixels.size(), i + width);
+    };
+    some.erase(std::remove_if(some.begin(), some.end(), is_beside_wall), some.end());
+    for (const std::size_t i : some) pixels[i] = kOccupied;
+  }
   /// Binary PGM (P5).
   [[nodiscard]] std::string pgm() const {
     std::string bytes = "P5\n" + std::to_string(width) + " " + std::to_string(height) + "\n255\n";
@@ -71,9 +83,10 @@ struct MapServerImage {
 };
 
 /// The image of a 2-D map, or of a slice through a 3-D one: a pixel is occupied if some occupied cell
-/// overlaps it, else free if some free one does, else unknown. Through a 3-D map, so is one above which a
-/// free cell holds something thin, see ThinThings. Of large occupied cells only what is near free space is
-/// drawn, see MapServerOptions::wall_depth. It is as large as what is known.
+/// overlaps it, else free if some free one does, else unknown. Free cells that hold something thin, see
+/// ThinThings, are occupied, too: in a 2-D map those alone that share no side with an occupied pixel, as
+/// walls would become a pixel thicker. Of large occupied cells only what is near free space is drawn, see
+/// MapServerOptions::wall_depth. It is as large as what is known.
 /// @throws std::invalid_argument if an option is out of bounds or does not fit the map, if nothing is known
 ///   there, or if the image had more than 2^30 pixels.
 template <class Map>
@@ -97,21 +110,23 @@ template <class Map>
   }
   const WallFronts fronts(map, options.wall_depth);
   const auto& geometry = map.tree().geometry();
-  const ThinThings thin(map);
+  const ThinThings things(map);
   constexpr std::uint8_t kLarge = 1;  // Until its fronts are drawn.
+  constexpr std::uint8_t kThin = 2;   // Until its neighbours are.
   // Calls visit(first x, last x, first y, last y, pixel) for what is known, in pixels about 0.
   const auto for_each_known = [&](const auto& visit) {
     for_each_leaf(map.tree(), [&](const auto& leaf) {
-      const CellState state = D == 3 ? thin.state_in_column(leaf.cell()) : leaf.cell().state();
+      const CellState state = things.state_in_column(leaf.cell());
       if (state == CellState::unknown) return;
       const std::int64_t edge = geometry.edge(leaf.index.level);
       const auto& lower = leaf.index.lower;
       if constexpr (D == 3)
         if (!(static_cast<double>(lower[2]) < top && static_cast<double>(lower[2] + edge) > bottom)) return;
       const bool is_large = edge > 1 && !fronts.draw_all();
-      const std::uint8_t drawn = state == CellState::free ? MapServerImage::kFree
-                                 : is_large               ? kLarge
-                                                          : MapServerImage::kOccupied;
+      const std::uint8_t drawn = state == CellState::free               ? MapServerImage::kFree
+                                 : D == 2 && things.are_in(leaf.cell()) ? kThin
+                                 : is_large                             ? kLarge
+                                                                        : MapServerImage::kOccupied;
       visit(axis.first(lower[0]), axis.last(lower[0] + edge), axis.first(lower[1]),
             axis.last(lower[1] + edge), drawn);
     });
@@ -144,8 +159,15 @@ template <class Map>
         row[x] = row[x] == MapServerImage::kUnknown ? value : std::min(row[x], value);
     }
   });
+  std::vector<std::size_t> thin;
+  for (std::size_t i = 0; i < image.pixels.size(); ++i) {
+    if (image.pixels[i] != kThin) continue;
+    thin.push_back(i);
+    image.pixels[i] = MapServerImage::kFree;
+  }
   fronts.draw<2>(image.pixels.data(), {image.height, image.width}, pixel, kLarge, MapServerImage::kFree,
                  MapServerImage::kOccupied, MapServerImage::kUnknown);
+  image.occupy_single(std::move(thin));
   return image;
 }
 

@@ -2074,8 +2074,8 @@ class OccupancyMap:
     ) -> None:
         """Write a map for navigation, as ROS's map_server and nav2 read it: .yaml, and .pgm beside it.
 
-        A pixel is occupied if some occupied cell overlaps it, else free if some free one does, else unknown. Of a 3-D
-        map, free cells that hold something thin (`Leaves.thin`) count as occupied.
+        A pixel is occupied if some occupied cell overlaps it, else free if some free one does, else unknown. Free cells
+        that hold something thin (`Leaves.thin`) are occupied, too, in a 2-D map if they touch no occupied pixel.
 
         Parameters
         ----------

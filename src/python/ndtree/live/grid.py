@@ -31,7 +31,7 @@ _VALUES[[254, 0]] = FREE, OCCUPIED
 class GridFollower:
     """A pixel is occupied if some occupied cell overlaps it, else free if some free one does, else unknown.
 
-    Of a 3-D map, free cells that hold something thin (`Leaves.thin`) count as occupied. So
+    Free cells that hold something thin (`Leaves.thin`) are occupied, too, in a 2-D map if they touch no occupied pixel. So
     `OccupancyMap.map_server_image` has it; the grid may be larger, and is unknown there.
 
     Parameters
