@@ -384,8 +384,9 @@ TEST(EvidenceModel, ChildrenStartWithTheirPart) {
           ASSERT_NE(child.state(), CellState::occupied);
         }
         ASSERT_EQ(child.log_odds(), model.log_odds_of(child.occupied_evidence(), child.free_evidence()));
-        ASSERT_NEAR(child.hits(), share_of_hits * parent.hits() - 0.5, 0.5 + 1e-6);
-        ASSERT_NEAR(child.misses(), share * parent.misses() - 0.5, 0.5 + 1e-6);
+        const bool counts_anew = parent.state() == CellState::free;
+        ASSERT_NEAR(child.hits(), counts_anew ? 0.0 : share_of_hits * parent.hits() - 0.5, 0.5 + 1e-6);
+        ASSERT_NEAR(child.misses(), counts_anew ? 0.0 : share * parent.misses() - 0.5, 0.5 + 1e-6);
       }
     }
   EXPECT_EQ(cases, 5400);
@@ -442,57 +443,6 @@ int for_each_cell_and_scan(Random& random, const EvidenceModel& model, CellState
   return cases;
 }
 
-TEST(EvidenceModel, FreeSpaceIsPredictedToRemergeWhereItsHitsWouldStayFree) {
-  Random random(151);
-  SCOPED_TRACE(random.trace());
-  const EvidenceModel model = model_with(200.0, 0.5, 2.0);
-  int predicted_remerges = 0;
-  int cases = 0;
-  for_each_cell_and_scan(
-      random, model, CellState::free, [&](const EvidenceCell& cell, const ScanEvidence& scan, int divisor) {
-        if (scan.hits == 0) return;
-        ++cases;
-        for (const int levels : {1, 2, 5}) {
-          const bool is_predicted_to_remerge = model.predicted_to_remerge(cell, scan, divisor, levels);
-          predicted_remerges += is_predicted_to_remerge;
-          // The child around the hits starts with the part of one that no beam passed, and so does its child.
-          double occupied = static_cast<double>(cell.occupied_evidence());
-          double free = static_cast<double>(cell.free_evidence());
-          for (int level = 0; level < std::min(levels, 2); ++level) {
-            const double share = 0.05 / divisor + 0.95 * (2.0 / divisor) / (scan.beams + 2.0);
-            occupied *= share;
-            free *= share;
-          }
-          const double odds = (occupied + static_cast<double>(scan.occupied) + 128.0) / (free + 128.0);
-          if (std::abs(odds - 0.75) > 1e-9) {
-            ASSERT_EQ(is_predicted_to_remerge, odds < 0.75);
-          }
-          if (levels == 1 && is_predicted_to_remerge) {
-            const EvidenceCell child = model.initial_child(cell, divisor, 0, scan.beams);
-            if (child.observed()) {
-              EvidenceCell hit = child;
-              model.update(hit, scan);
-              ASSERT_EQ(hit.state(), CellState::free);
-            }
-          }
-          // More beams change nothing about a split that is not predicted to re-merge.
-          ScanEvidence more = scan;
-          more.hits += static_cast<std::uint32_t>(random.integer(0, 3));
-          more.occupied += random.integer(0, 200);
-          more.misses += static_cast<std::uint32_t>(random.integer(0, 30));
-          more.beams = more.hits + more.misses;
-          if (!is_predicted_to_remerge) {
-            ASSERT_FALSE(model.predicted_to_remerge(cell, more, divisor, levels));
-          }
-        }
-        EXPECT_LE(model.predicted_to_remerge(cell, scan, divisor, 2),
-                  model.predicted_to_remerge(cell, scan, divisor, 1));
-      });
-  EXPECT_GT(cases, 3000);
-  EXPECT_GT(predicted_remerges, cases / 2);
-  EXPECT_LT(predicted_remerges, 3 * cases - cases / 2);
-}
-
 TEST(EvidenceModel, OccupiedCellsArePredictedToRemergeUnlessAChildMayBeFree) {
   Random random(152);
   SCOPED_TRACE(random.trace());
@@ -501,7 +451,7 @@ TEST(EvidenceModel, OccupiedCellsArePredictedToRemergeUnlessAChildMayBeFree) {
   const int cases = for_each_cell_and_scan(
       random, model, CellState::occupied,
       [&](const EvidenceCell& cell, const ScanEvidence& scan, int divisor) {
-        if (!model.predicted_to_remerge(cell, scan, divisor, 1)) return;
+        if (!model.predicted_to_remerge(cell, scan, divisor)) return;
         ++predicted_remerges;
         EXPECT_LE(model.effective_misses(cell), 12.0);
         // All that passed may have passed one child, and nothing ended there.
@@ -516,7 +466,11 @@ TEST(EvidenceModel, OccupiedCellsArePredictedToRemergeUnlessAChildMayBeFree) {
   EXPECT_GT(cases, 3000);
   EXPECT_GT(predicted_remerges, cases / 10);
   EXPECT_LT(predicted_remerges, cases / 2);
-  EXPECT_FALSE(model.predicted_to_remerge(EvidenceCell{}, ScanEvidence{}, 2, 1)) << "nothing is known of it";
+  EXPECT_FALSE(model.predicted_to_remerge(EvidenceCell{}, ScanEvidence{}, 2)) << "nothing is known of it";
+  for_each_cell_and_scan(random, model, CellState::free,
+                         [&](const EvidenceCell& cell, const ScanEvidence& scan, int divisor) {
+                           ASSERT_FALSE(model.predicted_to_remerge(cell, scan, divisor));
+                         });
 }
 
 TEST(EvidenceModel, WhatAnUndoneSplitLeavesIsLessOfWhatWasKnown) {
@@ -531,13 +485,11 @@ TEST(EvidenceModel, WhatAnUndoneSplitLeavesIsLessOfWhatWasKnown) {
       const auto [before, scan] = random_cell_and_scan(random, model);
       EvidenceCell cell = before;
       for (int k = 0; k < 3; ++k) cell.count_scan(true, false);
-      const bool is_free = cell.state() == CellState::free;
       const double scans_kept = half_life > 0.0 ? std::exp2(-1.0 / half_life) : 1.0;
       const double beams = scan.beams;
       const double kept = scans_kept * (0.05 + 0.95 * (beams - 0.75 * scan.hits + 2.0) / (beams + 2.0));
-      const double kept_hits = is_free ? kept : scans_kept;
       const double occupied =
-          kept_hits * static_cast<double>(cell.occupied_evidence()) + static_cast<double>(scan.occupied);
+          scans_kept * static_cast<double>(cell.occupied_evidence()) + static_cast<double>(scan.occupied);
       const double free = kept * static_cast<double>(cell.free_evidence()) + static_cast<double>(scan.free);
       model.update_without_split(cell, scan);
       const double limit = 256.0 * (occupied == 0.0 ? 50.0 : 200.0);
@@ -547,7 +499,7 @@ TEST(EvidenceModel, WhatAnUndoneSplitLeavesIsLessOfWhatWasKnown) {
       ASSERT_EQ(cell.log_odds(), model.log_odds_of(cell.occupied_evidence(), cell.free_evidence()));
       ASSERT_EQ(cell.streak(), 0u);
       if (cell.occupied_evidence() > 0) {
-        ASSERT_NEAR(cell.hits(), kept_hits * before.hits() + scan.hits + 0.5, 0.5 + 1e-6);
+        ASSERT_NEAR(cell.hits(), scans_kept * before.hits() + scan.hits + 0.5, 0.5 + 1e-6);
         ASSERT_NEAR(cell.misses(), kept * before.misses() + scan.misses + 0.5, 0.5 + 1e-6);
       }
     }

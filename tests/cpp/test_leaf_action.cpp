@@ -62,7 +62,7 @@ TEST(LeafAction, MoreBeamsNeverRevokeAnEarlySplit) {
   for (int i = 0; i < 20000; ++i) {
     const EvidenceCell cell = random_cell(random, refinement.model);
     ScanEvidence scan = random_scan(random, 6);
-    const auto splits = [&] { return refinement.certainly_splits(cell, scan, kChildrenAcross, kLevels); };
+    const auto splits = [&] { return refinement.certainly_splits(cell, scan); };
     if (!splits()) continue;
     ++early;
     for (int more = 0; more < 4; ++more) {

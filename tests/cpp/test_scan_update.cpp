@@ -311,7 +311,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   EXPECT_GE(splits, 30u);
   EXPECT_GE(merges, 5u);
   EXPECT_GE(remerged, 5u);
-  EXPECT_GE(predicted_remerges, 5u);
+  EXPECT_GE(predicted_remerges, 2u);
   EXPECT_GE(sampled, D == 1 ? 0u : 1000u);
 }
 
@@ -846,17 +846,13 @@ TYPED_TEST(ScanUpdateOf, ChildrenKnowWhatTheirParentKnew) {
     const double mean = 1.0 / static_cast<double>(integer_power(N, D - 1));
     const double share = 0.05 * mean + 0.95 * (0.0 + 2.0 * mean) / (10.0 + 2.0);
     auto evidence = static_cast<double>(coarse.free_evidence());
-    auto misses = static_cast<double>(coarse.misses());
-    for (int level = 0; level > leaf.index.level; --level) {
-      evidence = std::floor(evidence * share);
-      misses = std::floor(misses * share);
-    }
+    for (int level = 0; level > leaf.index.level; --level) evidence = std::floor(evidence * share);
     EXPECT_EQ(leaf.cell().observed(), evidence >= 104.0) << evidence;  // Of one beam.
     if (!leaf.cell().observed()) return;
     EXPECT_EQ(leaf.cell().state(), CellState::free) << text_of(leaf.cell());
     EXPECT_NEAR(static_cast<double>(leaf.cell().free_evidence()), evidence, 2.0);  // Rounded at each level.
     EXPECT_EQ(leaf.cell().occupied_evidence(), 0);
-    EXPECT_NEAR(leaf.cell().misses(), misses, 2.0);
+    EXPECT_EQ(leaf.cell().misses(), 0u) << "counted anew";
   });
   EXPECT_GT(cases, 3);
   EXPECT_EQ(unvisited == 0, D == 1);

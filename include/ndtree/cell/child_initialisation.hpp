@@ -28,7 +28,9 @@ inline constexpr int kChildrenAcross = Tree::kNumChildren / Tree::kBranching;
 /// with k = inherited_beams evenly spread beams more, as a few beams are a poor sample, and a twentieth that
 /// came from elsewhere. Where in the parent the hits were is not known: of E+ every child takes the mean
 /// fraction 1 / N^(D-1), but in a parent that is not occupied no more than s, so that no child is less free
-/// than the parent. A child of such a parent to which less than one beam is due is unknown.
+/// than the parent; and children of a free parent begin to count beams anew, so that a hit of now is not lost
+/// among the misses of all the parent. A child of such a parent to which less than one beam is due is
+/// unknown.
 ///
 /// Free space is claimed only where it was seen: if the parent was not covered, a child that would be free
 /// and that none of this scan's beams has passed is unknown. But if the parent has known levels, the child
@@ -64,8 +66,9 @@ class ChildInitialisation {
     }
     const double hit_fraction = may_be_unknown ? std::min(mean, fraction) : mean;
     memory.assign(child, EvidenceMemory::fraction_of(parent.occupied_evidence(), hit_fraction), free);
-    child.set_counts(static_cast<std::uint32_t>(EvidenceMemory::fraction_of(parent.hits(), hit_fraction)),
-                     static_cast<std::uint32_t>(EvidenceMemory::fraction_of(parent.misses(), fraction)));
+    if (parent.state() != CellState::free)
+      child.set_counts(static_cast<std::uint32_t>(EvidenceMemory::fraction_of(parent.hits(), hit_fraction)),
+                       static_cast<std::uint32_t>(EvidenceMemory::fraction_of(parent.misses(), fraction)));
     const bool is_covered = parent.observed() && parent.is_covered();
     const bool all_seen = is_covered || was_known || (was_seen && part_is_child);
     if (!all_seen && passed == 0 && child.state() == CellState::free) return EvidenceCell();

@@ -14,9 +14,6 @@
 
 namespace ndtree {
 
-/// Hits of a smallest cell that holds something although most beams pass it: one may be an outlier.
-inline constexpr std::uint32_t kLeastPartialHits = 2;
-
 /// The evidence of a scan's beams that all passed a cell, or parts of it without return: for free space only.
 struct PassedEvidence {
   std::int64_t free = 0;                ///< In units of EvidenceCell::kUnit.

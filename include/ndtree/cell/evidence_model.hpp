@@ -132,8 +132,8 @@ class EvidenceModel {
 
   // RemergePrediction
   [[nodiscard]] bool predicted_to_remerge(const EvidenceCell& cell, const ScanEvidence& scan,
-                                          int children_across, int levels) const {
-    return RemergePrediction::will_remerge(cell, scan, children_, memory_, children_across, levels);
+                                          int children_across) const {
+    return RemergePrediction::will_remerge(cell, scan, children_, memory_, children_across);
   }
 
   // EvidenceMemory

@@ -12,52 +12,33 @@
 
 namespace ndtree {
 
-/// In a map that has seen its world, nine of ten splits would be undone after the same scan: of a hit in free
-/// space whose parts stay clearly free, or of beams through an occupied cell whose parts are alike. Most of
-/// them are predicted from sums that the leaf has. With the path fraction s of a child that none of the
-/// scan's beams passed, and the scan's evidence O for occupied space, a split is predicted to re-merge
-/// - in free space, if the child that all hits are in would still be free:
-///     s E+ + O + a <= 3/4 (s E- + a),  a being the prior, and s^2 for s with two or more levels below;
-/// - in an occupied cell that no streak of scans says to have changed, if E- is worth at most twelve beams,
-///   and the mean fraction of E+ is more than three times what a child may have of E- and of the scan's
-///   passes.
-/// In free space, more beams of any kind never turn the answer from no to yes.
+/// Beams through an occupied cell whose parts are alike would split it, and its children would merge again
+/// after the same scan. Most such splits are predicted from sums that the leaf has: in an occupied cell that
+/// no streak of scans says to have changed, if E- is worth at most twelve beams, and the mean fraction of E+
+/// is more than three times what a child may have of E- and of the scan's passes. In free space none is
+/// predicted: its children remember where the hit was, see EvidenceRefinement::keep_partial().
 struct RemergePrediction {
-  /// @pre a split is asked for. @param children_across see kChildrenAcross. @param levels below the cell.
+  /// @pre a split is asked for. @param children_across see kChildrenAcross.
   [[nodiscard]] static bool will_remerge(const EvidenceCell& cell, const ScanEvidence& scan,
                                          const ChildInitialisation& children, const EvidenceMemory& memory,
-                                         int children_across, int levels) {
-    constexpr double kFreeOdds = 0.75;
+                                         int children_across) {
     constexpr double kFewMisses = 12.0;
     constexpr double kManyTimes = 3.0;
+    if (cell.state() != CellState::occupied || ChangeDetection::may_have_changed(cell)) return false;
     const double mean = 1.0 / children_across;
     const auto occupied = static_cast<double>(cell.occupied_evidence());
     const auto free = static_cast<double>(cell.free_evidence());
     const auto miss = static_cast<double>(memory.miss_evidence());
-    switch (cell.state()) {
-      case CellState::free: {
-        const double of_child = children.path_fraction(mean, 0.0, scan.beams);
-        const double fraction = levels > 1 ? of_child * of_child : of_child;
-        return fraction * (unfused(kFreeOdds * free) - occupied) >=
-               static_cast<double>(scan.occupied) + unfused((1.0 - kFreeOdds) * memory.prior());
-      }
-      case CellState::unknown:
-        return false;
-      case CellState::occupied:
-        break;
-    }
     const double passes =
         unfused(children.path_fraction(mean, scan.misses, scan.beams) * free) + unfused(miss * scan.misses);
-    if (ChangeDetection::may_have_changed(cell)) return false;
     return free <= kFewMisses * miss && mean * occupied > kManyTimes * passes;
   }
 
   /// What the cell would be, nearly, after splitting, updating the children and merging them again; but it
   /// keeps all evidence of passes alone (see ScanWalk::split()). The evidence of ways that the scan's beams
-  /// did not reach fades as in the children: E-, and in free space E+, keep the path fraction
-  /// with the mean 1, a beam that ends in the cell reaching a quarter of it. Without this,
-  /// hits in free space outweigh passes of long ago too slowly, and an occupied cell that is mostly passed on
-  /// one side is taken for one that has changed.
+  /// did not reach fades as in the children: E- keeps the path fraction with the mean 1, a beam that
+  /// ends in the cell reaching a quarter of it. Without this, a cell that is mostly passed on one side is
+  /// taken for one that has changed.
   /// @param kept fraction of evidence that any cell keeps from one scan to the next. @param streak of scans
   /// that passed all of the cell, this one with them.
   [[nodiscard]] static EvidenceCell updated_without_split(const EvidenceCell& cell, const ScanEvidence& scan,
@@ -67,15 +48,12 @@ struct RemergePrediction {
     constexpr double kNotReached = 0.75;  // Of a cell, by a beam that ends in it.
     const double reached = scan.beams - unfused(kNotReached * scan.hits);
     const double kept_free = kept * children.path_fraction(1.0, reached, scan.beams);
-    const double kept_hits = cell.state() == CellState::free ? kept_free : kept;
     EvidenceCell now;
     now.set_covered(cell.is_covered());
     now.set_known_levels(cell.known_levels());
-    memory.assign(now,
-                  EvidenceMemory::fraction_of_rounded_up(cell.occupied_evidence(), kept_hits) + scan.occupied,
+    memory.assign(now, EvidenceMemory::fraction_of_rounded_up(cell.occupied_evidence(), kept) + scan.occupied,
                   EvidenceMemory::fraction_of_rounded_up(cell.free_evidence(), kept_free) + scan.free);
-    const auto hits =
-        static_cast<std::uint32_t>(EvidenceMemory::fraction_of_rounded_up(cell.hits(), kept_hits));
+    const auto hits = static_cast<std::uint32_t>(EvidenceMemory::fraction_of_rounded_up(cell.hits(), kept));
     const auto misses =
         static_cast<std::uint32_t>(EvidenceMemory::fraction_of_rounded_up(cell.misses(), kept_free));
     EvidenceCell with_streak = cell;

@@ -29,7 +29,7 @@ class ThinThings {
 
   template <class Cell>
   [[nodiscard]] bool are_in(const Cell& cell) const {
-    return cell.log_odds() >= least_ && cell.state() == CellState::free && cell.hits() >= kLeastPartialHits;
+    return cell.log_odds() >= least_ && cell.state() == CellState::free && cell.hits() >= kLeastHits;
   }
   /// Whether a node has, or might have, such a cell.
   [[nodiscard]] bool may_be_below(const Summary& summary) const {
@@ -43,6 +43,7 @@ class ThinThings {
   }
 
  private:
+  static constexpr std::uint32_t kLeastHits = 2;  // One may be an outlier.
   float least_ = std::numeric_limits<float>::infinity();
 };
 

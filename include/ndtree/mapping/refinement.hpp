@@ -77,11 +77,12 @@ struct EvidenceRefinement {
   }
 
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
-  /// Keeps the probability of a smallest cell that would split if it could: something thin is in it, however
-  /// many beams pass beside it. @pre partial_log_odds. @returns whether the cell changed.
+  /// Keeps the probability of a smallest cell that would split if it could: something thin may be in it,
+  /// however many beams pass beside it. So a cell that was hit once stays apart from its siblings until about
+  /// four beams have passed it, and one that is hit again within ten: a rod that few beams meet is not
+  /// forgotten. @pre partial_log_odds. @returns whether the cell changed.
   NDTREE_ALWAYS_INLINE bool keep_partial(EvidenceCell& cell) const {
-    return cell.hits() >= kLeastPartialHits && static_cast<double>(cell.log_odds()) < *partial_log_odds &&
-           raise_partial(cell);
+    return cell.hits() > 0 && static_cast<double>(cell.log_odds()) < *partial_log_odds && raise_partial(cell);
   }
   /// Whether siblings do not merge since the merged cell's own counts would split it: with
   /// partial_probability, they would else split and merge in turn, and each time lose evidence of passes.
@@ -107,7 +108,7 @@ struct EvidenceRefinement {
                                                        int children_across, int levels_below) const {
     if (levels_below == 0) return LeafAction::update;
     if (splits(leaf, scan))
-      return model.predicted_to_remerge(leaf, ScanEvidence::of(scan), children_across, levels_below)
+      return model.predicted_to_remerge(leaf, ScanEvidence::of(scan), children_across)
                  ? LeafAction::update_without_split
                  : LeafAction::split;
     if (scan.ends_before > 0 && leaf.state() == CellState::unknown) return LeafAction::judge_ends;
@@ -155,13 +156,11 @@ struct EvidenceRefinement {
   NDTREE_NEVER_INLINE bool raise_partial(EvidenceCell& cell) const {
     return is_partial(cell.hits(), cell.misses()) && model.raise(cell, *partial_log_odds);
   }
-  /// Whether action() is LeafAction::split whatever evidence the scan's other beams have. While a cell is
-  /// free or unknown, more beams never turn splits() to no, nor make the split predicted to re-merge. Lets
-  /// the walk stop reading a long list early. @param scan evidence of some beams. Others as in action().
-  [[nodiscard]] bool certainly_splits(const EvidenceCell& leaf, const ScanEvidence& scan, int children_across,
-                                      int levels_below) const {
-    return leaf.state() != CellState::occupied && splits(leaf, scan) &&
-           !model.predicted_to_remerge(leaf, scan, children_across, levels_below);
+  /// Whether action() is LeafAction::split whatever evidence the scan's other beams have: while a cell is
+  /// free or unknown, more beams never turn splits() to no. Lets the walk stop reading a long list early.
+  /// @param scan evidence of some beams.
+  [[nodiscard]] bool certainly_splits(const EvidenceCell& leaf, const ScanEvidence& scan) const {
+    return leaf.state() != CellState::occupied && splits(leaf, scan);
   }
 };
 

@@ -84,8 +84,7 @@ class FlatScanMap {
       const bool was_observed = cell.observed();
       const bool is_asked = was_grazed || (next.level > -num_levels_ && splits_now(cell, scan_evidence));
       const bool is_predicted_to_remerge =
-          is_asked && !coverage.splits &&
-          model_.predicted_to_remerge(cell, scan_evidence, kChildrenAcross, next.level + num_levels_);
+          is_asked && !coverage.splits && model_.predicted_to_remerge(cell, scan_evidence, kChildrenAcross);
       if (!coverage.enough && !coverage.splits) {
         const EvidenceCell before = cell;
         cell.set_partly_seen(
@@ -126,7 +125,7 @@ class FlatScanMap {
           cell.set_known_levels(std::max(cell.known_levels(), static_cast<std::uint32_t>(levels)));
         }
         predicted_remerges += is_predicted_to_remerge;
-        if (next.level == -num_levels_ && keeps_occupied() && cell.hits() >= 2 && is_partial(cell))
+        if (next.level == -num_levels_ && keeps_occupied() && cell.hits() > 0 && is_partial(cell))
           kept_occupied += model_.raise(
               cell, std::log(options_.partial_probability / (1.0 - options_.partial_probability)));
         if (cell == before) continue;

@@ -451,7 +451,7 @@ class alignas(kCacheLines) ScanWalk {
                                            const CellCrossings<N, D>& crossings, const BeamList& list,
                                            ScanEvidence& scan) const {
     for (std::size_t first = 0; first < list.size; first += kToSplit) {
-      if (refinement_.certainly_splits(cell, scan, kChildrenAcross<Tree>, leaf.level - finest_level_)) break;
+      if (refinement_.certainly_splits(cell, scan)) break;
       scan.add(evidence_.of(leaf, crossings, list.part(first, std::min(first + kToSplit, list.size))));
     }
   }
