@@ -23,6 +23,7 @@ import pytest
 from snippets import ROOT, anchors, blocks, fenced, links, run_cpp
 
 import ndtree
+from ndtree.base.options import OPTIONS
 
 DOCS = ROOT / "docs"
 PAGES = sorted(path.name for path in DOCS.glob("*.md"))
@@ -149,7 +150,7 @@ def test_scripts_that_pages_name_exist() -> None:
 
 def test_flags_that_pages_name_are_in_the_help() -> None:
     """Those of other programs aside."""
-    helps = "".join(path.read_text() for path in (ROOT / "src/python/ndtree/cli/pages").glob("*-all.txt"))
+    helps = " ".join(one.flags or one.flag for one in OPTIONS if one.of != "node")
     others = {"help", "help-all", "install-completion", "ros-args", "system-site-packages", "tolerances"}
     pages = [page for page in PAGES if page not in ("install.md", "benchmarks.md", "peers.md")]
     named = {

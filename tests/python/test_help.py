@@ -21,7 +21,7 @@ from ndtree.base.options import OPTIONS, QUESTIONS
 from ndtree.cli.commands import COMMANDS, every
 from ndtree.cli.commands.app import USUAL
 from ndtree.cli.commands.pages import MOST_LINES, pages, table_of_options
-from ndtree.cli.help import FOLDER, WIDTH, fitted, page_asked_for, path_of
+from ndtree.cli.help import FOLDER, page_asked_for, path_of
 
 
 def options_of(command: str) -> list[str]:
@@ -32,14 +32,14 @@ def options_of(command: str) -> list[str]:
 
 def test_pages_are_those_of_the_commands() -> None:
     """With NDTREE_UPDATE_DOCS in the environment, they are written."""
-    made = pages()
-    for (command, whole), text in made.items():
-        file = Path(path_of(command, whole=whole))
+    made = {command: text for (command, whole), text in pages().items() if not whole}
+    for command, text in made.items():
+        file = Path(path_of(command))
         if "NDTREE_UPDATE_DOCS" in os.environ:
             file.write_text(text)
         assert file.read_text() == text, "NDTREE_UPDATE_DOCS=1 pytest tests/python/test_help.py mends it"
-    assert sorted(os.listdir(FOLDER)) == sorted(os.path.basename(path_of(c, whole=w)) for c, w in made)
-    assert len(made) == 1 + 2 * len(COMMANDS)
+    assert sorted(os.listdir(FOLDER)) == sorted(os.path.basename(path_of(c)) for c in made)
+    assert len(made) == 1 + len(COMMANDS)
 
 
 @pytest.mark.parametrize("command", ["ndtree", *COMMANDS])
@@ -52,7 +52,7 @@ def test_a_page_is_short(command: str) -> None:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_option_has_its_default_and_is_in_the_table(command: str) -> None:
-    text = " ".join(Path(path_of(command, whole=True)).read_text().replace(", --no-", "/").split())
+    text = " ".join(pages()[command, True].replace(", --no-", "/").split())
     names = options_of(command)
     assert names
     for name in names:
@@ -74,7 +74,7 @@ def test_defaults_are_those_of_the_program() -> None:
     """Where a parameter has one; those of the maps' options are the maps' own."""
     checked = 0
     for command in COMMANDS:
-        text = " ".join(Path(path_of(command, whole=True)).read_text().split())
+        text = " ".join(pages()[command, True].split())
         for parameter in every()[command].params:
             value = getattr(parameter.default, "value", parameter.default)
             if parameter.name in ndtree.default_options():
@@ -95,7 +95,7 @@ def test_the_command_prints_its_page(command: str, flag: str) -> None:
     for call in ([command, flag], [command, "nothing", flag, "--no-such"]):
         done = cli(*call)
         assert (done.exit_code, done.stderr) == (0, "")
-        assert done.stdout == Path(path_of(command, whole=flag == "--help-all")).read_text()
+        assert done.stdout == pages()[command, flag == "--help-all"]
 
 
 def test_behind_two_dashes_nothing_is_asked_for() -> None:
@@ -122,24 +122,6 @@ def test_a_page_comes_without_what_makes_it() -> None:
         + "0 ndtree ndtree._lazy ndtree.base ndtree.base.exit_status ndtree.cli ndtree.cli.help "
         "ndtree.cli.interrupt\n\n"
     )
-
-
-@pytest.mark.parametrize("columns", [60, 80, 99])
-def test_pages_fit_narrow_terminals(columns: int) -> None:
-    """Word for word, in lines that fit, but for what is to be typed; names stay where they were."""
-    count = 0
-    for path in Path(FOLDER).glob("*.txt"):
-        text = path.read_text(encoding="utf-8")
-        found = fitted(text, columns)
-        assert found.split() == text.split(), path
-        assert fitted(text, WIDTH) == text
-        for line in found.splitlines():
-            typed = line.startswith(("  ndtree ", "usage: "))
-            assert len(line) <= columns or typed or len(line.split()) == 1, f"{path}: {line}"
-        heads = [line[:20] for line in text.splitlines() if line.startswith("  --")]
-        assert [line[:20] for line in found.splitlines() if line.startswith("  --")] == heads
-        count += 1
-    assert count > 20
 
 
 def test_no_words_get_the_page_and_a_wrong_call() -> None:

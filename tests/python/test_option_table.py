@@ -56,7 +56,7 @@ PLACES = {
     ),
     "flag": (
         "from ndtree.cli.commands.pages import pages; print(pages()['map', True])",
-        "  --wall-sag SAG            How far a wall sags [m] (default: 0.25 m).",
+        "  --wall-sag SAG          How far a wall sags [m] (default: 0.25 m).",
     ),
     "file": ("print(ndtree.Config.of(wall_sag=0.5).toml())", "[map]\nwall_sag = 0.5"),
     "parameter": (
@@ -115,7 +115,7 @@ sys.path.insert(0, {tools!r})
 OPTION_PLACES = {
     "help": (
         "from ndtree.cli.commands.pages import pages; print(pages()['live', True])",
-        "  --drum BEAT               Beat of a drum (default: 2 /s).",
+        "  --drum BEAT             Beat of a drum (default: 2 /s).",
     ),
     "not of others": (
         "from ndtree.cli.commands.pages import pages; print('--drum' in pages()['info', True])",

@@ -15,7 +15,7 @@ import typer.main
 
 from ndtree.base.exit_status import BAD_INPUT, WRONG_CALL, WrongCall
 from ndtree.cli import interrupt
-from ndtree.cli.help import page, page_asked_for
+from ndtree.cli.help import asks_for_all, page, page_asked_for
 from ndtree.cli.streams import heard, silenced
 
 
@@ -86,6 +86,10 @@ def announce(name: str, module: str) -> None:
 
         def make_context(self, info_name: Any, args: list[str], *more: Any, **keywords: Any) -> Any:
             shown = page_asked_for([name, *args])
+            if shown is None and asks_for_all(args):
+                from ndtree.cli.commands.pages import whole_page  # Not for other calls.
+
+                shown = whole_page(name, loaded(name, module))
             if shown is not None:
                 print(shown, end="")
                 raise typer.Exit

@@ -12,10 +12,11 @@ from ndtree.base.option import Option
 from ndtree.base.options import QUESTIONS, options_of
 from ndtree.cli.commands import COMMANDS, every
 from ndtree.cli.commands.app import USUAL
-from ndtree.cli.help import LEFT, WIDTH
 
+#: Columns of a page, and of the names of options in it.
+WIDTH, LEFT = 80, 24
 #: Lines of a page of ``--help``.
-MOST_LINES = 26
+MOST_LINES = 30
 _EXAMPLES = 3
 
 
@@ -24,7 +25,7 @@ def pages() -> dict[tuple[str, bool], str]:
     found = {("ndtree", False): _first_page()}
     for name, command in every().items():
         found[name, False] = _short(name, command)
-        found[name, True] = _whole(name, command)
+        found[name, True] = whole_page(name, command)
     return found
 
 
@@ -60,7 +61,8 @@ def _short(name: str, command: Any) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _whole(name: str, command: Any) -> str:
+def whole_page(name: str, command: Any) -> str:
+    """A command's page with all of its options."""
     paragraphs = [_plain(part) for part in (command.help or "").split("\n\n")[1:]]
     lines = _head(name, command)
     for paragraph in paragraphs:
