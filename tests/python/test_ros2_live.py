@@ -362,9 +362,8 @@ def test_wrong_parameters_are_refused(robot: Robot, given: dict[str, Any], said:
 
 
 def test_without_ros_the_command_says_what_to_install(tmp_path: Path) -> None:
-    code = (
-        "import sys; sys.modules['rclpy'] = None; from ndtree.live.ros2.run import main; sys.exit(main([]))"
-    )
+    code = "import sys; sys.modules['rclpy'] = None\n"
+    code += "from ndtree.live.ros.run import main; sys.exit(main('ros2', []))"
     done = subprocess.run([PYTHON, "-c", code], capture_output=True, text=True)
     assert done.returncode == 2 and "pip install 'rosbags>=" in done.stderr and " ros-rclpy " in done.stderr
 

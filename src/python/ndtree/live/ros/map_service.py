@@ -30,6 +30,7 @@ class MapService:
 
     Attributes:
     `services`: What its services do.
+    `reading`: What of sensors and frames was said, as `Listener` takes it.
     Raises ValueError, OSError, WrongOption if no map can be made of the parameters.
     """
 
@@ -37,7 +38,10 @@ class MapService:
         self._node = node
         value = node.value
         options = live_options_of(value)
-        given, begun = options.beginning(config_of(value, node.map_options()), loaded)
+        said = config_of(value, node.map_options())
+        follows = plain(value("follow")) not in ("", "tf")
+        self.reading = {**said.reading, **({"follow": value("follow")} if follows else {})}
+        given, begun = options.beginning(said, loaded)
         if options.finds_poses and plain(given.get("fixed_frame", "")) == MAP:
             raise ValueError(f"fixed_frame: must be the odometry's with slam and localize, which tell {MAP}")
         how = options.settings(given, begun)

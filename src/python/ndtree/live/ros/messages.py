@@ -76,12 +76,23 @@ def header(frame: str, stamp: float) -> Header:
     return message
 
 
+def pose_message(position: Sequence[float], quaternion: Sequence[float] = (0.0, 0.0, 0.0, 1.0)) -> Pose:
+    """Of a position [m], and a quaternion x, y, z, w."""
+    x, y, z = map(float, position)
+    qx, qy, qz, qw = map(float, quaternion)
+    return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+
+
+def _planar(pose: NDArray[np.float64]) -> Pose:
+    """Of a (3, 3) pose in the plane."""
+    return pose_message((pose[0, 2], pose[1, 2], 0.0), quaternion_of(pose))
+
+
 def transform(parent: str, child: str, stamp: float, pose: NDArray[np.float64]) -> TransformStamped:
     """Of a (3, 3) pose in the plane at a time [s]."""
-    message = TransformStamped(header=header(parent, stamp), child_frame_id=child)
-    message.transform.translation.x, message.transform.translation.y = float(pose[0, 2]), float(pose[1, 2])
-    x, y, z, w = quaternion_of(pose)
-    message.transform.rotation = Quaternion(x=x, y=y, z=z, w=w)
+    message, place = TransformStamped(header=header(parent, stamp), child_frame_id=child), _planar(pose)
+    message.transform.rotation = place.orientation
+    message.transform.translation.x, message.transform.translation.y = place.position.x, place.position.y
     return message
 
 
@@ -90,10 +101,7 @@ def pose_with_covariance(
 ) -> PoseWithCovarianceStamped:
     """Of a (3, 3) pose in the plane, and the covariance (3, 3) of x, y and yaw."""
     message = PoseWithCovarianceStamped(header=header(frame, stamp))
-    place = message.pose.pose
-    place.position.x, place.position.y = float(pose[0, 2]), float(pose[1, 2])
-    x, y, z, w = quaternion_of(pose)
-    place.orientation = Quaternion(x=x, y=y, z=z, w=w)
+    message.pose.pose = _planar(pose)
     whole = np.zeros((6, 6))
     whole[np.ix_((0, 1, 5), (0, 1, 5))] = covariance
     message.pose.covariance = whole.ravel().tolist()
@@ -108,10 +116,7 @@ def grid_message(
     message.info.map_load_time = message.header.stamp
     message.info.resolution = float(cell_size)
     message.info.height, message.info.width = values.shape
-    x, y, z = origin
-    message.info.origin = Pose(
-        position=Point(x=x, y=y, z=z), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
-    )
+    message.info.origin = pose_message(origin)
     message.data = _numbers(values.copy())
     return message
 
@@ -168,13 +173,7 @@ def marker_message(points: NDArray[np.void], frame: str, stamp: float) -> Marker
 
 def frontier_message(poses: Sequence[FrontierPose], frame: str, stamp: float) -> PoseArray:
     """Frontiers as poses."""
-    message = PoseArray(header=header(frame, stamp))
-    for pose in poses:
-        x, y, z = pose.position
-        qx, qy, qz, qw = pose.quaternion
-        orientation = Quaternion(x=qx, y=qy, z=qz, w=qw)
-        message.poses.append(Pose(position=Point(x=x, y=y, z=z), orientation=orientation))
-    return message
+    return PoseArray(header=header(frame, stamp), poses=[pose_message(*pose) for pose in poses])
 
 
 def octomap_message(

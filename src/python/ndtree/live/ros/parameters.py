@@ -92,8 +92,3 @@ def live_options_of(value: Callable[[str], Any]) -> LiveOptions:
     is_there = bool(file) and kept.exists()
     said["resume"] = (file or "map_file") if value("resume") and (is_there or value("localize")) else None
     return LiveOptions(said)
-
-
-def followed(follow: str) -> dict[str, Any]:
-    """The topic with a Path that a node listens to beside sensors and transforms, if any."""
-    return {"follow": follow} if follow not in ("", "tf") else {}

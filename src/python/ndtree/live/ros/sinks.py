@@ -104,7 +104,7 @@ class GridSink(NodeSink):
             if self._values is None:
                 return
             if has_come or (part is not None and (part.is_whole or self._updates is None)):
-                self._send_whole()
+                self._maps.publish(self._message())
             elif part is not None:
                 assert self._updates is not None
                 self._updates.publish(update_message(self._update, part, self._frame(), stamp))
@@ -165,9 +165,6 @@ class GridSink(NodeSink):
         self._listeners = [0 if one is None else one.listeners() for one in (self._maps, self._updates)]
         return any(now > then for now, then in zip(self._listeners, before))
 
-    def _send_whole(self) -> None:
-        self._maps.publish(self._message())
-
     def _message(self) -> OccupancyGrid:
         assert self._grid is not None and self._values is not None
         place = (*self._grid.origin, self._z)
@@ -177,7 +174,7 @@ class GridSink(NodeSink):
         """Send the grid as a whole if a subscriber has come since the last one."""
         with self._lock:
             if self._has_come() and self._values is not None:
-                self._send_whole()
+                self._maps.publish(self._message())
 
     def whole(self) -> OccupancyGrid:
         """The grid as it is now; ValueError if nothing is known."""
@@ -195,13 +192,10 @@ class CellsSink(NodeSink):
     def __init__(self, node: Middleware, frame: Callable[[], str]) -> None:
         super().__init__(node, frame)
         self._publishers: dict[State, tuple[Publisher, Publisher]] = {}
-        topics: dict[State, tuple[str, str]] = {
-            "occupied": ("occupied_cells", "cell_markers"),
-            "free": ("free_cells", "free_cell_markers"),
-        }
-        for state, (clouds, markers) in topics.items():
-            pair = node.publisher(PointCloud2, f"~/{clouds}"), node.publisher(MarkerArray, f"~/{markers}")
-            self._publishers[state] = pair
+        names: dict[State, str] = {"occupied": "~/cell_markers", "free": "~/free_cell_markers"}
+        for state, markers in names.items():
+            clouds = node.publisher(PointCloud2, f"~/{state}_cells")
+            self._publishers[state] = clouds, node.publisher(MarkerArray, markers)
 
     def update(self, m: OccupancyMap, stamp: float) -> None:
         for state, (clouds, markers) in self._publishers.items():

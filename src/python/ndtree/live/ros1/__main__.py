@@ -3,7 +3,7 @@
 
 import sys
 
-from ndtree.live.ros1.run import main
+from ndtree.live.ros.run import main
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main("ros1"))

@@ -3,20 +3,18 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import rospy
 from geometry_msgs.msg import PolygonStamped
-from nav_msgs.srv import GetMap, GetMapResponse, GetPlan, LoadMap
-from std_srvs.srv import Empty, EmptyResponse, Trigger
 
 from ndtree.live.ros.map_service import TICK, MapService
-from ndtree.live.ros.messages import class_of, optional_class
 from ndtree.live.ros.middleware import Level, Publisher
-from ndtree.live.ros.parameters import CHANGING, ROWS, config_of, followed
-from ndtree.live.ros.services import OCTOMAP_SERVICES
+from ndtree.live.ros.parameters import CHANGING, ROWS
 from ndtree.live.ros1.parameters import Parameters
 from ndtree.live.ros1.sources import Sources
 from ndtree.logs.ros.storage import Raw
@@ -25,7 +23,19 @@ from ndtree.logs.ros.storage import Raw
 DELIVERY = 5.0
 #: How often the node asks the master for new topics [s].
 ASKS = 0.5
+#: What rospy raises.
+ERRORS = (rospy.ROSException,)
 _SAY = {Level.info: rospy.loginfo, Level.warning: rospy.logwarn, Level.error: rospy.logerr}
+
+
+def begin(arguments: Sequence[str] | None) -> None:
+    """Make this process a node."""
+    rospy.init_node("ndtree_map", argv=sys.argv if arguments is None else arguments, disable_signals=True)
+
+
+def finish() -> None:
+    """End it."""
+    rospy.signal_shutdown("the node was asked to end")
 
 
 def own(name: str) -> str:
@@ -85,29 +95,12 @@ class MapNode:
                 rospy.set_param(f"~{row.key}", self._parameters.value(row.key))
         self._publishers: list[_Publisher] = []
         self._map = MapService(self)
-        self._sources = Sources(
-            self._put, {**config_of(self.value).reading, **followed(self.value("follow"))}
-        )
-        self._services = [
-            rospy.Service("~save", Trigger, lambda request: self._map.services.save()),
-            rospy.Service(
-                "~load", LoadMap, lambda request: {"result": int(self._map.services.load(request.map_url))}
-            ),
-            rospy.Service("~reset", Empty, self._reset),
-            rospy.Service("~clear_around", Trigger, lambda request: self._map.services.clear_around()),
-            rospy.Service(
-                "~get_map", GetMap, lambda request: GetMapResponse(*filter(None, [self._map.services.grid()]))
-            ),
-            rospy.Service("~get_plan", GetPlan, lambda request: {"plan": self._map.services.plan(request)}),
+        self._sources = Sources(self._put, self._map.reading, lambda: {one.topic for one in self._publishers})
+        services = self._map.services
+        self._offered = [
+            rospy.Service(f"~{name}", kind, answer) for name, (kind, answer) in services.offered().items()
         ]
-        get_octomap, query = (optional_class(f"octomap_msgs/srv/{name}") for name in OCTOMAP_SERVICES)
-        if query is not None:
-            self._services += [
-                rospy.Service("~octomap_full", get_octomap, lambda request: self._octomap(False)),
-                rospy.Service("~octomap_binary", get_octomap, lambda request: self._octomap(True)),
-                rospy.Service("~clear_bbox", query, self._clear_bbox),
-            ]
-        self._boxes = rospy.Subscriber("~clear_box", PolygonStamped, self._clear_box, queue_size=10)
+        self._boxes = rospy.Subscriber("~clear_box", PolygonStamped, services.clear, queue_size=10)
         self._asked = self._diagnosed = -1e9
 
     def value(self, name: str) -> Any:
@@ -146,7 +139,7 @@ class MapNode:
         now = time.monotonic()
         if now - self._asked >= ASKS:
             self._asked = now
-            self._sources.look({one.topic for one in self._publishers})
+            self._sources.look()
         if now - self._diagnosed >= self.value("diagnostics_period"):
             self._diagnosed = now
             self._map.diagnose(self._sources.lost)
@@ -156,22 +149,6 @@ class MapNode:
             self._map.put(raw)
         except RuntimeError:  # It is closed, and this message came at the same moment.
             return
-
-    def _reset(self, request: Any) -> EmptyResponse:
-        self._map.services.reset()
-        return EmptyResponse()
-
-    def _octomap(self, binary: bool) -> list[Any]:
-        """Fields of an answer: none, where there is no map."""
-        found = self._map.services.octomap(binary=binary)
-        return [class_of("octomap_msgs/msg/Octomap")() if found is None else found]
-
-    def _clear_bbox(self, request: Any) -> list[Any]:
-        self._map.services.clear_box("", [request.min, request.max])
-        return []
-
-    def _clear_box(self, message: PolygonStamped) -> None:
-        self._map.services.clear_box(message.header.frame_id, message.polygon.points)
 
 
 def _current(name: str, default: Any) -> Any:

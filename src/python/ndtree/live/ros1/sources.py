@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import rospy
 
-from ndtree.live.ros.topics import TRANSFORMS, Numbers, Wanted, is_superfluous
+from ndtree.live.ros.topics import Listener, Numbers
 from ndtree.logs.ros.messages.beams import SENSORS
 from ndtree.logs.ros.storage import Connection, Raw, ros2_type
 
@@ -16,7 +16,7 @@ from ndtree.logs.ros.storage import Connection, Raw, ros2_type
 BUFFER = 1 << 22
 
 
-class Sources:
+class Sources(Listener):
     """Subscriptions to sensors, transforms and poses.
 
     Messages come by TCP, each publisher's in a thread of its own: none is lost on the way. A publisher drops
@@ -24,45 +24,19 @@ class Sources:
     many wait.
 
     `put`: Is given each Raw message.
-    `reading`: What a user said of sensors and frames, as for `ndtree.read`.
+    `reading`: As for `Listener`.
+    `own`: Tells the node's own topics.
     """
 
-    def __init__(self, put: Callable[[Raw], None], reading: dict[str, Any]) -> None:
-        self._put, self._wanted = put, Wanted(reading)
-        self._subscriptions: dict[str, _Subscription] = {}
-        self._lost = 0
-        self._published: set[str] = set()
-        for topic, type in TRANSFORMS.items():
-            self._subscribe(topic, type)
+    def __init__(
+        self, put: Callable[[Raw], None], reading: dict[str, Any], own: Callable[[], set[str]]
+    ) -> None:
+        self._put, self._own = put, own
+        super().__init__(reading)
 
-    def look(self, own: set[str]) -> None:
-        """Listen to what has appeared since the last time, but to topics of its own."""
-        for topic, type in rospy.get_published_topics():
-            if topic in self._subscriptions or topic in own:
-                continue
-            type = ros2_type(type)
-            if self._wanted.is_wanted(topic, type, [one.type for one in self._subscriptions.values()]):
-                self._subscribe(topic, type)
-
-    def choose(self, topics: set[str]) -> None:
-        """From now on listen to these topics of sensors and poses, and to no others."""
-        self._wanted.choose()
-        for topic, one in list(self._subscriptions.items()):
-            if is_superfluous(topic, one.type, topics):
-                one.close()
-                del self._subscriptions[topic]
-
-    @property
-    def lost(self) -> int:
-        """Messages of sensors that publishers have sent and that did not come."""
-        return self._lost + sum(one.numbers.lost for one in self._subscriptions.values())
-
-    def close(self) -> None:
-        """Listen to nothing."""
-        self._lost = self.lost
-        for one in self._subscriptions.values():
-            one.close()
-        self._subscriptions.clear()
+    def _published(self) -> Iterator[tuple[str, str]]:
+        own = self._own()
+        return ((topic, ros2_type(type)) for topic, type in rospy.get_published_topics() if topic not in own)
 
     def _subscribe(self, topic: str, type: str) -> None:
         self._subscriptions[topic] = _Subscription(self._put, topic, type)
@@ -72,13 +46,15 @@ class _Subscription:
     def __init__(self, put: Callable[[Raw], None], topic: str, type: str) -> None:
         self._put, self._topic, self.type = put, topic, type
         self._connections: dict[tuple[str, str], Connection] = {}
-        self.numbers = Numbers()
+        self._numbers = Numbers()
         self._subscriber = rospy.Subscriber(
             topic, rospy.AnyMsg, self._received, buff_size=BUFFER, tcp_nodelay=True
         )
+        self.close = self._subscriber.unregister
 
-    def close(self) -> None:
-        self._subscriber.unregister()
+    @property
+    def lost(self) -> int:
+        return self._numbers.lost
 
     def _received(self, message: Any) -> None:
         said = message._connection_header
@@ -89,5 +65,5 @@ class _Subscription:
             connection = Connection(0, self._topic, ros2_type(key[0]), "ros1", definition)
             self._connections[key] = connection
         if self.type in SENSORS:  # All begin with a header, and that with the number.
-            self.numbers.add(said.get("callerid", ""), int.from_bytes(message._buff[:4], "little"))
+            self._numbers.add(said.get("callerid", ""), int.from_bytes(message._buff[:4], "little"))
         self._put(Raw(connection, rospy.Time.now().to_nsec(), message._buff))

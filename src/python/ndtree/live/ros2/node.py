@@ -3,32 +3,37 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import rclpy
 from geometry_msgs.msg import PolygonStamped
-from nav_msgs.srv import GetMap, GetPlan, LoadMap
-from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from std_srvs.srv import Empty, Trigger
+from rclpy.signals import SignalHandlerOptions
 
+from ndtree.base.options import MAP_OPTIONS
 from ndtree.live.ros.map_service import TICK, MapService
-from ndtree.live.ros.messages import optional_class
 from ndtree.live.ros.middleware import Level, Publisher
-from ndtree.live.ros.parameters import CHANGING, check, config_of, followed, in_parameters
-from ndtree.live.ros.services import OCTOMAP_SERVICES
-from ndtree.live.ros2.parameters import declare, map_options, value
+from ndtree.live.ros.parameters import CHANGING, ROWS, check, in_parameters
+from ndtree.live.ros.services import Fields
 from ndtree.live.ros2.sources import Sources
 from ndtree.logs.ros.storage import Raw
 
 #: Subscribers have so long to take the last map when the node ends [s].
 DELIVERY = 5.0
+#: So often it is looked whether the node is to end [s].
+LOOKS = 0.2
+#: What rclpy raises by what a user says: nothing.
+ERRORS: tuple[type[Exception], ...] = ()
 _DONE = TransitionCallbackReturn.SUCCESS
 #: Subscribers that come later get the last one, as from map_server.
 LATCHED = QoSProfile(
@@ -37,6 +42,42 @@ LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
+
+
+def begin(arguments: Sequence[str] | None) -> None:
+    """Make this process one with nodes."""
+    # ROS's own handlers would take the context away before the last map is published.
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+
+
+def finish() -> None:
+    """End that."""
+    rclpy.try_shutdown()
+
+
+#: Types of parameters.
+_TYPES = {
+    bool: Parameter.Type.BOOL,
+    int: Parameter.Type.INTEGER,
+    float: Parameter.Type.DOUBLE,
+    str: Parameter.Type.STRING,
+}
+
+
+def declare(node: Node) -> None:
+    """Give a node all of them; options of the map stay unset until they are given."""
+    for row in ROWS:
+        descriptor = ParameterDescriptor(description=row.description, read_only=False)
+        if row.range is not None and row.kind is int:
+            low, high = (int(value) for value in row.range)
+            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=0)]
+        elif row.range is not None:
+            low, high = row.range
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
+        node.declare_parameter(row.key, row.start, descriptor)
+    for option in MAP_OPTIONS:
+        descriptor = ParameterDescriptor(description=f"{option.help} Unset: the map's own, or measured.")
+        node.declare_parameter(option.name, _TYPES[option.type], descriptor)
 
 
 class _Publisher:
@@ -48,28 +89,40 @@ class _Publisher:
         return int(self._publisher.get_subscription_count())
 
 
-class RosNode:
-    """A node of ROS 2 as the map needs it."""
+class MapNode(LifecycleNode):
+    """Maps what sensors publish, a `Middleware`; its parameters are those of `ndtree.live.ros.parameters`."""
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
-        self.name = node.get_fully_qualified_name()
+    def __init__(self) -> None:
+        super().__init__("ndtree_map")
+        declare(self)
+        self.name = self.get_fully_qualified_name()
+        self.add_on_set_parameters_callback(self._may_set)
+        self._map: MapService | None = None
+        self._sources: Sources | None = None
+        self._made: list[Any] = []
+        self._is_configured = False
+        self._lost = 0
 
     def value(self, name: str) -> Any:
-        return value(self._node, name)
+        return self.get_parameter(name).value
 
     def map_options(self) -> dict[str, Any]:
-        return map_options(self._node)
+        found = {option.name: self.get_parameter_or(option.name) for option in MAP_OPTIONS}
+        return {
+            name: one.value
+            for name, one in found.items()
+            if one is not None and one.type_ != Parameter.Type.NOT_SET
+        }
 
     def publisher(self, kind: Any, topic: str, *, depth: int | None = None) -> Publisher:
         qos = LATCHED if depth is None else QoSProfile(depth=depth)
-        return _Publisher(self._node.create_publisher(kind, topic, qos))
+        return _Publisher(self.create_publisher(kind, topic, qos))
 
     def now(self) -> float:
-        return 1e-9 * float(self._node.get_clock().now().nanoseconds)
+        return 1e-9 * float(self.get_clock().now().nanoseconds)
 
     def say(self, level: Level, text: str) -> None:
-        logger = self._node.get_logger()
+        logger = self.get_logger()
         # Each in a line of its own: rclpy refuses another level from the same line.
         if level is Level.error:
             logger.error(text)
@@ -78,24 +131,17 @@ class RosNode:
         else:
             logger.info(text)
 
+    def run(self, ended: threading.Event) -> None:
+        """Map until the node is asked to end; raises what configuring raises."""
+        if self.value("autostart"):
+            self._start()
+        executor = SingleThreadedExecutor()
+        executor.add_node(self)
+        while not ended.is_set() and rclpy.ok():
+            executor.spin_once(timeout_sec=LOOKS)
 
-class MapNode(LifecycleNode):
-    """Maps what sensors publish; see the table of its parameters in `ndtree.live.ros.parameters`."""
-
-    def __init__(self) -> None:
-        super().__init__("ndtree_map")
-        declare(self)
-        self.add_on_set_parameters_callback(self._may_set)
-        self._map: MapService | None = None
-        self._sources: Sources | None = None
-        self._made: list[Any] = []
-        self._is_configured = False
-        self._lost = 0
-
-    def start(self) -> None:
-        """Configure and activate, unless a lifecycle manager is to do it; raises what configuring raises."""
-        if not value(self, "autostart"):
-            return
+    def _start(self) -> None:
+        """Configure and activate, as a lifecycle manager would."""
         self._configure()
         self._is_configured = True
         for trigger in (self.trigger_configure, self.trigger_activate):
@@ -123,16 +169,15 @@ class MapNode(LifecycleNode):
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        options = {**config_of(lambda name: value(self, name)).reading, **followed(value(self, "follow"))}
-        self._sources = Sources(
-            self, self._put, options, reliable=value(self, "reliable"), queue=value(self, "queue")
-        )
+        assert self._map is not None
+        reading, reliable, queue = self._map.reading, self.value("reliable"), self.value("queue")
+        self._sources = Sources(self, self._put, reading, reliable=reliable, queue=queue)
         for type, error in self._sources.missing.items():
             self.get_logger().warning(f"{type}: {error}: there will be no transforms")
         self._made = [
             # By a clock that passes although a simulator's does not.
             self.create_timer(TICK, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME)),
-            self.create_timer(value(self, "diagnostics_period"), self._diagnose),
+            self.create_timer(self.value("diagnostics_period"), self._diagnose),
         ]
         return super().on_activate(state)
 
@@ -158,24 +203,14 @@ class MapNode(LifecycleNode):
 
     def _configure(self) -> None:
         before = list(self.publishers)
-        self._map = MapService(RosNode(self))
+        self._map = MapService(self)
         self._published = [one for one in self.publishers if one not in before]
+        services = self._map.services
         self._offered = [
-            self.create_service(Trigger, "~/save", self._save),
-            self.create_service(LoadMap, "~/load", self._load),
-            self.create_service(Empty, "~/reset", self._reset),
-            self.create_service(Trigger, "~/clear_around", self._clear_around),
-            self.create_service(GetMap, "~/get_map", self._get_map),
-            self.create_service(GetPlan, "~/get_plan", self._get_plan),
+            self.create_service(kind, f"~/{name}", _answering(answer))
+            for name, (kind, answer) in services.offered().items()
         ]
-        get_octomap, query = (optional_class(f"octomap_msgs/srv/{name}") for name in OCTOMAP_SERVICES)
-        if query is not None:
-            self._offered += [
-                self.create_service(get_octomap, "~/octomap_full", self._get_octomap(False)),
-                self.create_service(get_octomap, "~/octomap_binary", self._get_octomap(True)),
-                self.create_service(query, "~/clear_bbox", self._clear_bbox),
-            ]
-        self._box_listener = self.create_subscription(PolygonStamped, "~/clear_box", self._clear_box, 10)
+        self._box_listener = self.create_subscription(PolygonStamped, "~/clear_box", services.clear, 10)
 
     def _put(self, raw: Raw) -> None:
         if self._map is not None:
@@ -225,49 +260,13 @@ class MapNode(LifecycleNode):
                 return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _save(self, request: Any, response: Any) -> Any:
-        assert self._map is not None
-        response.success, response.message = self._map.services.save()
+
+def _answering(answer: Callable[[Any], Fields]) -> Callable[[Any, Any], Any]:
+    """A service's answer as rclpy asks for it."""
+
+    def answered(request: Any, response: Any) -> Any:
+        for name, one in answer(request).items():
+            setattr(response, name, one)
         return response
 
-    def _load(self, request: Any, response: Any) -> Any:
-        assert self._map is not None
-        response.result = int(self._map.services.load(request.map_url))
-        return response
-
-    def _reset(self, request: Any, response: Any) -> Any:
-        if self._map is not None:
-            self._map.services.reset()
-        return response
-
-    def _clear_around(self, request: Any, response: Any) -> Any:
-        assert self._map is not None
-        response.success, response.message = self._map.services.clear_around()
-        return response
-
-    def _get_octomap(self, binary: bool) -> Callable[[Any, Any], Any]:
-        def answered(request: Any, response: Any) -> Any:
-            assert self._map is not None
-            response.map = self._map.services.octomap(binary=binary) or response.map
-            return response
-
-        return answered
-
-    def _clear_bbox(self, request: Any, response: Any) -> Any:
-        assert self._map is not None
-        self._map.services.clear_box("", [request.min, request.max])
-        return response
-
-    def _clear_box(self, message: PolygonStamped) -> None:
-        if self._map is not None:
-            self._map.services.clear_box(message.header.frame_id, message.polygon.points)
-
-    def _get_map(self, request: Any, response: Any) -> Any:
-        assert self._map is not None
-        response.map = self._map.services.grid() or response.map
-        return response
-
-    def _get_plan(self, request: Any, response: Any) -> Any:
-        assert self._map is not None
-        response.plan = self._map.services.plan(request)
-        return response
+    return answered
