@@ -298,13 +298,12 @@ def test_scans_come_back_as_they_were_stored(tmp_path):
     storage, places = storage_of(tmp_path), []
     writer = BatchWriter(storage, "run", "a/b", 80)
     for scan in scans:
-        writer.add(scan)
-        places.append((writer.batch, writer.position, writer.row, len(scan)))
+        places.append(writer.add(scan))
     writer.store()
     assert len({batch for batch, *_ in places}) > 30 and max(at for _, at, *_ in places) > 0
     stored = StoredScans(storage, "run", {})
     for i in random.permutation(len(scans)).tolist():
-        scan, found = scans[i], stored.get("a/b", i, *places[i])
+        scan, found = scans[i], stored.get("a/b", i, places[i])
         for name in ("endpoints", "origin", "returned", "range_sigma"):
             was, now = getattr(scan, name), getattr(found, name)
             assert (was is None) == (now is None)

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ndtree._errors import WrongValue
 from ndtree._native import _core
-from ndtree._native._checked import checked, settings_of
+from ndtree._native._checked import settings_of
 from ndtree._native._core import OccupancyMap
 from ndtree.base.progress import Progress
 from ndtree.distributed import plan
@@ -27,58 +26,13 @@ from ndtree.distributed.moving import Moves
 from ndtree.distributed.plan import run_all
 from ndtree.distributed.report import FleetReport, Times, report_of
 from ndtree.distributed.scans import ScanIndex, StoredScans, index_name
-from ndtree.distributed.stages import BlockRecord, Job, entries_of, integrate, prepare
+from ndtree.distributed.stages import BlockRecord, FleetSettings, Job, entries_of, integrate, prepare
 from ndtree.tiles.grid import Tile, TileGrid
 from ndtree.tiles.kind import MapKind, with_counters
 from ndtree.tiles.manifest import TILES, Manifest, TileEntry, commit, open_manifest, store_bytes, tidy
 from ndtree.tiles.order import Sources, named, opened
 from ndtree.tiles.resident import Growth
 from ndtree.tiles.storage import Storage, storage_of
-
-
-@checked
-@dataclass(frozen=True)
-class FleetSettings:
-    """How logs become tiles.
-
-    Attributes
-    ----------
-    tile_size : float, optional
-        [m]; rounded up to a power of the branching of `max_cell_size`. Left out: 16 of these.
-    max_range : float
-        As for insert() [m].
-    no_return : {"free", "ignore"}
-        What a beam without return says: that the space up to its end is free, or nothing.
-    block_beams : int
-        What a worker maps at a time, a block of tiles, is made of at most this many beams, if it is more than
-        one tile; the part of each scan that is in it counts. With several workers there are a few for each,
-        whose scans are surveyed in every one that they cross.
-    batch_beams : int
-        Beams in a file of scans.
-    checkpoint_beams : int
-        A block's state is written whenever it has taken this many in: what a killed worker has to do again.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of its limits.
-    """
-
-    tile_size: float | None = None
-    max_range: float = math.inf
-    no_return: str = "free"
-    block_beams: int = 50_000_000
-    batch_beams: int = 250_000
-    checkpoint_beams: int = 20_000_000
-
-    def __post_init__(self) -> None:
-        if self.no_return not in ("free", "ignore"):
-            raise WrongValue.of("no_return", f"{self.no_return!r}", "'free' or 'ignore'")
-        if not self.max_range > 0:
-            raise WrongValue.of("max_range", f"{self.max_range:g} m", "> 0")
-        for name in ("block_beams", "batch_beams", "checkpoint_beams"):
-            if getattr(self, name) < 1:
-                raise WrongValue.of(name, getattr(self, name), ">= 1")
 
 
 def map(
@@ -130,40 +84,25 @@ def map(
     target = _core.AdaptiveMap(dim=_dim_of(next(iter(sources.values())))) if like is None else like
     storage = storage_of(url)
     before = _manifest(storage)
-    job = _job_of(url, before, target, settings)
-    blocks = {"block_beams": settings.block_beams}
-    _begin(storage, job, {"logs": _sizes(sources), **blocks})
-    made_from = {**_made_from(job, sources), **blocks}
+    revision = before.revision + 1 if before is not None else 1
+    grid = TileGrid.of(target, settings.tile_size)
+    job = Job(_everywhere(url), f"run-{revision:06d}", revision, MapKind.of(target), grid, settings)
+    _begin(storage, job, _sizes(sources))
+    made_from = _made_from(job, sources)
     with _engine(engine, workers, times) as chosen:
         run = _Run(chosen, job, storage, before, progress)
         prepared, at_engine = run.prepare(sources)
-        return times.of_all(run.mapped(run.indexes(sources), None, made_from), prepared, at_engine)
-
-
-def _job_of(
-    url: str | os.PathLike[str], before: Manifest | None, like: OccupancyMap, how: FleetSettings
-) -> Job:
-    revision = before.revision + 1 if before is not None else 1
-    return Job(
-        _everywhere(url),
-        f"run-{revision:06d}",
-        revision,
-        MapKind.of(like),
-        TileGrid.of(like, how.tile_size),
-        how.max_range,
-        how.no_return,
-        how.batch_beams,
-        how.checkpoint_beams,
-    )
+        return times.of(run.mapped(run.indexes(sources), None, made_from), prepared, at_engine)
 
 
 def _made_from(job: Job, logs: Iterable[str]) -> dict[str, Any]:
     """What a manifest says of how its map was made."""
     return {
         "run": job.run,
-        "max_range": job.max_range if math.isfinite(job.max_range) else None,
-        "no_return": job.no_return,
-        "checkpoint_beams": job.checkpoint_beams,
+        "max_range": job.how.max_range if math.isfinite(job.how.max_range) else None,
+        "no_return": job.how.no_return,
+        "checkpoint_beams": job.how.checkpoint_beams,
+        "block_beams": job.how.block_beams,
         "moves": {},
         "indexes": {log: index_name(job.run, log) for log in logs},
     }
@@ -223,17 +162,10 @@ def remap(
             f"{os.fspath(url)}: holds no scans: only what ndtree.distributed.map made can be mapped anew"
         )
     limit = math.inf if held["max_range"] is None else float(held["max_range"])
-    job = Job(
-        _everywhere(url),
-        held["run"],
-        manifest.revision + 1,
-        manifest.kind,
-        manifest.grid,
-        limit,
-        held["no_return"],
-        1,
-        int(held["checkpoint_beams"]),
-    )
+    numbers = {name: int(held[name]) for name in ("checkpoint_beams", "block_beams")}
+    how = FleetSettings(max_range=limit, no_return=held["no_return"], **numbers)
+    revision = manifest.revision + 1
+    job = Job(_everywhere(url), held["run"], revision, manifest.kind, manifest.grid, how)
     move = Moves(storage, job, held)
     for log, of_log in poses.items():
         move.log(log, of_log)
@@ -277,19 +209,19 @@ class _Run:
         tasks = plan.stored_tasks(storage, job)
         if tasks is None:
             within = [Block.everywhere(job.kind.dim)] if touched is None else touched
-            blocks_of = int(made_from["block_beams"])
-            plan.store_plan(storage, job, plan.planned(scans, within, self.engine.workers, blocks_of))
+            blocks = plan.planned(scans, within, self.engine.workers, job.how.block_beams)
+            plan.store_plan(storage, job, blocks)
             tasks = plan.stored_tasks(storage, job) or []
         records: list[BlockRecord]
         records, at_engine = run_all(
             self.engine, "mapping", [(integrate, job, task) for task in tasks], self.progress
         )
-        tiles, blocks = _kept(before, touched)
+        tiles, done = _kept(before, touched)
         for record in records:
             tiles.update(entries_of(record))
-            blocks.append({"block": record.block.as_json(), "counters": record.counters})
-        frame = store_bytes(storage, self._frame(scans, blocks), f"{TILES}/frame")
-        made_from = {**made_from, "blocks": sorted(blocks, key=lambda one: one["block"])}
+            done.append({"block": record.block.as_json(), "counters": record.counters})
+        frame = store_bytes(storage, self._frame(scans, done), f"{TILES}/frame")
+        made_from = {**made_from, "blocks": sorted(done, key=lambda one: one["block"])}
         manifest = Manifest(job.kind, job.grid, job.revision, frame, tiles, made_from)
         commit(storage, manifest)
         tidy(storage, manifest)
@@ -306,8 +238,7 @@ class _Run:
         for ref, scan in scans:
             box = None if scan.box is None else (np.array(scan.box[0]), np.array(scan.box[1]))
             if not growth.contains(box):
-                place = (ref.batch, ref.position, ref.row, ref.beams)
-                growth.include(stored.get(ref.log, ref.number, *place), job.max_range)
+                growth.include(stored.get(ref.log, ref.number, ref.where), job.how.max_range)
         updates, splits, merges = (sum(one["counters"][i] for one in blocks) for i in range(3))
         return with_counters(growth.map.to_bytes(), updates, splits, merges, len(scans))
 
@@ -324,9 +255,9 @@ def _kept(
     return tiles, [one for one in before.made_from["blocks"] if Block.from_json(one["block"]) not in touched]
 
 
-def _begin(storage: Storage, job: Job, more: dict[str, Any]) -> None:
-    """Make the run's folder; one that was begun in another way goes."""
-    settings = json.dumps({**asdict(job), **more}, sort_keys=True).encode()
+def _begin(storage: Storage, job: Job, logs: dict[str, int]) -> None:
+    """Make the run's folder; one that was begun in another way, or of logs of other sizes, goes."""
+    settings = json.dumps({**asdict(job), "logs": logs}, sort_keys=True).encode()
     name = f"{job.run}/settings.json"
     if storage.has(name) and storage.read(name) == settings:
         return

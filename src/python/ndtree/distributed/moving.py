@@ -52,9 +52,8 @@ class Moves:
 
     def _scan(self, log: str, index: ScanIndex, number: int, matrix: Any) -> None:
         before = index.scans[number]
-        at = (before.batch, before.position, before.row)
-        scan = self._original.get(log, number, *at, before.beams)
-        there = indexed(self._job, moved(scan, matrix), before.time, at)
+        scan = self._original.get(log, number, before.where)
+        there = indexed(self._job, moved(scan, matrix), before.time, before.where)
         index.scans[number] = there
         tiles = {*before.tiles, *there.tiles}
         self.touched.update(block for block in self._blocks if any(tile in block for tile in tiles))

@@ -39,7 +39,7 @@ def in_order(indexes: Iterable[ScanIndex]) -> Iterator[tuple[ScanRef, IndexedSca
     ]
     every.sort(key=lambda one: one[0])
     for order, ((_, log, number), scan) in enumerate(every):
-        yield ScanRef(log, number, scan.batch, scan.position, scan.row, scan.beams, order), scan
+        yield ScanRef(log, number, scan.where, order), scan
 
 
 def planned(
@@ -54,7 +54,7 @@ def planned(
     where: dict[Tile, int] = {}  # In which of `within`, or -1.
     weights: list[dict[Tile, float]] = [{} for _ in within]
     for _, scan in scans:
-        per_count = scan.beams / max(1, sum(scan.tiles.values()))
+        per_count = scan.where.beams / max(1, sum(scan.tiles.values()))
         for tile, count in scan.tiles.items():
             if tile not in where:
                 where[tile] = next((i for i, block in enumerate(within) if tile in block), -1)
@@ -106,10 +106,7 @@ def store_plan(storage: Storage, job: Job, blocks: list[PlannedBlock]) -> None:
     logs = sorted({ref.log for one in blocks for ref in one.scans})
     number = {log: i for i, log in enumerate(logs)}
     for i, one in enumerate(blocks):
-        rows = [
-            (number[ref.log], ref.number, ref.batch, ref.position, ref.row, ref.beams, ref.order)
-            for ref in one.scans
-        ]
+        rows = [(number[ref.log], ref.number, *ref.where, ref.order) for ref in one.scans]
         storage.write_array(scans_name(job.run, i), np.array(rows, dtype=np.int64).reshape(-1, 7))
     content = {
         "logs": logs,

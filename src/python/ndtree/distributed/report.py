@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from ndtree.distributed.scans import ScanIndex
-from ndtree.distributed.stages import BlockRecord
+from ndtree.distributed.stages import BlockRecord, Prepared
 
 
 @dataclass(frozen=True)
@@ -95,26 +96,21 @@ class Times:
         self._begin, self._cpu_begin = time.perf_counter(), time.thread_time()
         self.start = 0.0  # Until the engine was there.
 
-    def of(self, report: FleetReport) -> FleetReport:
-        """A report of the blocks, with what the call took."""
+    def of(
+        self, report: FleetReport, prepared: Sequence[Prepared] = (), at_engine: float = 0.0
+    ) -> FleetReport:
+        """A report of the blocks, with what the call took, and reading the logs if it did that."""
+        seconds = sum(one.seconds for one in prepared)
+        cpu_seconds = time.thread_time() - self._cpu_begin + sum(one.cpu_seconds for one in prepared)
         return replace(
             report,
             seconds=time.perf_counter() - self._begin,
             start_seconds=self.start,
-            cpu_seconds=report.cpu_seconds + time.thread_time() - self._cpu_begin,
-        )
-
-    def of_all(self, report: FleetReport, prepared: list[Any], at_engine: float) -> FleetReport:
-        """The same, with what reading the logs took."""
-        seconds = sum(one.seconds for one in prepared)
-        of_blocks = self.of(report)
-        return replace(
-            of_blocks,
             prepare_seconds=seconds,
             engine_seconds=report.engine_seconds + max(0.0, at_engine - seconds),
-            cpu_seconds=of_blocks.cpu_seconds + sum(one.cpu_seconds for one in prepared),
-            peak_memory=max(report.peak_memory, *(one.peak_memory for one in prepared)),
-            written_bytes=report.written_bytes + report.scan_bytes,
+            cpu_seconds=report.cpu_seconds + cpu_seconds,
+            peak_memory=max([report.peak_memory, *(one.peak_memory for one in prepared)]),
+            written_bytes=report.written_bytes + (report.scan_bytes if prepared else 0),
         )
 
 
@@ -133,7 +129,7 @@ def report_of(
     sums = {name: sum(getattr(record, of) for record in records) for name, of in _SUMS.items()}
     return FleetReport(
         scans=len(scans),
-        beams=sum(scan.beams for _, scan in scans),
+        beams=sum(scan.where.beams for _, scan in scans),
         refused=sum(index.refused for index in indexes),
         ignored=sum(index.ignored for index in indexes),
         tiles=sum(len(record.entries) for record in records),

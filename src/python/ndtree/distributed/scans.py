@@ -9,7 +9,7 @@ import itertools
 import math
 from collections import OrderedDict
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,19 +23,21 @@ OPEN_FILES = 8
 Floats = NDArray[np.float64]
 
 
+class Where(NamedTuple):
+    """Where a scan is stored."""
+
+    batch: int  # Of its log.
+    position: int  # In the batch.
+    row: int  # Its first beam there,
+    beams: int  # and how many there are.
+
+
 @dataclass(frozen=True)
 class IndexedScan:
-    """What a plan has to know of a scan.
-
-    `batch`, `position`: In which of its log's batches it is, and where in it.
-    `row`, `beams`: Its first beam there, and how many there are.
-    """
+    """What a plan has to know of a scan."""
 
     time: float  # By which it is ordered; see `Place`.
-    batch: int
-    position: int
-    row: int
-    beams: int
+    where: Where
     box: tuple[list[float], list[float]] | None  # What it reaches at most [m]; None without a valid beam.
     tiles: dict[Tile, int]  # Which it may change, and how much of it is there; see `TileGrid.shares_by`.
 
@@ -62,10 +64,7 @@ class ScanIndex:
             log=np.array(self.log),
             sums=np.array([self.stored_bytes, self.refused, self.ignored]),
             time=np.array([scan.time for scan in scans], dtype=np.float64),
-            places=np.array(
-                [(scan.batch, scan.position, scan.row, scan.beams, len(scan.tiles)) for scan in scans],
-                dtype=np.int64,
-            ).reshape(-1, 5),
+            places=np.array([(*scan.where, len(scan.tiles)) for scan in scans], np.int64).reshape(-1, 5),
             boxes=np.array([scan.box or blank for scan in scans], dtype=np.float64).reshape(-1, 2, dim),
             tiles=np.array(tiles, dtype=np.int64).reshape(len(tiles), -1 if tiles else dim),
             counts=np.array([count for scan in scans for count in scan.tiles.values()], dtype=np.int64),
@@ -79,18 +78,9 @@ class ScanIndex:
         crossed = iter(zip(map(tuple, held["tiles"].tolist()), held["counts"].tolist()))
         scans = []
         for time, place, box in zip(held["time"].tolist(), held["places"].tolist(), held["boxes"].tolist()):
-            batch, position, row, beams, tiles = place
-            scans.append(
-                IndexedScan(
-                    time,
-                    batch,
-                    position,
-                    row,
-                    beams,
-                    None if math.isnan(box[0][0]) else (box[0], box[1]),
-                    dict(itertools.islice(crossed, tiles)),
-                )
-            )
+            *where, tiles = place
+            reach = None if math.isnan(box[0][0]) else (box[0], box[1])
+            scans.append(IndexedScan(time, Where(*where), reach, dict(itertools.islice(crossed, tiles))))
         stored_bytes, refused, ignored = held["sums"].tolist()
         return cls(str(held["log"]), scans, stored_bytes, refused, ignored)
 
@@ -128,28 +118,26 @@ class BatchWriter:
     """Stores a log's scans in batches: those that follow each other, as long as they have the same columns.
 
     `beams`: A batch ends where it has this many.
-    Attributes:
-    `batch`, `position`, `row`: Where the scan is that was added last.
     """
 
     def __init__(self, storage: Storage, run: str, log: str, beams: int) -> None:
         self._storage, self._run, self._log, self._most = storage, run, log, beams
         self._waiting: list[dict[str, NDArray[Any]]] = []
         self._kind: list[tuple[str, str]] = []
-        self._beams = 0
-        self.stored_bytes = self.batch = self.position = self.row = 0
+        self._beams = self._batch = self.stored_bytes = 0
 
-    def add(self, scan: Scan) -> None:
-        """The next scan."""
+    def add(self, scan: Scan) -> Where:
+        """Add the next scan; where it is stored."""
         columns = columns_of(scan)
         kind = [(name, values.dtype.str) for name, values in columns.items()]
         if self._waiting and (kind != self._kind or self._beams >= self._most):
             self.store()
-            self.batch += 1
+            self._batch += 1
         self._kind = kind
-        self.position, self.row = len(self._waiting), self._beams
+        where = Where(self._batch, len(self._waiting), self._beams, len(scan))
         self._waiting.append(columns)
         self._beams += len(scan)
+        return where
 
     def store(self) -> None:
         """Write what waits."""
@@ -157,9 +145,8 @@ class BatchWriter:
             return
         for name in self._waiting[0]:
             values = np.concatenate([columns[name] for columns in self._waiting])
-            self.stored_bytes += self._storage.write_array(
-                column_name(self._run, self._log, self.batch, name), values
-            )
+            file = column_name(self._run, self._log, self._batch, name)
+            self.stored_bytes += self._storage.write_array(file, values)
         self._waiting.clear()
         self._beams = 0
 
@@ -209,12 +196,12 @@ class StoredScans:
         self._motions = {log: storage.array(name) for log, name in moves.items()}
         self.bytes_read = 0
 
-    def get(self, log: str, number: int, batch: int, position: int, row: int, beams: int) -> Scan:
-        """The scan with this number in its log, at a place of a batch."""
-        columns = self._batch(log, batch)
-        held = {name: columns[name][row : row + beams] for name in _OF_BEAMS if name in columns}
+    def get(self, log: str, number: int, where: Where) -> Scan:
+        """The scan with this number in its log."""
+        columns, rows = self._batch(log, where.batch), slice(where.row, where.row + where.beams)
+        held = {name: columns[name][rows] for name in _OF_BEAMS if name in columns}
         self.bytes_read += sum(values.nbytes for values in held.values())
-        origin = held["origins"] if "origins" in held else columns[_OF_SCANS][position]
+        origin = held["origins"] if "origins" in held else columns[_OF_SCANS][where.position]
         scan = Scan(held["endpoints"], origin, held.get("returned"), 0.0, held.get("range_sigma"))
         motions = self._motions.get(log)
         if motions is None or np.array_equal(motions[number], np.eye(scan.dim + 1)):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from dataclasses import asdict, dataclass
@@ -12,11 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree._errors import WrongValue
 from ndtree._native import _core
+from ndtree._native._checked import checked
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
 from ndtree.distributed.blocks import Block
-from ndtree.distributed.scans import BatchWriter, IndexedScan, ScanIndex, StoredScans, index_name
+from ndtree.distributed.scans import BatchWriter, IndexedScan, ScanIndex, StoredScans, Where, index_name
 from ndtree.tiles.grid import Tile, TileGrid, beams_of, reach_of
 from ndtree.tiles.kind import MapKind
 from ndtree.tiles.manifest import TileEntry, store_tile
@@ -34,6 +37,51 @@ _NEAR = 1 << 18  # In smallest cells: beams of such a length, ...
 _FAR = 1 << 30  # ... and so far from the map's origin, are taken by every map.
 
 
+@checked
+@dataclass(frozen=True)
+class FleetSettings:
+    """How logs become tiles.
+
+    Attributes
+    ----------
+    tile_size : float, optional
+        [m]; rounded up to a power of the branching of `max_cell_size`. Left out: 16 of these.
+    max_range : float
+        As for insert() [m].
+    no_return : {"free", "ignore"}
+        What a beam without return says: that the space up to its end is free, or nothing.
+    block_beams : int
+        What a worker maps at a time, a block of tiles, is made of at most this many beams, if it is more than
+        one tile; the part of each scan that is in it counts. With several workers there are a few for each,
+        whose scans are surveyed in every one that they cross.
+    batch_beams : int
+        Beams in a file of scans.
+    checkpoint_beams : int
+        A block's state is written whenever it has taken this many in: what a killed worker has to do again.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its limits.
+    """
+
+    tile_size: float | None = None
+    max_range: float = math.inf
+    no_return: str = "free"
+    block_beams: int = 50_000_000
+    batch_beams: int = 250_000
+    checkpoint_beams: int = 20_000_000
+
+    def __post_init__(self) -> None:
+        if self.no_return not in ("free", "ignore"):
+            raise WrongValue.of("no_return", f"{self.no_return!r}", "'free' or 'ignore'")
+        if not self.max_range > 0:
+            raise WrongValue.of("max_range", f"{self.max_range:g} m", "> 0")
+        for name in ("block_beams", "batch_beams", "checkpoint_beams"):
+            if getattr(self, name) < 1:
+                raise WrongValue.of(name, getattr(self, name), ">= 1")
+
+
 @dataclass(frozen=True)
 class Job:
     """What all tasks of a run have to know.
@@ -46,10 +94,7 @@ class Job:
     revision: int  # That the manifest will have.
     kind: MapKind
     grid: TileGrid
-    max_range: float  # As for insert() [m].
-    no_return: str  # {"free", "ignore"}.
-    batch_beams: int  # Beams in a file of scans.
-    checkpoint_beams: int  # A block's state is written whenever it has taken this many in.
+    how: FleetSettings
     moves: tuple[tuple[str, str], ...] = ()
 
 
@@ -59,10 +104,7 @@ class ScanRef:
 
     log: str
     number: int
-    batch: int
-    position: int
-    row: int
-    beams: int
+    where: Where
     order: int
 
 
@@ -81,28 +123,17 @@ class BlockTask:
 class BlockRecord:
     """What a `BlockTask` did.
 
-    Attributes
-    ----------
-    entries : list of (tile, dict)
-        What the manifest says of its tiles.
-    counters : list of int
-        Updates, splits and merges.
-    scans, beams : int
-        That cross it.
-    weight : float
-        Beams' worth of work, as it was planned.
-    resumed : int
-        Scans that a state had already, of a worker that was killed.
-    seconds : float
-        From the last begin to the end [s].
-    insert_seconds, state_seconds, store_seconds : float
-        Of these, spent on insertion, on states of the block, and on its tiles [s].
-    cpu_seconds : float
-        Processor time [s].
-    peak_memory : int
-        Of the process, as the system counts it [bytes]; 0 where it does not.
-    bytes_read, written_bytes : int
-        Beams that were looked at, and states and tiles.
+    `entries`: What the manifest says of its tiles.
+    `counters`: Updates, splits and merges.
+    `scans`, `beams`: That cross it.
+    `weight`: Beams' worth of work, as it was planned.
+    `resumed`: Scans that a state had already, of a worker that was killed.
+    `seconds`: From the last begin to the end [s].
+    `insert_seconds`, `state_seconds`, `store_seconds`: Of these, spent on insertion, on states of the block,
+        and on its tiles [s].
+    `cpu_seconds`: Processor time [s].
+    `peak_memory`: Of the process, as the system counts it [bytes]; 0 where it does not.
+    `bytes_read`, `written_bytes`: Beams that were looked at, and states and tiles.
     """
 
     block: Block
@@ -164,18 +195,13 @@ def peak_memory() -> int:
 
 
 def indexed(
-    job: Job, scan: Scan, when: float, at: tuple[int, int, int], beams: tuple[Floats, Floats] | None = None
+    job: Job, scan: Scan, when: float, where: Where, beams: tuple[Floats, Floats] | None = None
 ) -> IndexedScan:
-    """What a plan has to know of a scan. @param at batch, position and row. @param beams see `beams_of`."""
-    starts, ends = beams_of(scan, job.kind.options, job.max_range) if beams is None else beams
+    """What a plan has to know of a scan; `beams`: as `beams_of` has them."""
+    starts, ends = beams_of(scan, job.kind.options, job.how.max_range) if beams is None else beams
     box = reach_of(starts, ends)
-    return IndexedScan(
-        when,
-        *at,
-        len(scan),
-        None if box is None else (box[0].tolist(), box[1].tolist()),
-        dict(sorted(job.grid.shares_by(starts, ends).items())),
-    )
+    reach = None if box is None else (box[0].tolist(), box[1].tolist())
+    return IndexedScan(when, where, reach, dict(sorted(job.grid.shares_by(starts, ends).items())))
 
 
 def _is_taken(job: Job, scan: Scan, beams: tuple[Floats, Floats]) -> bool:
@@ -186,7 +212,7 @@ def _is_taken(job: Job, scan: Scan, beams: tuple[Floats, Floats]) -> bool:
         if (box[1] - box[0] < near).all() and (np.abs(box) < far).all():
             return True
     try:
-        Growth(job.kind.new()).include(scan, job.max_range)
+        Growth(job.kind.new()).include(scan, job.how.max_range)
     except ValueError:
         return False
     return True
@@ -200,9 +226,9 @@ def prepare(job: Job, log: str, source: Source) -> Prepared:
         return Prepared(0.0, 0.0, 0)
     found: list[IndexedScan] = []
     refused = ignored = 0
-    batches = BatchWriter(storage, job.run, log, job.batch_beams)
+    batches = BatchWriter(storage, job.run, log, job.how.batch_beams)
     for place, scan in placed(log, opened(source)):
-        if job.no_return == "ignore":
+        if job.how.no_return == "ignore":
             before = len(scan)
             scan = scan.returned_only()
             ignored += before - len(scan)
@@ -211,13 +237,11 @@ def prepare(job: Job, log: str, source: Source) -> Prepared:
                 f"{log}: scan {place.number} is {scan.dim}-D, and the map {job.kind.dim}-D: must be the same"
             )
         scan = scan.with_sigma(job.kind.options)
-        crossed = beams_of(scan, job.kind.options, job.max_range)
+        crossed = beams_of(scan, job.kind.options, job.how.max_range)
         if not _is_taken(job, scan, crossed):
             refused += 1
             continue
-        batches.add(scan)
-        at = batches.batch, batches.position, batches.row
-        found.append(indexed(job, scan, place.time, at, crossed))
+        found.append(indexed(job, scan, place.time, batches.add(scan), crossed))
     batches.store()
     index = ScanIndex(log, found, batches.stored_bytes, refused, ignored)
     storage.write(index_name(job.run, log), index.as_bytes())
@@ -239,14 +263,14 @@ def integrate(job: Job, task: BlockTask) -> BlockRecord:
     inserted = 0.0
     written = waiting = 0
     scans = storage.array(scans_name(job.run, task.number)).tolist()
-    for log, *at, order in scans[first:]:
-        scan = stored.get(task.logs[log], *at)
+    for log, scan_number, *where, order in scans[first:]:
+        scan = stored.get(task.logs[log], scan_number, Where(*where))
         own = {} if scan.range_sigma is None else {"range_sigma": scan.range_sigma}
         report = m.insert(
             scan.endpoints,
             scan.origin,
             returned=scan.returned,
-            max_range=job.max_range,
+            max_range=job.how.max_range,
             threads=1,
             window=window,
             number=order,
@@ -255,7 +279,7 @@ def integrate(job: Job, task: BlockTask) -> BlockRecord:
         inserted += report.seconds
         done += 1
         waiting += len(scan)
-        if waiting >= job.checkpoint_beams and done < len(scans):
+        if waiting >= job.how.checkpoint_beams and done < len(scans):
             state_begin = time.perf_counter()
             before, held = held, _state_name(job.run, task.number, done)
             content = m.to_bytes()
