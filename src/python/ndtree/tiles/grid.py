@@ -32,14 +32,9 @@ _GRAIN = 0.125  # Of a tile: ends that are nearer than this are taken for one.
 class TileGrid:
     """Where tiles are.
 
-    Attributes
-    ----------
-    unit : float
-        Edge of the smallest cell [m].
-    cube : int
-        Edge of the coarsest cells that are updated, in smallest cells.
-    cubes : int
-        Edge of a tile, in coarsest cells: a power of the map's branching.
+    `unit`: Edge of the smallest cell [m].
+    `cube`: Edge of the coarsest cells that are updated, in smallest cells.
+    `cubes`: Edge of a tile, in coarsest cells: a power of the map's branching.
     """
 
     dim: int
@@ -51,17 +46,10 @@ class TileGrid:
     def of(cls, m: OccupancyMap, tile_size: float | None = None) -> TileGrid:
         """The grid for maps of this kind, with the smallest tiles that are at least so large.
 
-        Parameters
-        ----------
-        m : OccupancyMap
-            Any with the options that all tiles will have.
-        tile_size : float, optional
-            [m]; left out, that of 16 coarsest cells, or of more where the branching has no such power.
-
-        Raises
-        ------
-        ValueError
-            If the size is not > 0 and finite, or too large.
+        `m`: Any with the options that all tiles will have.
+        `tile_size`: [m]; left out, that of 16 coarsest cells, or of more where the branching has no such
+            power.
+        Raises ValueError if the size is not > 0 and finite, or too large.
         """
         unit = float(m.options["min_cell_size"])
         empty = MapKind.of(m).new()
@@ -118,12 +106,8 @@ class TileGrid:
     def crossed(self, scan: Scan, options: dict[str, float], max_range: float = math.inf) -> set[Tile]:
         """Tiles in which a scan may change something, and perhaps some beside them.
 
-        Parameters
-        ----------
-        options : dict
-            The map's: they say how far behind its end point a beam reaches.
-        max_range : float
-            As for insert() [m].
+        `options`: The map's: they say how far behind its end point a beam reaches.
+        `max_range`: As for insert() [m].
         """
         starts, ends = beams_of(scan, options, max_range)
         return self.crossed_by(starts, ends)
@@ -162,7 +146,7 @@ class TileGrid:
                 (self.tiles_in(a, b), count) for (a, b), count in zip(boxes.swapaxes(0, 1), counts.tolist())
             )
         first, last = np.floor(corners / self.size).astype(np.int64)
-        rows, counts = _counted(2 * first + (last > first))  # Two tiles on an axis, or one.
+        rows, counts = counted(2 * first + (last > first))  # Two tiles on an axis, or one.
         return _added(
             (set(itertools.product(*((at >> 1, (at >> 1) + (at & 1)) for at in row))), count)
             for row, count in zip(rows.tolist(), counts.tolist())
@@ -209,7 +193,7 @@ def nowhere(m: OccupancyMap) -> Floats:
 
 def _thinned(points: Floats, grain: float) -> Floats:
     """Centres of the cells of a grid that hold points."""
-    return (_counted(np.floor(points / grain).astype(np.int64))[0] + 0.5) * grain
+    return (counted(np.floor(points / grain).astype(np.int64))[0] + 0.5) * grain
 
 
 def _bounds(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -227,7 +211,7 @@ def _added(crossed: Iterable[tuple[set[Tile], int]]) -> dict[Tile, int]:
     return found
 
 
-def _counted(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def counted(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Different rows, and how many of each there are.
 
     Where they fit into one number each, which is the rule, these are counted or sorted instead.

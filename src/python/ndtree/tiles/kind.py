@@ -53,15 +53,6 @@ class MapKind:
         """Whether a map of this kind knows anything, parts of cells included."""
         return m.stats().nodes > 1 or m != self.new()
 
-    def as_json(self) -> dict[str, Any]:
-        """Plain numbers and texts."""
-        return {
-            "dim": self.dim,
-            "branching": self.branching,
-            "refinement": self.refinement,
-            "options": self.options,
-        }
-
 
 def with_counters(map_file: bytes, updates: int, splits: int, merges: int, scans: int) -> bytes:
     """A map file with other numbers of updates, splits, merges and scans; its cells stay as they are."""

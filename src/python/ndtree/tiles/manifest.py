@@ -28,10 +28,7 @@ _VERSION = 1
 class StoredFile:
     """A file that the manifest counts on.
 
-    Attributes
-    ----------
-    file : str
-        Its name in the folder; it is made from the content, and so never written anew with another one.
+    `file`: Its name in the folder; it is made from the content, and so never written anew with another one.
     """
 
     file: str
@@ -43,12 +40,8 @@ class StoredFile:
 class TileEntry(StoredFile):
     """A tile.
 
-    Attributes
-    ----------
-    revision : int
-        Of the manifest that first had it with this content.
-    bounds : tuple of lists, or None
-        Lower and upper corner around all observed cells [m].
+    `revision`: Of the manifest that first had it with this content.
+    `bounds`: Lower and upper corner around all observed cells [m].
     """
 
     revision: int
@@ -60,16 +53,10 @@ class TileEntry(StoredFile):
 class Manifest:
     """The state of a tiled map.
 
-    Attributes
-    ----------
-    revision : int
-        Grows by one with each state that was written.
-    frame : StoredFile
-        A map file with the root and the counters of the whole map, and no cell.
-    tiles : dict
-        By place.
-    made_from : dict
-        What its writer needs to go on.
+    `revision`: Grows by one with each state that was written.
+    `frame`: A map file with the root and the counters of the whole map, and no cell.
+    `tiles`: By place.
+    `made_from`: What its writer needs to go on.
     """
 
     kind: MapKind
@@ -98,7 +85,7 @@ class Manifest:
             "format": _FORMAT,
             "version": _VERSION,
             "revision": self.revision,
-            "map": self.kind.as_json(),
+            "map": asdict(self.kind),
             "lattice": {"unit": self.grid.unit, "cube": self.grid.cube, "cubes": self.grid.cubes},
             "tile_size": self.grid.size,
             "bounds": None if bounds is None else [one.tolist() for one in bounds],
@@ -112,10 +99,7 @@ class Manifest:
     def from_bytes(cls, content: bytes, place: str) -> Manifest:
         """Read what `as_bytes` wrote.
 
-        Raises
-        ------
-        ValueError
-            If it is not that, naming the place.
+        Raises ValueError if it is not that, naming the place.
         """
         try:
             held = json.loads(content)
@@ -142,28 +126,19 @@ class Manifest:
                 raise ValueError("a tile's place has another dimension than the map")
             if TileGrid.of(kind.new(), grid.size) != grid:
                 raise ValueError("the lattice is not that of the map's options")
-            return cls(
-                kind, grid, int(held["revision"]), _stored(held["frame"]), tiles, dict(held["made_from"])
-            )
+            of_frame = held["frame"]
+            frame = StoredFile(_name(of_frame["file"]), int(of_frame["bytes"]), str(of_frame["sha256"]))
+            return cls(kind, grid, int(held["revision"]), frame, tiles, dict(held["made_from"]))
         except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
             said = f"no {error}" if isinstance(error, KeyError) else error
             raise ValueError(f"{place}: damaged: {said}") from error
 
 
-def _stored(held: Mapping[str, Any]) -> StoredFile:
-    return StoredFile(_name(held["file"]), int(held["bytes"]), str(held["sha256"]))
-
-
 def _entry(held: Mapping[str, Any]) -> TileEntry:
-    name, bounds = _name(held["file"]), held["bounds"]
-    return TileEntry(
-        name,
-        int(held["bytes"]),
-        str(held["sha256"]),
-        int(held["revision"]),
-        int(held["observed_leaves"]),
-        None if bounds is None else ([float(x) for x in bounds[0]], [float(x) for x in bounds[1]]),
-    )
+    bounds = held["bounds"]
+    corners = None if bounds is None else ([float(x) for x in bounds[0]], [float(x) for x in bounds[1]])
+    counts = int(held["revision"]), int(held["observed_leaves"])
+    return TileEntry(_name(held["file"]), int(held["bytes"]), str(held["sha256"]), *counts, corners)
 
 
 def _name(held: Any) -> str:
@@ -199,13 +174,9 @@ def store_tile(storage: Storage, m: OccupancyMap, tile: Tile, revision: int) -> 
     """Write a tile, whose map holds nothing else."""
     stored = store_bytes(storage, m.to_bytes(), f"{TILES}/{'_'.join(map(str, tile))}")
     bounds = m.bounds()
+    corners = None if bounds is None else (bounds[0].tolist(), bounds[1].tolist())
     return TileEntry(
-        stored.file,
-        stored.bytes,
-        stored.sha256,
-        revision,
-        m.stats().observed_leaves,
-        None if bounds is None else (bounds[0].tolist(), bounds[1].tolist()),
+        **vars(stored), revision=revision, observed_leaves=m.stats().observed_leaves, bounds=corners
     )
 
 

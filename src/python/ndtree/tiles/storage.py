@@ -155,12 +155,8 @@ class RemoteStorage(Storage):
 def storage_of(url: str | os.PathLike[str]) -> Storage:
     """Where a URL points to. A path, and ``file://``, is a local folder, which need not be there yet.
 
-    Raises
-    ------
-    ImportError
-        If it is something else, and fsspec, or what it needs for it, is not installed.
-    ValueError
-        If fsspec knows no such kind of place.
+    Raises ImportError if it is something else, and fsspec, or what it needs for it, is not installed;
+        ValueError if fsspec knows no such kind of place.
     """
     text = os.fspath(url)
     parts = urlsplit(text)

@@ -19,7 +19,7 @@ from ndtree._native._arguments import TAKEN, flattened, refuse_masked, shaped
 from ndtree._native._checked import checked
 from ndtree._native._core import DistanceField, OccupancyMap, Shape
 from ndtree._native.results import Frontier, Leaves, NearestOccupied, RayEnds
-from ndtree.tiles.grid import Floats, Tile, TileGrid
+from ndtree.tiles.grid import Floats, Tile, TileGrid, counted
 from ndtree.tiles.manifest import Manifest, open_manifest, read_map
 from ndtree.tiles.resident import Resident
 from ndtree.tiles.storage import Storage, storage_of
@@ -340,14 +340,8 @@ class TiledMap:
         begin = np.ceil(lower / self.grid.size - 1e-6).astype(np.int64) - 1
         end = np.floor(upper / self.grid.size + 1e-6).astype(np.int64)
         one = (begin == end).all(axis=1)
-        lowest = begin.min(axis=0)
-        counts = end.max(axis=0) - lowest + 1
-        kept = set()
-        if math.prod(int(n) for n in counts) < 1 << 62:
-            single = np.ravel_multi_index(tuple((begin[one] - lowest).T), tuple(counts))
-            places = np.stack(np.unravel_index(np.unique(single), tuple(counts)), axis=1) + lowest
-            kept = {tuple(int(number) for number in place) for place in places} & near
-            lower, upper = lower[~one], upper[~one]
+        kept = set(map(tuple, counted(begin[one])[0].tolist())) & near if one.any() else set()
+        lower, upper = lower[~one], upper[~one]
         for tile in near - kept:
             corners = self.grid.box(tile)
             if ((upper >= corners[0]) & (lower <= corners[1])).all(axis=1).any():
