@@ -128,23 +128,6 @@ def test_sizes_of_cells_are_shown(flat: Any) -> None:
     assert len(np.unique(sizes[~np.isnan(sizes)])) > 2
 
 
-def test_truth_by_cell_size_is_what_the_comparison_says() -> None:
-    comparison = ndtree.compare(ndtree.simulate("office", scans=60), ["adaptive", "fixed"])
-    rows = [row for row in comparison["truth_by_cell_size"]["sizes"] if row["size"] and row["endpoints"]]
-    ax = plot.truth_by_cell_size(comparison, of="endpoints")
-    lines = {line.get_label(): line.get_xydata() for line in ax.lines}
-    assert set(lines) == {"adaptive", "fixed"}
-    for name, line in lines.items():
-        expected = [(row["size"], row["endpoints_near"][name] / row["endpoints"]) for row in rows]
-        np.testing.assert_allclose(line, expected)
-    assert len(rows) > 1
-    with pytest.raises(ValueError, match="of = 'walls': must be free or endpoints"):
-        plot.truth_by_cell_size(comparison, of="walls")
-    comparison["truth_by_cell_size"] = None
-    with pytest.raises(ValueError, match="needs scans held out and an adaptive map"):
-        plot.truth_by_cell_size(comparison)
-
-
 def drawn_border(ax: Any, horizontal: bool) -> set[tuple[int, int]]:
     """Unit segments along one axis that the lines cover, in cells of 0.05 m."""
     units: list[tuple[int, int]] = []

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
@@ -12,13 +11,15 @@ from ndtree._native._core import OccupancyMap
 from ndtree.cells.lattice import Cells
 from ndtree.cells.regions import picture_region
 from ndtree.plot.colors import explain_states, scale_bar
-from ndtree.plot.figures import Path, Picture, Region, kind_of, require_dim, shape_of, title_of, written
+from ndtree.plot.figures import Path, Region, kind_of, panels, require_dim, shape_of, title_of, written
 from ndtree.plot.images import draw_borders, draw_occupancy
 
 #: Width of a close-up, of the smallest cells of the map with the finest ones, and its height by its width.
 CLOSE_UP_CELLS, CLOSE_UP_SHAPE = 100, 0.45
 #: Steps, at most, in which a window is moved along an axis to find the close-up.
 _STEPS = 1000
+#: Above each row [inches].
+_TITLE = 0.26
 #: Color of the frame around a close-up.
 _MARK = "#d1495b"
 
@@ -53,7 +54,7 @@ def close_up(
     fine, even = Cells.of(adaptive), Cells.of(fixed)
     whole = picture_region(fine)
     close = tuple(region) if region is not None else close_up_region(fine)
-    figure, axes = _panels(shape_of(whole), shape_of(close), width)
+    figure, axes = panels([shape_of(whole), shape_of(close)], 2, width, _TITLE)
     ratio = np.count_nonzero(even.observed) / np.count_nonzero(fine.observed)
     maps = (
         (even, title_of(even, kind_of(fixed.refinement))),
@@ -105,22 +106,3 @@ def close_up_region(every: Cells) -> tuple[float, float, float, float]:
 def _times(ratio: float) -> str:
     """How many fewer cells, or more."""
     return f"{ratio:.1f} times fewer" if ratio >= 1 else f"{1 / ratio:.1f} times more"
-
-
-def _panels(above: float, below: float, width: float) -> tuple[Figure, list[Axes]]:
-    """Two rows of two axes; `above` and `below` are their heights by their widths."""
-    gap, title = 0.12, 0.4  # [inches]
-    wide = (width - 3 * gap) / 2
-    heights = (wide * above, wide * below)
-    height = title + sum(heights) + 2 * gap
-    figure = Picture(figsize=(width, height))
-    axes = []
-    for row, bottom in enumerate((heights[1] + 2 * gap, gap)):
-        for column in (0, 1):
-            left = gap + column * (wide + gap)
-            place = (left / width, bottom / height, wide / width, heights[row] / height)
-            ax = figure.add_axes(place)
-            ax.set_xticks([])
-            ax.set_yticks([])
-            axes.append(ax)
-    return figure, axes

@@ -139,23 +139,25 @@ def axes_or_new(ax: Axes | None) -> Axes:
     return figure.add_subplot(axes_class=PictureAxes)
 
 
-def panels(count: int, in_row: bool, shape: float, width: float) -> tuple[Figure, list[Axes]]:
-    """A figure of as many panels with room for titles; `shape` is a panel's height by its width."""
-    gap, title = 0.1, 0.35  # [inches]
-    rows, columns = (1, count) if in_row else (count, 1)
-    panel_width = (width - (columns + 1) * gap) / columns
-    panel_height = panel_width * shape
-    height = rows * (panel_height + title) + gap
-    figure = Picture(figsize=(width, height))
-    axes = []
-    for i in range(count):
-        left = gap + (i % columns) * (panel_width + gap)
-        bottom = height - (i // columns + 1) * (panel_height + title)
-        place = (left / width, bottom / height, panel_width / width, panel_height / height)
-        ax = figure.add_axes(place)
-        ax.set_xticks([])
-        ax.set_yticks([])
-        axes.append(ax)
+def panels(
+    heights: Sequence[float], columns: int, width: float, title: float = 0.35
+) -> tuple[Figure, list[Axes]]:
+    """A figure of rows of panels; `heights` are those of each row's panels by their widths.
+
+    `title`: Room above each row [inches].
+    """
+    gap = 0.1
+    wide = (width - (columns + 1) * gap) / columns
+    height = sum(wide * one + title for one in heights) + gap
+    figure, top, axes = Picture(figsize=(width, height)), height, []
+    for one in heights:
+        top -= title + wide * one
+        for column in range(columns):
+            left = gap + column * (wide + gap)
+            ax = figure.add_axes((left / width, top / height, wide / width, wide * one / height))
+            ax.set_xticks([])
+            ax.set_yticks([])
+            axes.append(ax)
     return figure, axes
 
 

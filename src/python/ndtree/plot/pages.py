@@ -76,7 +76,7 @@ def side_by_side(
     shown = tuple(region) if region is not None else picture_region(fine)
     shape = shape_of(shown)
     in_row = shape > 0.4 if row is None else row
-    figure, axes = panels(3, in_row, shape, width)
+    figure, axes = panels([shape], 3, width) if in_row else panels([shape] * 3, 1, width)
     draw_borders(fine, axes[0], shown)
     draw_occupancy(fine, axes[1], shown)
     draw_occupancy(even, axes[2], shown)
