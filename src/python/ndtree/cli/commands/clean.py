@@ -60,9 +60,10 @@ def clean(log: GivenLog, call: Call, given: Config) -> None:
         "skipped": skipped(source),
         "written": str(call.output),
     }
+    scores = None
     if cleaned.truth:
-        truth = np.concatenate(cleaned.truth)
-        figures["scores"] = moved_scores(np.concatenate(cleaned.removed), truth).figures()
+        scores = moved_scores(np.concatenate(cleaned.removed), np.concatenate(cleaned.truth))
+        figures["scores"] = scores.figures()
     if plot and call.picture:
         cleaned.draw(call.picture)
     if not is_stdout(call.json_file):
@@ -76,8 +77,7 @@ def clean(log: GivenLog, call: Call, given: Config) -> None:
         print(f"  {moved}{unsure}")
         if points.tilt.is_notable:
             print(f"  {points.tilt}")
-        if cleaned.truth:
-            scores = moved_scores(np.concatenate(cleaned.removed), truth)
+        if scores is not None:
             print(f"  compared with the log's array 'moving': {scores}")
         print(f"in {figures['seconds']:.3f} s; wrote {listed([call.output, *filter(None, [call.picture])])}")
     write_json(figures, call.json_file)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree compare``: maps of one log, or two maps."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Optional
 
@@ -9,7 +8,7 @@ import typer
 
 from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.comparing import compared
-from ndtree.cli.commands.flags import Call, command
+from ndtree.cli.commands.flags import Call, command, typed
 from ndtree.cli.commands.logs import open_log, placed_map
 from ndtree.cli.commands.output import check_picture, is_stdout, write, write_json
 from ndtree.cli.commands.pictures import plotting
@@ -82,7 +81,9 @@ def _compare_two(
 ) -> None:
     if b is None:
         raise WrongCall(f"compare: {a} is a map, expected a second one")
-    _refuse_others(context, ("log", "other", "json_file", "picture"), f"is for a LOG, and {a} is a map")
+    for parameter in typed(context):
+        if parameter.name not in ("log", "other", "json_file", "picture"):
+            raise WrongCall(f"{parameter.opts[0]}: is for a LOG, and {a} is a map")
     check_picture(plotting() if picture else None, picture)
     comparison = compare_maps(placed_map(a, is_moved=False), placed_map(b, is_moved=False))
     if picture:
@@ -90,11 +91,3 @@ def _compare_two(
     if not is_stdout(json_file):
         print(comparison)
     write(comparison.to_json, json_file)
-
-
-def _refuse_others(context: typer.Context, allowed: Sequence[str], why: str) -> None:
-    """Refuses flags that were given, but that nothing would read."""
-    for parameter in context.command.params:
-        source = context.get_parameter_source(parameter.name or "")
-        if source is not None and source.name == "COMMANDLINE" and parameter.name not in allowed:
-            raise WrongCall(f"{parameter.opts[0]}: {why}")

@@ -12,8 +12,9 @@ import typer
 
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
+from ndtree.base.words import aligned
 from ndtree.cli.commands.comparing import compared
-from ndtree.cli.commands.flags import Call, LogArgument, command
+from ndtree.cli.commands.flags import Call, LogArgument, command, typed
 from ndtree.cli.commands.logs import open_log
 from ndtree.cli.commands.output import is_stdout, write_json
 from ndtree.cli.commands.pictures import plotting
@@ -60,12 +61,16 @@ def demo(context: typer.Context, call: Call, given: Config, log: LogArgument = N
 def _first_lines(maps: dict[str, OccupancyMap], picture: Path) -> list[str]:
     """What the maps need, before they are judged, and the picture of it."""
     stats = {name: one.stats() for name, one in maps.items()}
-    widths = max(len(name) for name in stats), max(len(f"{s.observed_leaves:,}") for s in stats.values())
-    lines = [
-        f"{name:<{widths[0]}}  {s.observed_leaves:>{widths[1]},} cells  {s.memory_bytes / 2**20:6.2f} MiB"
-        for name, s in stats.items()
+    rows = [
+        [name, f"{one.observed_leaves:,} cells", f"{one.memory_bytes / 2**20:.2f} MiB"]
+        for name, one in stats.items()
     ]
-    return ["", *lines, "", f"See {picture}. Measuring how true each of them is takes a little longer ..."]
+    return [
+        "",
+        *aligned(rows),
+        "",
+        f"See {picture}. Measuring how true each of them is takes a little longer ...",
+    ]
 
 
 def _next_lines(context: typer.Context, log: Optional[Path], dim: int) -> list[str]:
@@ -107,15 +112,9 @@ def _program() -> str:
 def _flags_of(context: typer.Context) -> list[str]:
     """The flags that were given and that mapping the log takes, too."""
     flags = []
-    for parameter in context.command.params:
-        name = parameter.name or ""
-        source = context.get_parameter_source(name)
-        if source is None or source.name != "COMMANDLINE" or name in ("log", "output", "seed", "json_file"):
-            continue
-        value = context.params[name]
-        flag = parameter.opts[0]
-        if value is True:
-            flags.append(flag)
-        for one in value if isinstance(value, (list, tuple)) else [value] if value is not True else []:
-            flags += [f"{flag}={getattr(one, 'value', one)}"]
+    for parameter in typed(context):
+        if parameter.name not in ("log", "output", "seed", "json_file"):
+            value, flag = context.params[parameter.name], parameter.opts[0]
+            several = value if isinstance(value, (list, tuple)) else [value]
+            flags += [flag if one is True else f"{flag}={getattr(one, 'value', one)}" for one in several]
     return flags

@@ -3,16 +3,15 @@
 
 import math
 from enum import Enum
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from ndtree.base.exit_status import WrongCall
-from ndtree.base.files import replaced
+from ndtree.base.words import aligned
 from ndtree.cli.commands.flags import Call, command
 from ndtree.cli.commands.output import check_picture, is_stdout, write_json
-from ndtree.cli.commands.pictures import plotting
+from ndtree.cli.commands.pictures import draw_tracks, plotting
 from ndtree.cli.commands.progress import progress
 from ndtree.evaluation.exploring import STRATEGIES, Exploration, explore
 
@@ -65,10 +64,11 @@ def explore_world(
             )
     figures = _figures(done)
     if not is_stdout(call.json_file):
-        _print(world, figures)
+        print(*_table(world, figures), sep="\n")
     write_json({"world": world, "seed": call.seed, "strategies": figures}, call.json_file)
     if plot is not None and call.picture is not None:
-        _draw(plot, done, call.picture)
+        tracks = {f"{name}: {each.way[-1]:.0f} m": (each.map, each.track) for name, each in done.items()}
+        draw_tracks(plot, tracks, call.picture)
 
 
 def _figures(done: dict[str, Exploration]) -> dict[str, dict[str, Any]]:
@@ -88,29 +88,15 @@ def _figures(done: dict[str, Exploration]) -> dict[str, dict[str, Any]]:
     return figures
 
 
-def _print(world: str, figures: dict[str, dict[str, Any]]) -> None:
+def _table(world: str, figures: dict[str, dict[str, Any]]) -> list[str]:
     unit = "m2" if world == "office" else "m3"
-    print(
-        f"{'strategy':<12} {'path to 95 %':>12} {'whole path':>10} {'scans':>6} {'seen':>10} {'computed':>9}"
-    )
+    rows = [["strategy", "path to 95 %", "whole path", "scans", "seen", "computed"]]
     for name, row in figures.items():
         way = "never" if row["way_to_95_percent"] is None else f"{row['way_to_95_percent']:.1f} m"
-        end = "" if row["done"] else ", not done"
-        if row["shut_in"]:
-            end = ", nothing can be reached from here"
-        print(
-            f"{name:<12} {way:>12} {row['way']:>8.1f} m {row['looks']:>6} {row['volume']:>7.1f} {unit} "
-            f"{row['seconds']:>7.1f} s{end}"
-        )
-
-
-def _draw(plot: Any, done: dict[str, Exploration], picture: Path) -> None:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5.0 * len(done), 4.0), layout="constrained")
-    for ax, (name, each) in zip(figure.subplots(1, len(done), squeeze=False)[0], done.items()):
-        plot.occupancy(each.map, ax)
-        ax.plot(*each.track.T, color="tab:red", linewidth=1.0)
-        ax.set_title(f"{name}: {each.way[-1]:.0f} m", fontsize=10)
-    with replaced(picture) as path:
-        figure.savefig(path, format=picture.suffix[1:], dpi=90, bbox_inches="tight")
+        seen, took = f"{row['volume']:.1f} {unit}", f"{row['seconds']:.1f} s"
+        rows.append([name, way, f"{row['way']:.1f} m", str(row["looks"]), seen, took])
+    ends = [
+        ", nothing can be reached from here" if row["shut_in"] else "" if row["done"] else ", not done"
+        for row in figures.values()
+    ]
+    return [line + end for line, end in zip(aligned(rows), ["", *ends])]

@@ -11,12 +11,22 @@ from typing import Any
 import numpy as np
 
 from ndtree._native._core import OccupancyMap, default_options, leaf_counts
-from ndtree.base.words import number_of
+from ndtree.base.words import aligned, number_of
 from ndtree.cells.lattice import observed_bounds
 from ndtree.cli.commands.logs import length_of
 from ndtree.cli.commands.messages import indented
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log
+
+_SPACES = {2: "area", 3: "volume", 4: "volume"}
+#: Frames of a bag that are printed.
+FRAME_LINES = 60
+#: A beam may pass this many of the smallest cells; maps refuse longer ones.
+LONGEST_BEAM = 2**20
+#: The median range of longer logs is that of every second, fourth, ... beam.
+RANGE_SAMPLE = 2_000_000
+#: Of a log without an index, what is read to say what it is.
+FIRST_BEAMS = 1_000_000
 
 
 def map_figures(m: OccupancyMap) -> dict[str, Any]:
@@ -60,23 +70,6 @@ def print_map(figures: dict[str, Any]) -> None:
         print(f"  disputed: {shown} % of the observed {_SPACES[figures['dim']]}")
     for row in figures["cell_sizes"]:
         print(f"  cells of {row['size']:g} m: {row['observed']:,}")
-
-
-_SPACES = {2: "area", 3: "volume", 4: "volume"}
-
-#: Frames of a bag that are printed.
-FRAME_LINES = 60
-
-
-#: A beam may pass this many of the smallest cells; maps refuse longer ones.
-LONGEST_BEAM = 2**20
-
-#: The median range of longer logs is that of every second, fourth, ... beam.
-RANGE_SAMPLE = 2_000_000
-
-
-#: Of a log without an index, what is read to say what it is.
-FIRST_BEAMS = 1_000_000
 
 
 def log_figures(log: Log, *, most: int | None = None) -> dict[str, Any]:
@@ -133,21 +126,18 @@ def print_contents(path: Path, held: dict[str, Any]) -> None:
     start, end = held["start"], held["end"]
     print(f"{path}: {end - start:.1f} s from {start:.3f} to {end:.3f} s")
     rows = [
-        (
+        [
             topic["topic"],
             topic["type"],
             str(topic["messages"]),
             topic["frame"] or "",
             "" if topic["rate"] is None else f"{topic['rate']:.3g} Hz",
             topic["encoding"] or "",
-        )
+        ]
         for topic in held["topics"]
     ]
-    widths = [max((len(row[i]) for row in rows), default=0) for i in range(5)]
-    for name, type_, messages, frame, rate, encoding in rows:
-        line = f"  {name:<{widths[0]}}  {type_:<{widths[1]}}  {messages:>{widths[2]}}  "
-        line += f"{frame:<{widths[3]}}  {rate:<{widths[4]}}  {encoding}"
-        print(line.rstrip())
+    for line in aligned(rows, left=len(rows[0])) if rows else ():
+        print(f"  {line}")
     if held["frames"]:
         print("  frames:")
         for line in held["frames"][:FRAME_LINES]:

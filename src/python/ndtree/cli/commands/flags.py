@@ -113,6 +113,12 @@ def _given(options: list[Option], typed: dict[str, Any]) -> Config:
     return given if file is None else Config.load(file).overridden(given.values)
 
 
+def typed(context: typer.Context) -> list[Any]:
+    """The parameters of a command that were typed."""
+    sources = [(one, context.get_parameter_source(one.name or "")) for one in context.command.params]
+    return [one for one, source in sources if source is not None and source.name == "COMMANDLINE"]
+
+
 def opened(given: Config, path: Path) -> Log:
     """The log, or the part of it that was asked for, read as flags and files say."""
     _check_values(given)

@@ -72,11 +72,8 @@ def info(
             write_json({"log": str(path), "format": "rosbag", "contents": held}, call.json_file)
             return
         log = opened(given, path)
-        prospect = (
-            _prospect(log, given, call.write_config)
-            if (log.has_sensor and look) or call.write_config
-            else None
-        )
+        looks = (log.has_sensor and look) or call.write_config
+        prospect = _prospect(log, given, call.write_config) if looks else None
         figures = {**log_figures(log, most=None if look else FIRST_BEAMS), "contents": held}
         figures["skipped"] = skipped(log)
         if says:
@@ -85,9 +82,10 @@ def info(
             print(_LOOK_CLOSER.format(path))
         if prospect is not None:
             figures["prospect"] = prospect.figures()
-            for line in prospect.lines() if says else ():
+        if prospect is not None and says:
+            for line in prospect.lines():
                 print(indented(line))
-            for line in prospect.config.toml().splitlines() if says else ():
+            for line in prospect.config.toml().splitlines():
                 print(f"  {line}".rstrip())
         warn_of_skipped(log)
     except NotALog as found:

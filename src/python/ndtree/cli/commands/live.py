@@ -13,7 +13,7 @@ from ndtree.base.options import flag_of
 from ndtree.cli.commands.flags import Call, LogArgument, command, require_taken
 from ndtree.cli.commands.live_reports import Page, line, report, report_places
 from ndtree.cli.commands.logs import inspected, load_map, made, open_log
-from ndtree.cli.commands.shows import foxglove_sink, rerun_sink, wait_at
+from ndtree.cli.commands.shows import sinks_of, url_of, wait_at
 from ndtree.live import (
     Intake,
     LiveMapper,
@@ -77,15 +77,11 @@ def live(call: Call, given: Config, log: LogArgument = None) -> None:
 
 def _refuse_mixtures(call: Call, given: Config) -> None:
     """Refuse flags that do not go together, beside those of `LiveOptions`."""
+    saved = call.localize is not None or (call.slam and call.resume is not None)
     for one, value, needs, is_there in (
         ("save-every", call.save_every, "-o MAP", call.output is not None),
         ("follow-frame", call.follow_frame, "--follow", call.follow is not None),
-        (
-            "guess",
-            call.initial_pose,
-            "--localize, or --slam with --resume",
-            call.localize is not None or (call.slam and call.resume is not None),
-        ),
+        ("guess", call.initial_pose, "--localize, or --slam with --resume", saved),
     ):
         if value is not None and not is_there:
             raise WrongCall(f"--{one}: expected {needs}, too")
@@ -114,7 +110,7 @@ class _Run:
         self._found: list[Localization] = []
         self._how = LiveSettings()
         self._page: Optional[Page] = None
-        self._server: Any = None
+        self._url = ""
 
     def prepared(self, stack: ExitStack) -> Iterator[tuple[Any, float]]:
         """What is in the recording, for a mapper that is there then."""
@@ -142,11 +138,9 @@ class _Run:
         call = self._call
         served = [_served(call.serve, stack)] if call.serve is not None else []
         self._page = Page(call.port) if call.watch else None
-        if call.foxglove is not None:
-            self._server = foxglove_sink(call.foxglove, lambda: _frame(intake), way, stack)
-        recorded = rerun_sink(call.rerun, way, stack) if call.rerun is not None else None
-        shown = [self._page, self._server, recorded]
-        return [*served, *(sink for sink in shown if sink is not None)]
+        shown = sinks_of(call, lambda: _frame(intake), way, stack)
+        self._url = url_of(shown)
+        return [*served, *filter(None, [self._page]), *shown]
 
     def report(self, seconds: float) -> None:
         """Say and write what was made in so long, and show it until the user interrupts."""
@@ -163,8 +157,8 @@ class _Run:
                 mapper.session().save(scans_beside(call.output))
         if self._page is not None:
             self._page.stay()
-        elif self._server is not None:
-            wait_at(self._server.url)
+        elif self._url:
+            wait_at(self._url)
 
 
 def _source(
@@ -187,13 +181,13 @@ def _source(
 
 def _check_followed(bag: Bag, follow: str) -> None:
     """Refuse to follow what no SLAM tells of its poses."""
-    topic = bag.topic(follow) if follow and plain(follow) != "tf" else None
-    if not follow or plain(follow) == "tf" or (topic is not None and topic.type == PATH):
+    if plain(follow) in ("", "tf"):
         return
-    found = "is not there" if topic is None else f"is of type {short(topic.type)}"
-    raise WrongCall(
-        f"--follow {follow}: {found}, expected tf, or a Path as one of {listed(bag.of_type(PATH))}"
-    )
+    topic = bag.topic(follow)
+    if topic is None or topic.type != PATH:
+        found = "is not there" if topic is None else f"is of type {short(topic.type)}"
+        paths = listed(bag.of_type(PATH))
+        raise WrongCall(f"--follow {follow}: {found}, expected tf, or a Path as one of {paths}")
 
 
 def _served(serve: str, stack: ExitStack) -> MapServer:

@@ -68,12 +68,23 @@ def line(mapper: LiveMapper) -> Iterator[None]:
         print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
 
 
+def _print_head(mapper: LiveMapper, name: str) -> None:
+    print(f"{name}: {mapper.figures.summary()}")
+    for line in mapper.intake.said():
+        print(indented(line))
+
+
+def _delays(mapper: LiveMapper, what: str) -> str:
+    median, late = (1e3 * mapper.figures.delay(q) for q in (0.5, 0.99))
+    return f"from arrival to {what}: {median:.1f} ms, 99 % within {late:.1f} ms"
+
+
+def _wrote(output: Optional[Path]) -> str:
+    return f"; wrote {output}" if output else ""
+
+
 def report_places(
-    mapper: LiveMapper,
-    localizer: Localizer,
-    found: list[Localization],
-    files: Files,
-    name: str,
+    mapper: LiveMapper, localizer: Localizer, found: list[Localization], files: Files, name: str
 ) -> None:
     """What was found, as a trajectory and in a line."""
     figures, (output, json_file) = mapper.figures, files
@@ -88,34 +99,15 @@ def report_places(
                 numbers = (one.body[0, 2], one.body[1, 2], 0.0, *quaternion_of(one.body))
                 file.write(f"{one.stamp:.9f} {' '.join(f'{x:.9g}' for x in numbers)}\n")
     if not is_stdout(json_file):
-        print(f"{name}: {figures.summary()}")
-        for line in mapper.intake.said():
-            print(indented(line))
+        _print_head(mapper, name)
         lost = f"lost {number_of(localizer.times_lost, 'time')}" if localizer.times_lost else "never lost"
-        print(
-            f"{len(known)} of {len(found)} scans localized, {lost}; from arrival to "
-            f"pose: {1e3 * figures.delay(0.5):.1f} ms, 99 % within {1e3 * figures.delay(0.99):.1f} ms"
-            + (f"; wrote {output}" if output else "")
-        )
-    write_json(
-        {
-            "log": name,
-            "live": figures.as_dict(),
-            "found": len(known),
-            "times_lost": localizer.times_lost,
-            "is_lost": localizer.is_lost,
-        },
-        json_file,
-    )
+        counts = f"{len(known)} of {len(found)} scans localized, {lost}"
+        print(f"{counts}; {_delays(mapper, 'pose')}{_wrote(output)}")
+    said = {"found": len(known), "times_lost": localizer.times_lost, "is_lost": localizer.is_lost}
+    write_json({"log": name, "live": figures.as_dict(), **said}, json_file)
 
 
-def report(
-    mapper: LiveMapper,
-    seconds: float,
-    files: Files,
-    name: str,
-    slam: Optional[Slam],
-) -> None:
+def report(mapper: LiveMapper, seconds: float, files: Files, name: str, slam: Optional[Slam]) -> None:
     """What was mapped, into a file and in some lines."""
     figures, (output, json_file) = mapper.figures, files
     if not figures.mapped:
@@ -125,16 +117,13 @@ def report(
         m.save(output)
     of_map, poses = map_figures(m), None if slam is None else slam.figures()
     if not is_stdout(json_file):
-        print(f"{name}: {figures.summary()}")
-        for line in mapper.intake.said():
-            print(indented(line))
+        _print_head(mapper, name)
         if poses is not None:
             print(indented("; ".join([f"poses are {poses['verdict']}", *poses["doubts"]])))
         print_map(of_map)
-        median, late = (1e3 * figures.delay(q) for q in (0.5, 0.99))
         print(
-            f"{seconds:.3f} s, of which {figures.insert_seconds:.3f} s inserting; from arrival to map: "
-            f"{median:.1f} ms, 99 % within {late:.1f} ms" + (f"; wrote {output}" if output else "")
+            f"{seconds:.3f} s, of which {figures.insert_seconds:.3f} s inserting; "
+            f"{_delays(mapper, 'map')}{_wrote(output)}"
         )
     for sink, error in mapper.failures.items():
         print(f"ndtree: {sink}: {error}", file=sys.stderr)

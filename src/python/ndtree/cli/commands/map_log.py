@@ -72,12 +72,12 @@ def map_(logs: GivenLogs, call: Call, given: Config) -> None:
     plot = plotting() if call.picture else None
     if is_tiled(output):
         _refuse({**of_one, "--static": call.static or None}, f"is not for a map in tiles, -o {output}")
-        _map_tiled(wanted, log, output, call.tile_size, call.max_resident, call.json_file)
+        _map_tiled(wanted, log, output, call)
         return
     _refuse(of_tiles, f"is for a map in tiles, -o {output}")
     check_picture(plot, call.picture)
     with ExitStack() as stack:
-        shown = showing(call.foxglove, call.rerun, stack)
+        shown = showing(call, stack)
         with observers_of(call.watch, call.port, call.record, call.record_every) as observers:
             done = wanted.map(log, read_seconds, [*observers, *filter(None, [shown])])
         if shown is not None:
@@ -154,21 +154,14 @@ def _map_each(
         raise typer.Exit(BAD_INPUT)
 
 
-def _map_tiled(
-    wanted: _Wanted,
-    log: Log,
-    output: Path,
-    tile_size: Optional[float],
-    max_resident: Optional[str],
-    json_file: Optional[Path],
-) -> None:
+def _map_tiled(wanted: _Wanted, log: Log, output: Path, call: Call) -> None:
     """A map in tiles of a log, or of several as one."""
     log, config = wanted.config(log)
     about = {"format": log.format, "uses": log.uses, "notes": log.notes, "skipped": skipped(log)}
-    figures = {**about, **map_into_tiles(log, output, config, tile_size, max_resident)}
-    if not is_stdout(json_file):
+    figures = {**about, **map_into_tiles(log, output, config, call.tile_size, call.max_resident)}
+    if not is_stdout(call.json_file):
         print_tiled(figures, config, output)
-    write_json(figures, json_file)
+    write_json(figures, call.json_file)
     warn_of_skipped(log)
 
 

@@ -14,6 +14,7 @@ from ndtree._native._core import ReplacedFile
 from ndtree.alignment.writing import is_trajectory
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.files import begins_with, replaced, require_kind, require_no_input
+from ndtree.base.options import flag_of, option
 from ndtree.cli.streams import heard
 from ndtree.evaluation.cleaned import ENDINGS
 from ndtree.logs import kind_of
@@ -41,22 +42,9 @@ def is_stdout(target: Optional[Path]) -> bool:
     return str(target) == "-"
 
 
-#: Names of the commands' arguments for inputs, and for outputs with their flags.
-INPUTS = (
-    "log", "logs", "other", "map_name", "source", "path", "config", "localize", "trajectory"
-)  # fmt: skip
-OUTPUTS = {
-    "output": "-o",
-    "map_file": "--map",
-    "write_config": "--write-config",
-    "picture": "--picture",
-    "png": "--png",
-    "reliability": "--reliability",
-    "record": "--record",
-    "rerun": "--rerun",
-    "csv_file": "--csv",
-    "json_file": "--json",
-}
+#: Names of the commands' arguments for inputs, and for outputs.
+INPUTS = "log logs other map_name source path config localize trajectory".split()
+OUTPUTS = "output map_file write_config picture png reliability record rerun csv_file json_file".split()
 _FOLDERS = ("demo", "study", "fleet")  # Commands whose output is one.
 
 
@@ -66,13 +54,13 @@ def check_outputs(command: str, arguments: dict[str, Any]) -> None:
     `arguments` are those of the command; the two rules are those of `ndtree.base.files`.
     """
     inputs = _inputs(arguments)
-    for name, flag in OUTPUTS.items():
+    for name in OUTPUTS:
         value = arguments.get(name)
         if value is None or is_stdout(value) or "://" in str(value):
             continue
-        is_folder = name == "output" and _is_folder(command, Path(value), arguments)
-        flag = "OUT" if command == "convert" and name == "output" else flag
-        if is_folder:
+        is_argument = command == "convert" and name == "output"
+        flag = "OUT" if is_argument else min(option(name, command).flags.split() or [flag_of(name)], key=len)
+        if name == "output" and _is_folder(command, Path(value), arguments):
             check_no_input(flag, Path(value), inputs)
         else:
             fits = _fitting(command, name, Path(value), arguments)

@@ -10,6 +10,7 @@ from typing import Any, Optional
 
 from ndtree._native._core import OccupancyMap
 from ndtree.base.exit_status import WrongCall
+from ndtree.base.files import replaced
 from ndtree.cli.commands.logs import made
 from ndtree.cli.commands.output import is_stdout
 
@@ -104,3 +105,16 @@ def draw(
         if axis == 2:
             more["cut_above"] = at
     plot.overview_3d(m, path, **more)
+
+
+def draw_tracks(plot: Any, tracks: dict[str, tuple[OccupancyMap, Any]], path: Path) -> None:
+    """Flat maps beside each other by their titles, each with a track (n, 2) through it."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.0 * len(tracks), 4.0), layout="constrained")
+    for ax, (title, (m, track)) in zip(figure.subplots(1, len(tracks), squeeze=False)[0], tracks.items()):
+        plot.occupancy(m, ax)
+        ax.plot(*track.T, color="tab:red", linewidth=1.5)
+        ax.set_title(title, fontsize=10)
+    with replaced(path) as part:
+        figure.savefig(part, format=path.suffix[1:], dpi=90, bbox_inches="tight")

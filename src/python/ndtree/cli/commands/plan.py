@@ -9,12 +9,11 @@ import numpy as np
 from ndtree._native._core import Sphere
 from ndtree._native.results import Path as Way
 from ndtree.base.exit_status import WrongCall
-from ndtree.base.files import replaced
 from ndtree.base.words import number_of
 from ndtree.cli.commands.flags import Call, MapArgument, command
 from ndtree.cli.commands.logs import load_map
 from ndtree.cli.commands.output import check_picture, is_stdout, write, write_json
-from ndtree.cli.commands.pictures import plotting
+from ndtree.cli.commands.pictures import draw_tracks, plotting
 
 #: By the ending of the file: how a way is written.
 ENDINGS = (".csv", ".yaml", ".json")
@@ -55,7 +54,7 @@ def plan(source: MapArgument, call: Call) -> None:
     if call.output is not None:
         _write(way, call.output)
     if plot is not None and call.picture is not None:
-        _draw(plot, m, way, call.picture)
+        draw_tracks(plot, {f"{way.length:.1f} m": (m, way.points)}, call.picture)
     if not is_stdout(call.output):
         print(
             f"{source}: {way.length:.3f} m in {number_of(len(way) - 1, 'segment')}, "
@@ -86,28 +85,14 @@ def _unknown(text: str) -> Any:
 
 
 def _write(way: Way, output: Path) -> None:
-    points = way.points.tolist()
-    ending = output.suffix.lower()
-    if ending == ".csv":
-        names = ",".join("xyz"[: way.points.shape[1]])
-        rows = [",".join(f"{value:.9f}" for value in point) for point in points]
-        write(lambda: "\n".join([names, *rows]) + "\n", output)
-    elif ending == ".yaml":
-        rows = [f"  - [{', '.join(f'{value:.9f}' for value in point)}]" for point in points]
-        figures = f"length: {way.length:.6f}\nclearance: {way.clearance:.6f}\n"
-        write(lambda: "\n".join([f"{figures}points:", *rows]) + "\n", output)
+    rows = [[f"{value:.9f}" for value in point] for point in way.points.tolist()]
+    if output.suffix.lower() == ".csv":
+        lines = [",".join("xyz"[: way.points.shape[1]]), *map(",".join, rows)]
+        write(lambda: "\n".join(lines) + "\n", output)
+    elif output.suffix.lower() == ".yaml":
+        lines = [f"length: {way.length:.6f}", f"clearance: {way.clearance:.6f}", "points:"]
+        lines += [f"  - [{', '.join(row)}]" for row in rows]
+        write(lambda: "\n".join(lines) + "\n", output)
     else:
-        result = {
-            "length": way.length,
-            "clearance": way.clearance,
-            "expanded": way.expanded,
-            "points": points,
-        }
-        write_json(result, output)
-
-
-def _draw(plot: Any, m: Any, way: Way, picture: Path) -> None:
-    ax = plot.occupancy(m)
-    ax.plot(*way.points.T, color="tab:red", linewidth=2.0)
-    with replaced(picture) as path:
-        ax.figure.savefig(path, format=picture.suffix[1:], dpi=90, bbox_inches="tight")
+        figures = {name: getattr(way, name) for name in ("length", "clearance", "expanded")}
+        write_json({**figures, "points": way.points.tolist()}, output)

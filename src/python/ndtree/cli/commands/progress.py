@@ -16,34 +16,54 @@ from ndtree.base.words import number_of
 from ndtree.logs import Log
 from ndtree.logs.core.again import Again
 
-#: A mapping's figures are drawn anew after so long [s].
+#: A bar is drawn anew after so long [s].
 REFRESH = 0.2
 #: Where standard error is no terminal, a line says so often how far a command is, if it takes that long [s].
 LINE_EVERY = 10.0
 
 
-def _terminal() -> Any:
-    """Where bars are shown; None where standard error is no terminal, for which nothing is loaded."""
-    if not sys.stderr.isatty():
-        return None
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    return console if console.is_terminal else None
+#: Shows a text, which is told whether a bar is beside it, and how much is done, of how much; 0 is unknown.
+_Show = Callable[[Callable[[bool], str], float, float], None]
 
 
-class _Lines:
-    """Lines on standard error, one every `LINE_EVERY` seconds."""
+@contextmanager
+def _shown(*columns: str) -> Iterator[_Show]:
+    """A bar of these columns on a terminal; else a line on standard error now and then."""
+    last = time.monotonic()
+    console: Any = None
+    if sys.stderr.isatty():  # Else nothing is loaded for it.
+        from rich.console import Console
 
-    def __init__(self) -> None:
-        self._last = time.monotonic()
+        console = Console(stderr=True)
+    if console is None or not console.is_terminal:
 
-    def say(self, text: Callable[[], str]) -> None:
-        """Prints what `text` makes, where it is time to."""
-        now = time.monotonic()
-        if now - self._last >= LINE_EVERY:
-            self._last = now
-            print(text(), file=sys.stderr, flush=True)
+        def say(text: Callable[[bool], str], done: float, total: float) -> None:
+            nonlocal last
+            if time.monotonic() - last >= LINE_EVERY:
+                last = time.monotonic()
+                print(text(False), file=sys.stderr, flush=True)
+
+        yield say
+        return
+    from rich import progress as bars
+
+    made = [
+        bars.TextColumn("{task.description}") if one == "Text" else getattr(bars, f"{one}Column")()
+        for one in columns
+    ]
+    with bars.Progress(*made, console=console, transient=True) as bar:
+        task, before = bar.add_task("", total=None), 0.0
+
+        def advance(text: Callable[[bool], str], done: float, total: float) -> None:
+            nonlocal last, before
+            if done < before:  # Another step.
+                bar.reset(task)
+            elif time.monotonic() - last < REFRESH:
+                return
+            last, before = time.monotonic(), done
+            bar.update(task, description=text(True), completed=done, total=total or None)
+
+        yield advance
 
 
 @contextmanager
@@ -60,27 +80,11 @@ def busy(what: str) -> Iterator[None]:
 @contextmanager
 def progress() -> Iterator[Progress]:
     """A function that shows what is going on."""
-    console = _terminal()
-    if console is None:
-        lines = _Lines()
-        yield lambda what, done, total: lines.say(
-            lambda: f"{what}: {done:,} of {total:,}" if total else f"{what}: {done:,}"
-        )
-        return
-    from rich import progress as bars
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with bars.Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("")
-        current = ""
+    with _shown("Text", "Bar", "MofNComplete", "TimeRemaining") as show:
 
         def advance(what: str, done: int, total: int) -> None:
-            nonlocal current
-            if what != current:
-                current = what
-                bar.reset(task)
-            bar.update(task, description=what, completed=done, total=total or None)
+            count = f"{what}: {done:,} of {total:,}" if total else f"{what}: {done:,}"
+            show(lambda has_bar: what if has_bar else count, done, total)
 
         yield advance
 
@@ -91,37 +95,17 @@ def mapping_progress(log: Log | Again, target: OccupancyMap) -> Iterator[Callabl
 
     The time left is shown for logs that can tell how much of them is read.
     """
-    console = _terminal()
-    begin = last = time.monotonic()
-    if console is None:
-        lines = _Lines()
-
-        def say(scans: int, beams: int) -> None:
-            share = "" if log.share_read is None else f"{100 * log.share_read:.0f} %: "
-            lines.say(lambda: share + mapping_line(scans, beams, time.monotonic() - begin, target))
-
-        yield say
-        return
-    from rich import progress as bars
-    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-
-    columns = (BarColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
-    with bars.Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=None)
+    begin = time.monotonic()
+    with _shown("Bar", "Text", "TimeRemaining") as show:
 
         def advance(scans: int, beams: int) -> None:
-            nonlocal last
-            now = time.monotonic()
-            if now - last < REFRESH:
-                return
-            last = now
             share = log.share_read
-            bar.update(
-                task,
-                description=mapping_line(scans, beams, now - begin, target),
-                completed=share or 0.0,
-                total=None if share is None else 1.0,
-            )
+
+            def text(has_bar: bool) -> str:
+                line = mapping_line(scans, beams, time.monotonic() - begin, target)
+                return line if has_bar or share is None else f"{100 * share:.0f} %: {line}"
+
+            show(text, share or 0.0, 0.0 if share is None else 1.0)
 
         yield advance
 

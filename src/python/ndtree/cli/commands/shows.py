@@ -1,42 +1,43 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What shows a map while it grows, to Foxglove and to rerun."""
+"""What shows a map while it grows: a page, Foxglove, rerun, and ndtree view of another computer."""
 
 import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING, Any, Optional
+from typing import Any, Optional
 
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
+from ndtree.cli.commands.flags import Call
 from ndtree.cli.commands.logs import made
 from ndtree.live import Way
-
-if TYPE_CHECKING:
-    from ndtree.live import FoxgloveSink, RerunSink
 
 #: A sink is left alone for this many times as long as it took.
 RESTS = 5.0
 
 
-def foxglove_sink(port: int, frame: Callable[[], str], way: Way, stack: ExitStack) -> "FoxgloveSink":
-    """A server for Foxglove, that ends with the command."""
-    from ndtree.live import FoxgloveSink
+def sinks_of(call: Call, frame: Callable[[], str], way: Way, stack: ExitStack) -> list[Any]:
+    """What gives the map to Foxglove and writes it for rerun, as a call wants it, until a stack is closed."""
+    sinks: list[Any] = []
+    if call.foxglove is not None:
+        from ndtree.live import FoxgloveSink
 
-    sink = made(lambda: FoxgloveSink(port, frame=frame, way=way))
-    stack.callback(sink.close)
-    print(f"{sink.url} shows the map to Foxglove as it grows", file=sys.stderr, flush=True)
-    return sink
+        sinks.append(made(lambda: FoxgloveSink(call.foxglove, frame=frame, way=way)))
+        print(f"{sinks[0].url} shows the map to Foxglove as it grows", file=sys.stderr, flush=True)
+    if call.rerun is not None:
+        from ndtree.live import RerunSink
+
+        sinks.append(made(lambda: RerunSink(call.rerun, way=way)))
+    for sink in sinks:
+        stack.callback(sink.close)
+    return sinks
 
 
-def rerun_sink(target: str, way: Way, stack: ExitStack) -> "RerunSink":
-    """What writes for rerun, until the command ends."""
-    from ndtree.live import RerunSink
-
-    sink = made(lambda: RerunSink(target, way=way))
-    stack.callback(sink.close)
-    return sink
+def url_of(sinks: Sequence[Any]) -> str:
+    """Where a server shows the map; "" where none does."""
+    return next((one.url for one in sinks if hasattr(one, "url")), "")
 
 
 def wait_at(url: str) -> None:
@@ -47,13 +48,10 @@ def wait_at(url: str) -> None:
 
 
 class Showing:
-    """An observer of a map that shows it to sinks, each no more often than its period.
-
-    `url`: Where a server shows it; "" where none does.
-    """
+    """An observer of a map that shows it to sinks, each no more often than its period."""
 
     def __init__(self, sinks: Sequence[Any], way: Way) -> None:
-        self.url: str = next((one.url for one in sinks if hasattr(one, "url")), "")
+        self.url = url_of(sinks)
         self._due = [(sink, 0.0) for sink in sinks]
         self._way = way
         self._stamp = 0.0
@@ -75,11 +73,8 @@ class Showing:
             sink.update(m.snapshot(), self._stamp)
 
 
-def showing(foxglove: Optional[int], rerun: Optional[str], stack: ExitStack) -> Optional[Showing]:
+def showing(call: Call, stack: ExitStack) -> Optional[Showing]:
     """Who shows the map to Foxglove, rerun or both, until a stack is closed; None without either."""
-    way, sinks = Way(), list[Any]()
-    if foxglove is not None:
-        sinks.append(foxglove_sink(foxglove, lambda: "map", way, stack))
-    if rerun is not None:
-        sinks.append(rerun_sink(rerun, way, stack))
+    way = Way()
+    sinks = sinks_of(call, lambda: "map", way, stack)
     return Showing(sinks, way) if sinks else None

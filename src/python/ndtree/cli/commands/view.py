@@ -62,7 +62,8 @@ def view(
     shown = {"color": call.color, "free": call.free, "unknown": call.unknown}
     look = Look.below_ceiling(m, **shown, axis=axis, slice_at=at)
     read = opened(given, call.log) if call.log is not None else None
-    with Viewer(m, port=PORT if call.port is None else call.port, look=look, name=_title(map_name)) as page:
+    title = map_name if is_address(map_name) else Path(map_name).name
+    with Viewer(m, port=PORT if call.port is None else call.port, look=look, name=title) as page:
         if read is not None:
             with progress() as advance:
                 for done, scan in enumerate(read, start=1):
@@ -84,15 +85,9 @@ def _loaded(name: str) -> Any:
     if not is_address(name):
         return load_map(Path(name))
     running = RunningMap(name)
-    m = running.newest()
-    while m is None or not m.stats().observed_leaves:
+    while (m := running.newest()) is None or not m.stats().observed_leaves:
         time.sleep(ASKS)
-        m = running.newest()
     return m
-
-
-def _title(name: str) -> str:
-    return name if is_address(name) else Path(name).name
 
 
 def _follow(name: str, page: Any) -> None:
@@ -101,13 +96,11 @@ def _follow(name: str, page: Any) -> None:
     while True:
         begin = time.perf_counter()
         try:
-            m = running.newest()
+            m, is_gone = running.newest(), False
         except OSError as error:
             if not is_gone:
                 print(f"ndtree: {error}", file=sys.stderr, flush=True)
             m, is_gone = None, True
-        else:
-            is_gone = False
         if m is not None and m.stats().observed_leaves:
             page.show(m)
         time.sleep(max(ASKS, RESTS * (time.perf_counter() - begin)))
