@@ -20,21 +20,14 @@ IN_PLANE = KINDS[3:]
 class Look:
     """What of a map is shown, and how.
 
-    Parameters
-    ----------
-    color : {"height", "size", "probability"}
-        What the colors of occupied cells say. A 2-D map has no heights.
-    occupied, free, unknown, track, grid : bool
-        What is drawn: occupied cells, free cells, unknown cells beside free ones, where the sensor was, and a
-        grid with axes and a scale bar.
-    axis : {0, 1, 2}
-        Of the slice.
-    slice_at : float, optional
-        Its position [m]; left out, there is none.
-    cut : bool
-        Leave out what is beyond the slice.
-    plane : bool
-        Draw the cells that the slice goes through.
+    `color` ({"height", "size", "probability"}): What the colors of occupied cells say. A 2-D map has no
+        heights.
+    `occupied`, `free`, `unknown`, `track`, `grid`: What is drawn: occupied cells, free cells, unknown cells
+        beside free ones, where the sensor was, and a grid with axes and a scale bar.
+    `axis` ({0, 1, 2}): Of the slice.
+    `slice_at`: Its position [m]; left out, there is none.
+    `cut`: Leave out what is beyond the slice.
+    `plane`: Draw the cells that the slice goes through.
     """
 
     color: str = "height"

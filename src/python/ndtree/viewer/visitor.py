@@ -14,14 +14,14 @@ import viser
 
 from ndtree.cells.lattice import Floats
 from ndtree.plot.figures import kind_of
-from ndtree.viewer.boxes import drawn_boxes, edges_of
 from ndtree.viewer.controls import Controls
-from ndtree.viewer.frame import Track, draw_frame
+from ndtree.viewer.frame import Track, draw_frame, drawn_boxes, edges_of
 from ndtree.viewer.look import IN_PLANE, KINDS, Look, shown_kinds
 from ndtree.viewer.snapshot import Layer, Snapshot, numbers_of
 from ndtree.viewer.ways import Ways, place_on_plane
 
 MAX_CLEAR_BOXES = 30_000  # And of those that are seen through, which the page has to sort.
+Color = tuple[int, int, int]
 _TRACK_COLOR = (200, 30, 120)
 _WAY_COLOR = (230, 120, 0)
 _CLEAR = {"free": 0.12, "unknown": 0.3, "plane_free": 0.5}  # Opacity.
@@ -179,6 +179,14 @@ class Visitor:
         self._drawn[kind] = (layer, len(chosen), eye, handle)
         return len(chosen)
 
+    def _draw_lines(self, name: str, lines: Floats, color: Color, width: float, key: Any = None) -> None:
+        """Segments (n, 2, 3) [m] instead of those of this name; `key`: By which they are known again."""
+        self._remove(name)
+        handle = self._client.scene.add_line_segments(
+            f"/{name}", lines.astype(np.float32), color, thickness=width, thickness_units="screen"
+        )
+        self._drawn[name] = (key, handle)
+
     def _remove(self, kind: str) -> None:
         before = self._drawn.pop(kind, None)
         if before is not None:
@@ -208,15 +216,7 @@ class Visitor:
             return
         if before is not None and before[0] == len(points):
             return
-        self._remove("track")
-        handle = self._client.scene.add_line_segments(
-            "/track",
-            np.stack([points[:-1], points[1:]], axis=1).astype(np.float32),
-            _TRACK_COLOR,
-            thickness=3.0,
-            thickness_units="screen",
-        )
-        self._drawn["track"] = (len(points), None, handle)
+        self._draw_lines("track", np.stack([points[:-1], points[1:]], axis=1), _TRACK_COLOR, 3.0, len(points))
 
     def _draw_frame(self, snapshot: Snapshot, look: Look) -> None:
         bounds = (snapshot.region.T - snapshot.origin).tolist()
@@ -247,14 +247,8 @@ class Visitor:
         lower, upper = np.zeros((2, 3))
         lower[: snapshot.dim] = cells.lower[number] * cells.unit
         upper[: snapshot.dim] = cells.upper[number] * cells.unit
-        handle = self._client.scene.add_line_segments(
-            "/picked",
-            edges_of(lower - snapshot.origin, upper - snapshot.origin),
-            (0, 0, 0),
-            thickness=2.5,
-            thickness_units="screen",
-        )
-        self._drawn["picked"] = (number, None, handle)
+        edges = edges_of(lower - snapshot.origin, upper - snapshot.origin)
+        self._draw_lines("picked", edges, (0, 0, 0), 2.5)
 
     def _ask_way(self, snapshot: Snapshot, controls: Controls, origin: Floats, direction: Floats) -> None:
         assert controls.way is not None
@@ -272,14 +266,10 @@ class Visitor:
             shown[:, 2] = 0.05  # Above the cells.
         shown = (shown - snapshot.origin).astype(np.float32)
         if len(shown) > 1:
-            segments = np.stack([shown[:-1], shown[1:]], axis=1)
-            handle = self._client.scene.add_line_segments(
-                "/way", segments, _WAY_COLOR, thickness=4.0, thickness_units="screen"
-            )
-            self._drawn["way"] = (len(shown), None, handle)
+            self._draw_lines("way", np.stack([shown[:-1], shown[1:]], axis=1), _WAY_COLOR, 4.0)
         if len(shown):
             colors = np.tile(np.array(_WAY_COLOR, dtype=np.uint8), (len(shown), 1))
             dots = self._client.scene.add_point_cloud(
                 "/way_ends", shown, colors, point_size=0.5 * radius, point_shape="circle"
             )
-            self._drawn["way ends"] = (len(shown), None, dots)
+            self._drawn["way ends"] = (None, dots)
