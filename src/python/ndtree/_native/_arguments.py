@@ -18,30 +18,18 @@ Axes = Mapping[str, int]
 
 _POINTS: Axes = {"points": 1}
 _BEAMS: Axes = {"points": 1, "origin": 1, "returned": 0, "range_sigma": 0}
+_POSES: Axes = {"poses": 2}
 _RAYS: Axes = {"directions": 1, "origins": 1}
 
 #: By the name of a method, with that of its class where another has one of the name.
 TAKEN: dict[str, Axes] = {
-    **dict.fromkeys(
-        (
-            "probability",
-            "state",
-            "occupied_within",
-            "distance_to_occupied",
-            "cell_size",
-            "nearest_occupied",
-            "layer",
-        ),
-        _POINTS,
-    ),
-    **dict.fromkeys(("distance", "gradient", "contains"), _POINTS),
+    **dict.fromkeys("probability state occupied_within distance_to_occupied cell_size".split(), _POINTS),
+    **dict.fromkeys("nearest_occupied layer distance gradient contains".split(), _POINTS),
     "OccupancyMap.moved": _POINTS,
     **dict.fromkeys(("insert", "evaluate", "MovedEvidence.add", "MovedEvidence.look"), _BEAMS),
     **dict.fromkeys(("cast_rays", "SimulatedLog2.distance", "SimulatedLog3.distance"), _RAYS),
     "states_in": {"lower": 1, "upper": 1},
-    "collides": {"poses": 2},
-    "path_collides": {"poses": 2},
-    "information_gain": {"poses": 2},
+    **dict.fromkeys(("collides", "path_collides", "information_gain"), _POSES),
 }
 
 

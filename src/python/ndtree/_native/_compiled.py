@@ -27,37 +27,11 @@ RESULTS: dict[type, type] = {
 
 #: What the package keeps to itself. All else are names of ``ndtree``, and pickles say so, wherever they lie.
 INTERNAL = frozenset(
-    (
-        "CarmenParser",
-        "NoReturns",
-        "ReplacedFile",
-        "SimulatedLog2",
-        "SimulatedLog3",
-        "XyzParser2",
-        "XyzParser3",
-        "commit_together",
-        "depth_points",
-        "is_held_out",
-        "judge_no_returns",
-        "leaf_counts",
-        "may_be_sampled",
-        "moved_points",
-        "option_table",
-        "points_within",
-        "pose_matrix",
-        "pose_range_sigma",
-        "reach_sigmas",
-        "sample_run",
-        "sample_runs",
-        "sample_step",
-        "sample_stride",
-        "simulate",
-        "solve_pose_graph",
-        "thinnest_surface",
-        "write_ply",
-    )
+    "CarmenParser NoReturns ReplacedFile SimulatedLog2 SimulatedLog3 XyzParser2 XyzParser3 commit_together "
+    "depth_points is_held_out judge_no_returns leaf_counts may_be_sampled moved_points option_table "
+    "points_within pose_matrix pose_range_sigma reach_sigmas sample_run sample_runs sample_step "
+    "sample_stride simulate solve_pose_graph thinnest_surface write_ply".split()
 )
-
 
 #: Constructors whose dimension has no default: a map of the wrong one refuses the first scan, far from here.
 ASK_FOR_DIM = frozenset(("AdaptiveMap.__init__", "FixedMap.__init__", "ScanHistory.__init__"))

@@ -41,6 +41,13 @@ class Answers:
         """One after the other."""
         return (self[i] for i in range(len(self)))
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._said()})"
+
+    def _said(self) -> str:
+        """What they are, in few words."""
+        raise NotImplementedError
+
     def _check(self, which: Any) -> None:
         if not self.shape:
             raise IndexError(f"{type(self).__name__}: is a single one, and has no entries")
@@ -107,13 +114,13 @@ class Leaves(Answers):
         observed = float(volume[np.atleast_1d(self.observed)].sum())
         return float(volume[np.atleast_1d(self.disputed)].sum()) / observed if observed else math.nan
 
-    def __repr__(self) -> str:
+    def _said(self) -> str:
         if not self.shape:
             state = {-1: "unknown", 0: "free", 1: "occupied"}[int(self.state)]
-            return f"Leaves(one {state} of {self.size:g} m at {_point(self.lower)}, p={self.probability:.3g})"
+            return f"one {state} of {self.size:g} m at {_point(self.lower)}, p={self.probability:.3g}"
         unknown, free, occupied = (int(np.count_nonzero(self.state == state)) for state in (-1, 0, 1))
         sizes = f", {self.size.min():g} to {self.size.max():g} m" if len(self) else ""
-        return f"Leaves({len(self)}: {free} free, {occupied} occupied, {unknown} unknown{sizes})"
+        return f"{len(self)}: {free} free, {occupied} occupied, {unknown} unknown{sizes}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -133,10 +140,10 @@ class NearestOccupied(Answers):
     distance: NDArray[np.float64]
     point: NDArray[np.float64]
 
-    def __repr__(self) -> str:
+    def _said(self) -> str:
         if not self.shape:
-            return f"NearestOccupied(distance={self.distance:g}, point={_point(self.point)})"
-        return f"NearestOccupied({_count(self.shape)}: {_spread(self.distance)})"
+            return f"distance={self.distance:g}, point={_point(self.point)}"
+        return f"{_count(self.shape)}: {_spread(self.distance)}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -162,13 +169,11 @@ class RayEnds(Answers):
     lower: NDArray[np.float64]
     size: NDArray[np.float64]
 
-    def __repr__(self) -> str:
+    def _said(self) -> str:
         if not self.shape:
-            return f"RayEnds(distance={self.distance:g}, state={self.state}, lower={_point(self.lower)})"
+            return f"distance={self.distance:g}, state={self.state}, lower={_point(self.lower)}"
         occupied, unknown = (int(np.count_nonzero(self.state == state)) for state in (1, -1))
-        return (
-            f"RayEnds({_count(self.shape)}: {occupied} occupied, {unknown} unknown, {_spread(self.distance)})"
-        )
+        return f"{_count(self.shape)}: {occupied} occupied, {unknown} unknown, {_spread(self.distance)}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -188,11 +193,10 @@ class InformationGain(Answers):
     volume: NDArray[np.float64]
     bits: NDArray[np.float64]
 
-    def __repr__(self) -> str:
+    def _said(self) -> str:
         if not self.shape:
-            return f"InformationGain(volume={self.volume:g}, bits={self.bits:g})"
-        most = float(self.volume.max()) if self.volume.size else 0.0
-        return f"InformationGain({_count(self.shape)}: volume up to {most:g})"
+            return f"volume={self.volume:g}, bits={self.bits:g}"
+        return f"{_count(self.shape)}: volume up to {self.volume.max(initial=0.0):g}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -218,10 +222,10 @@ class Changes(Answers):
     before: NDArray[np.int8]
     after: NDArray[np.int8]
 
-    def __repr__(self) -> str:
+    def _said(self) -> str:
         if not self.shape:
-            return f"Changes(from {self.before} to {self.after}, {self.size:g} m at {_point(self.lower)})"
-        return f"Changes({len(self)} regions)"
+            return f"from {self.before} to {self.after}, {self.size:g} m at {_point(self.lower)}"
+        return f"{len(self)} regions"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
