@@ -20,10 +20,7 @@ from typing import Any
 class Engine(ABC):
     """Runs functions somewhere.
 
-    Attributes
-    ----------
-    workers : int
-        How many run at once.
+    `workers`: How many run at once.
     """
 
     workers: int

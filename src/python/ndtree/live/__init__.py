@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ndtree.live.corrections import Correction as Correction
     from ndtree.live.corrections import Corrections as Corrections
     from ndtree.live.fading import Fading as Fading
+    from ndtree.live.fading import Window as Window
     from ndtree.live.figures import LiveFigures as LiveFigures
     from ndtree.live.frames import FramesIntake as FramesIntake
     from ndtree.live.frames import Reading as Reading
@@ -41,13 +42,12 @@ if TYPE_CHECKING:
     from ndtree.live.to_foxglove import FoxgloveSink as FoxgloveSink
     from ndtree.live.to_rerun import RerunSink as RerunSink
     from ndtree.live.way import Way as Way
-    from ndtree.live.window import Window as Window
 
 #: The public names, by the module that has them; it loads when one is asked for.
 _NAMES = {
     "canvas": "GridPart",
     "corrections": "Correction Corrections",
-    "fading": "Fading",
+    "fading": "Fading Window",
     "figures": "LiveFigures",
     "frames": "FramesIntake Reading Transform",
     "grid": "GridFollower",
@@ -65,6 +65,5 @@ _NAMES = {
     "to_foxglove": "FoxgloveSink",
     "to_rerun": "RerunSink",
     "way": "Way",
-    "window": "Window",
 }
 __all__, __getattr__, __dir__ = _lazy.names(__name__, _NAMES)

@@ -23,14 +23,9 @@ SHRINKS = 4.0
 class GridPart:
     """A part of the grid, or all of it, that is to be sent.
 
-    Attributes
-    ----------
-    column, row : int
-        Where it begins in the grid.
-    values : (rows, columns) int8
-        -1 unknown, 0 free, 100 occupied; the first row has the least y.
-    is_whole : bool
-        The grid has another size or origin than before.
+    `column`, `row`: Where it begins in the grid.
+    `values` (rows, columns) int8: -1 unknown, 0 free, 100 occupied; the first row has the least y.
+    `is_whole`: The grid has another size or origin than before.
     """
 
     column: int

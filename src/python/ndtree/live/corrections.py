@@ -64,21 +64,12 @@ class Motion:
 class Correction:
     """Where the body of a robot was at some times, as is known now.
 
-    Parameters
-    ----------
-    stamps : array_like, (n,)
-        [s], in any order; of equal ones the last counts.
-    positions : array_like, (n, 3)
-        In the map [m].
-    quaternions : array_like, (n, 4)
-        x, y, z, w.
-    of : {"body", "odometry", "sensor"}
-        Whose poses they are: the body's, the frame's of its odometry, or the sensor's, each of one scan.
-
-    Raises
-    ------
-    ValueError
-        If a number is not finite, or a quaternion not of length 1.
+    `stamps` (n,): [s], in any order; of equal ones the last counts.
+    `positions` (n, 3): In the map [m].
+    `quaternions` (n, 4): x, y, z, w.
+    `of` ({"body", "odometry", "sensor"}): Whose poses they are: the body's, the frame's of its odometry, or
+        the sensor's, each of one scan.
+    Raises ValueError if a number is not finite, or a quaternion not of length 1.
     """
 
     def __init__(
@@ -133,27 +124,15 @@ class Jumps:
 class Corrections:
     """A map whose scans move when poses are corrected.
 
-    Parameters
-    ----------
-    tolerance : (float, float)
-        Scans that would move by no more than this [m], and turn by no more [rad], stay until the end.
-    memory : int
-        Bytes of scans that can move; of more, the oldest are frozen.
-    threads : int
-        That map, as for `OccupancyMap.insert`.
-
-    Attributes
-    ----------
-    applied, moved, frozen : int
-        Corrections that moved something, scans that were moved, counted each time, and scans that move no
-        more.
-    seconds : float
-        Spent on moving and freezing.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of its limits.
+    `tolerance` (float, float): Scans that would move by no more than this [m], and turn by no more [rad],
+        stay until the end.
+    `memory`: Bytes of scans that can move; of more, the oldest are frozen.
+    `threads`: That map, as for `OccupancyMap.insert`.
+    Attributes:
+    `applied`, `moved`, `frozen`: Corrections that moved something, scans that were moved, counted each time,
+        and scans that move no more.
+    `seconds`: Spent on moving and freezing.
+    Raises ValueError if a number is out of its limits.
     """
 
     def __init__(
@@ -300,7 +279,7 @@ class Corrections:
         before = before[at]
         after = np.minimum(before + 1, len(keys) - 1)
         span = keys[after] - keys[before]
-        share = np.where(span > 0, (stamps[at] - keys[before]) / np.where(span > 0, span, 1.0), 0.0)
+        share = (stamps[at] - keys[before]) / np.where(span > 0, span, 1.0)
         odometry = _stacked([self._rows["odometry"][i] for i in at])
         key_poses = correction.rotations, correction.positions
         if correction.of == "body":
@@ -314,8 +293,7 @@ class Corrections:
             is_exact = np.zeros(len(at), dtype=bool)
         first = _joined(_taken(key_poses, before), odometry)
         second = _joined(_taken(key_poses, after), odometry)
-        turns = matrices_of(slerp(quaternions_of(first[0]), quaternions_of(second[0]), share))
-        places = (1 - share)[:, None] * first[1] + share[:, None] * second[1]
+        turns, places = _between(first, second, share)
         turns[is_exact] = correction.rotations[before[is_exact]]
         places[is_exact] = correction.positions[before[is_exact]]
         sensors = _joined((turns, places), _stacked([self._rows["mount"][i] for i in at]))
@@ -330,10 +308,9 @@ class Corrections:
         after = np.clip(np.searchsorted(stamps, keys, side="left"), 0, len(stamps) - 1)
         before = np.where(stamps[after] == keys, after, np.maximum(after - 1, 0))
         span = stamps[after] - stamps[before]
-        share = np.where(span > 0, (keys - stamps[before]) / np.where(span > 0, span, 1.0), 0.0)
-        turns = quaternions_of(rotations)
-        turned = matrices_of(slerp(turns[before], turns[after], np.clip(share, 0.0, 1.0)))
-        moved = (1 - share)[:, None] * positions[before] + share[:, None] * positions[after]
+        share = np.clip((keys - stamps[before]) / np.where(span > 0, span, 1.0), 0.0, 1.0)
+        poses = rotations, positions
+        turned, moved = _between(_taken(poses, before), _taken(poses, after), share)
         back = np.swapaxes(turned, -1, -2)
         return (keys >= stamps[0]) & (keys <= stamps[-1]), (back, -rotated(back, moved))
 
@@ -378,6 +355,14 @@ def _stacked(poses: Sequence[Pose]) -> tuple[Floats, Floats]:
 def _joined(left: tuple[Floats, Floats], right: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
     """As ``left @ right`` of poses, of many."""
     return multiplied(left[0], right[0]), rotated(left[0], right[1]) + left[1]
+
+
+def _between(
+    one: tuple[Floats, Floats], other: tuple[Floats, Floats], share: Floats
+) -> tuple[Floats, Floats]:
+    """Poses from some to others, by shares (n,) of the way."""
+    turns = matrices_of(slerp(quaternions_of(one[0]), quaternions_of(other[0]), share))
+    return turns, (1 - share)[:, None] * one[1] + share[:, None] * other[1]
 
 
 def _taken(poses: tuple[Floats, Floats], at: NDArray[np.intp]) -> tuple[Floats, Floats]:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What was not seen for some seconds becomes unknown again.
+"""What is far from the sensor, or was not seen for some seconds, becomes unknown again.
 
-Strategy: a cube of the map's largest cells is seen when a beam passes it or ends in it, and a table keeps
-when that was last so. From time to time, cubes that were not seen for too long are cleared. A cube that holds
-something and is not in the table yet, as of a map that was loaded, counts as seen then. So the map depends on
-scans, their stamps and their order alone.
+Strategy of fading: a cube of the map's largest cells is seen when a beam passes it or ends in it, and a table
+keeps when that was last so. From time to time, cubes that were not seen for too long are cleared. A cube that
+holds something and is not in the table yet, as of a map that was loaded, counts as seen then. So the map
+depends on scans, their stamps and their order alone.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ndtree._errors import WrongValue
 from ndtree._native._core import AdaptiveMap, OccupancyMap
 from ndtree.base.scan import Scan
+from ndtree.live.way import last_origin
 from ndtree.logs.poses.following import FALL
 
 #: It is looked for cubes to forget after this part of the time that they are kept.
@@ -27,23 +28,45 @@ MOST_BEAMS = 512
 FIXED_CELLS = 16
 
 Keys = NDArray[np.int64]
+#: A window follows when the sensor has moved by this share of its radius.
+FOLLOWS = 0.05
+
+
+class Window:
+    """Keeps what is within a radius of the sensor.
+
+    `radius`: Cells farther than that from where the sensor is are forgotten [m]; those that it sees beyond
+        are forgotten with the next step of the window, after at most 5 % of the radius.
+    Raises ValueError if it is not > 0 and finite.
+    """
+
+    def __init__(self, radius: float) -> None:
+        if not 0 < radius < math.inf:
+            raise WrongValue.of("window", f"{radius:g} m", "> 0 and finite")
+        self.radius = radius
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin with an empty map."""
+        self._center: np.ndarray | None = None
+
+    def moved(self, m: OccupancyMap, scan: Scan) -> None:
+        """Forget what is far from a scan's sensor, if that has moved enough."""
+        center = last_origin(scan)
+        if center is None:
+            return
+        if self._center is None or np.linalg.norm(center - self._center) >= FOLLOWS * self.radius:
+            self._center = center
+            m.keep_near(center, self.radius)
 
 
 class Fading:
     """Forgets what no beam has crossed for a time.
 
-    Parameters
-    ----------
-    seconds : float
-        By the stamps of scans: a cube of the largest cells that was not seen for longer is unknown again,
-        after at most a tenth of this more.
-    box : (2, dim) array of float, optional
-        Only cubes whose centre is in this box fade [m]; else all.
-
-    Raises
-    ------
-    ValueError
-        If the time is not > 0 and finite, or the box has no volume.
+    `seconds`: By the stamps of scans: a cube of the largest cells that was not seen for longer is unknown
+        again, after at most a tenth of this more.
+    `box` (2, dim): Only cubes whose centre is in this box fade [m]; else all.
+    Raises ValueError if the time is not > 0 and finite, or the box has no volume.
     """
 
     def __init__(self, seconds: float, box: ArrayLike | None = None) -> None:
@@ -67,18 +90,9 @@ class Fading:
     def follow(self, m: OccupancyMap, scan: Scan, max_range: float = math.inf) -> int:
         """Forget what has faded by the time of a scan that was mapped.
 
-        Parameters
-        ----------
-        m : OccupancyMap
-        scan : Scan
-            As it was mapped.
-        max_range : float
-            As for `OccupancyMap.insert` [m].
-
-        Returns
-        -------
-        int
-            Cubes that were cleared.
+        `scan`: As it was mapped.
+        `max_range`: As for `OccupancyMap.insert` [m].
+        Returns int: Cubes that were cleared.
         """
         if self._box is not None and self._box.shape[1] != m.dim:
             raise ValueError(f"box has shape {self._box.shape}: must be (2, {m.dim}) for a {m.dim}-D map")

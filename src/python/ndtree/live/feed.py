@@ -103,11 +103,12 @@ class Feed:
             is_idle = not self._poses and (self._is_starved or not (self._held or len(self._queue)))
             if is_idle and not self._is_closing:
                 self._changed.wait(_LOOKS)
-            return self.now(), self._is_closing
+            return self.now, self._is_closing
 
+    @property
     def now(self) -> float:
-        """The time of the source [s]."""
-        return self._latest if self._how.clock is None else max(self._latest, self._how.clock())
+        """The time of the source [s]: of what was received last, or was told."""
+        return self._latest
 
     def take_pose(self, until: float) -> Any:
         """The next pose, if it was received until a time [s]; else None."""

@@ -121,14 +121,13 @@ class LiveFigures:
         """In one line, for people."""
         left = "".join(f", {count:,} left out ({kind})" for kind, count in self.left_out.items())
         unsure = f" ({self.unsure:,} with an older pose)" if self.unsure else ""
-        late = f", {number_of(self.late_poses, 'pose')} came too late" if self.late_poses else ""
-        counts = f"{self.mapped:,} mapped{unsure}, {self.dropped:,} dropped{left}{late}"
-        moved = (
-            f", {self.moved:,} moved by {number_of(self.corrections, 'correction')}"
-            if self.corrections
-            else ""
-        )
-        frozen = f", {self.frozen} frozen" if self.frozen else ""
-        lost = f", lost during {self.lost}" if self.lost else ""
-        again = f", {self.again} mapped again" if self.again else ""
-        return f"{number_of(self.received, 'scan')} received: {counts}{moved}{frozen}{lost}{again}"
+        more = {
+            f"{number_of(self.late_poses, 'pose')} came too late": self.late_poses,
+            f"{self.moved:,} moved by {number_of(self.corrections, 'correction')}": self.corrections,
+            f"{self.frozen} frozen": self.frozen,
+            f"lost during {self.lost}": self.lost,
+            f"{self.again} mapped again": self.again,
+        }
+        counts = f"{self.mapped:,} mapped{unsure}, {self.dropped:,} dropped{left}"
+        said = ", ".join([counts, *(text for text, count in more.items() if count)])
+        return f"{number_of(self.received, 'scan')} received: {said}"

@@ -27,10 +27,7 @@ from ndtree.tuning.config import Config
 class Transform:
     """``T_parent_child`` at a time [s], or with no stamp at all times.
 
-    Raises
-    ------
-    ValueError
-        If a number is not finite, or the quaternion not of length 1.
+    Raises ValueError if a number is not finite, or the quaternion not of length 1.
     """
 
     parent: str
@@ -59,18 +56,11 @@ class Transform:
 class Reading:
     """What a sensor measured, in its own frame.
 
-    Parameters
-    ----------
-    points : array_like, (n, 3) or (n, 2)
-        End points [m]; NaN says nothing.
-    stamp : float
-        Time of the reading [s].
-    frame : str
-        Of the sensor.
-    returned : array_like of bool, (n,), optional
-        False where nothing was hit up to the end point.
-    times : array_like, (n,), optional
-        When each beam was measured, from the stamp on [s], of a sensor that moves meanwhile.
+    `points` (n, 3) or (n, 2): End points [m]; NaN says nothing.
+    `stamp`: Time of the reading [s].
+    `frame`: Of the sensor.
+    `returned` (n,): False where nothing was hit up to the end point.
+    `times` (n,): When each beam was measured, from the stamp on [s], of a sensor that moves meanwhile.
     """
 
     points: ArrayLike

@@ -29,20 +29,12 @@ class Verdict(Enum):
 class Intake(ABC):
     """Makes scans of items. The mapper calls it from one thread, but for `is_pose` and `begin`.
 
-    Attributes
-    ----------
-    config : Config or None
-        How scans are mapped; None until it is decided.
-    dim : int
-        Of the scans, once it is decided.
-    sensors : sequence of str
-        Of several, items are put into the order of their stamps.
-    look : float
-        For how long measurements are looked at before it is decided [s].
-    may_revise : bool
-        Whether what was decided may be decided anew: measurements are kept until then.
-    notes : list of str
-        What was decided, and a user should know, each in one line.
+    `config`: How scans are mapped; None until it is decided.
+    `dim`: Of the scans, once it is decided.
+    `sensors`: Of several, items are put into the order of their stamps.
+    `look`: For how long measurements are looked at before it is decided [s].
+    `may_revise`: Whether what was decided may be decided anew: measurements are kept until then.
+    `notes`: What was decided, and a user should know, each in one line.
     """
 
     config: Config | None = None
@@ -81,17 +73,9 @@ class Intake(ABC):
     def decide(self, waiting: Sequence[Entry], everything: bool = False) -> bool:
         """Decide how to map; whether that is another way than before.
 
-        Parameters
-        ----------
-        waiting : sequence of Entry
-            Measurements that wait or were kept.
-        everything : bool
-            Nothing more comes.
-
-        Raises
-        ------
-        ValueError
-            If what came does not tell, and more may.
+        `waiting`: Measurements that wait or were kept.
+        `everything`: Nothing more comes.
+        Raises ValueError if what came does not tell, and more may.
         """
         raise ValueError(f"{type(self).__name__}: expected its config to be given")
 
@@ -107,24 +91,13 @@ class Intake(ABC):
     def scan(self, entry: Entry, give_up: bool, figures: LiveFigures) -> Scan | Verdict:
         """A scan of a measurement.
 
-        Parameters
-        ----------
-        entry : Entry
-        give_up : bool
-            Nothing is worth waiting for any longer.
-        figures : LiveFigures
-            Counts what is left out.
+        `give_up`: Nothing is worth waiting for any longer.
+        `figures`: Counts what is left out.
         """
 
 
 class ScansIntake(Intake):
-    """Takes `Scan`: measurements whose poses are known already.
-
-    Parameters
-    ----------
-    config : Config
-    dim : int
-    """
+    """Takes `Scan`: measurements whose poses are known already."""
 
     def __init__(self, config: Config, dim: int) -> None:
         super().__init__()

@@ -267,7 +267,7 @@ class LiveMapper:
             if isinstance(found, Scan):
                 self._map(found, entry)
             self._target.learn()  # What slam has found.
-            if self.intake.may_revise and (closing or self.intake.is_decidable(self._feed.now())):
+            if self.intake.may_revise and (closing or self.intake.is_decidable(self._feed.now)):
                 return True
 
     def _found(self, entry: Entry, now: float, closing: bool) -> Scan | Verdict:

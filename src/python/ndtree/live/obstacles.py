@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,19 +33,12 @@ Unknown = Literal["tell", "free", "occupied"]
 class ObstacleDistance:
     """What the message of this name holds.
 
-    Attributes
-    ----------
-    distances : (72,) uint16
-        Of the nearest obstacle in each sector [cm]; `max_distance` + 1 where there is none, 65535 where
-        that is unknown. The middle of the first sector is ahead.
-    min_distance, max_distance : int
-        [cm]
-    increment_f : float
-        From one sector to the next, clockwise [deg].
-    angle_offset : float
-        Of the first sector from ahead [deg].
-    frame : int
-        12, MAV_FRAME_BODY_FRD.
+    `distances` (72,) uint16: Of the nearest obstacle in each sector [cm]; `max_distance` + 1 where there is
+        none, 65535 where that is unknown. The middle of the first sector is ahead.
+    `min_distance`, `max_distance`: [cm]
+    `increment_f`: From one sector to the next, clockwise [deg].
+    `angle_offset`: Of the first sector from ahead [deg].
+    `frame`: 12, MAV_FRAME_BODY_FRD.
     """
 
     distances: NDArray[np.uint16]
@@ -79,30 +72,14 @@ def obstacle_distance(
 ) -> ObstacleDistance:
     """The nearest obstacles around a robot, level, in 72 sectors of 5 degrees.
 
-    Parameters
-    ----------
-    m : OccupancyMap
-    pose : array_like
-        From the robot's frame (x ahead, y left, z up) to the map's: a homogeneous matrix; x, y and yaw of a
-        2-D map; x, y, z and a quaternion qx, qy, qz, qw of a 3-D one [m, rad]. Roll and pitch do not count.
-    max_distance : float
-        How far to look [m], up to 655.33.
-    min_distance : float
-        What is nearer is told as being that far: autopilots pass over what is less [m].
-    height : (low, high)
-        Of a 3-D map: obstacles between these heights, from the robot's own [m].
-    unknown : str
-        "tell": a sector without an obstacle, part of which is unknown up to `max_distance`, says so.
+    `pose`: From the robot's frame (x ahead, y left, z up) to the map's: a homogeneous matrix; x, y and yaw of
+        a 2-D map; x, y, z and a quaternion qx, qy, qz, qw of a 3-D one [m, rad]. Roll and pitch do not count.
+    `max_distance`: How far to look [m], up to 655.33.
+    `min_distance`: What is nearer is told as being that far: autopilots pass over what is less [m].
+    `height` (low, high): Of a 3-D map: obstacles between these heights, from the robot's own [m].
+    `unknown`: "tell": a sector without an obstacle, part of which is unknown up to `max_distance`, says so.
         "free", or "occupied": what unknown space is taken for, that outside the map, too.
-
-    Returns
-    -------
-    ObstacleDistance
-
-    Raises
-    ------
-    ValueError
-        If a number is out of its limits, or the robot's x axis points up or down.
+    Raises ValueError if a number is out of its limits, or the robot's x axis points up or down.
     """
     if not 0 < max_distance <= FARTHEST:
         raise ValueError(f"max_distance = {max_distance:g} m: must be > 0 and <= {FARTHEST}")
@@ -119,12 +96,13 @@ def obstacle_distance(
     if np.hypot(*ahead) < 1e-6:
         raise ValueError("pose: its x axis points up or down, expected one that points somewhere ahead")
     yaw = math.atan2(ahead[1], ahead[0])
-    origins, ways = _rays(m, position, yaw, max_distance, height)
+    around = _Around(position, yaw, max_distance, height, _rows(m, height))
+    origins, ways = _rays(m, around)
     stops = "stop" if unknown == "occupied" else "pass"
     ends = m.cast_rays(origins, ways, max_range=max_distance, unknown=stops, at="cell")
-    by_sector = (_rows(m, height), SECTORS, -1)
+    by_sector = (around.rows, SECTORS, -1)
     nearest = np.fmin.reduce(ends.reshape(by_sector), axis=(0, 2))
-    nearest = np.fmin(nearest, _thin_things(m, position, yaw, max_distance, height))
+    nearest = np.fmin(nearest, _thin_things(m, around))
     found = np.isfinite(nearest)
     limits = tuple(min(math.floor(100 * one + 1e-6), NOT_KNOWN - 2) for one in (min_distance, max_distance))
     distances = np.full(SECTORS, limits[1] + 1, dtype=np.int64)
@@ -140,16 +118,10 @@ def obstacle_distance(
 class ObstacleSink:
     """A sink of a live mapper that tells someone the nearest obstacles.
 
-    Parameters
-    ----------
-    pose : callable
-        Where the robot is, as for `obstacle_distance`; None while that is unknown.
-    send : callable
-        Is given each ObstacleDistance, and the time of the map's last scan [s].
-    period : float
-        From one time to the next [s].
-    **options
-        Of `obstacle_distance`.
+    `pose`: Where the robot is, as for `obstacle_distance`; None while that is unknown.
+    `send`: Is given each ObstacleDistance, and the time of the map's last scan [s].
+    `period`: From one time to the next [s].
+    `**options`: Of `obstacle_distance`.
     """
 
     def __init__(
@@ -172,52 +144,47 @@ class ObstacleSink:
             self._send(obstacle_distance(m, pose, **self._options), stamp)
 
 
-def _thin_things(
-    m: OccupancyMap,
-    position: NDArray[np.float64],
-    yaw: float,
-    max_distance: float,
-    height: tuple[float, float],
-) -> NDArray[np.float64]:
+class _Around(NamedTuple):
+    """Where the robot is and looks, how far, between which heights from its own, and in how many planes."""
+
+    position: NDArray[np.float64]
+    yaw: float
+    far: float
+    height: tuple[float, float]
+    rows: int
+
+
+def _thin_things(m: OccupancyMap, around: _Around) -> NDArray[np.float64]:
     """(72,) distances to free cells that hold something thin, which rays pass; inf where there is none."""
-    reach = np.full((2, m.dim), max_distance) * [[-1.0], [1.0]]
-    reach[:, 2:] = np.reshape(height, (2, 1))
-    cells = m.leaves(position + reach, states=("free",))
-    lower, size = cells.lower[cells.thin, :2] - position[:2], cells.size[cells.thin, None]
+    reach = np.full((2, m.dim), around.far) * [[-1.0], [1.0]]
+    reach[:, 2:] = np.reshape(around.height, (2, 1))
+    cells = m.leaves(around.position + reach, states=("free",))
+    lower, size = cells.lower[cells.thin, :2] - around.position[:2], cells.size[cells.thin, None]
     away = np.linalg.norm(np.maximum(0.0, np.maximum(lower, -lower - size)), axis=1)
     middle = lower + 0.5 * size
     far = np.maximum(np.linalg.norm(middle, axis=1), 1e-9)
     half = np.arcsin(np.minimum(1.0, math.sqrt(0.5) * size[:, 0] / far))
-    angles = (yaw - np.arctan2(middle[:, 1], middle[:, 0]))[:, None]
+    angles = (around.yaw - np.arctan2(middle[:, 1], middle[:, 0]))[:, None]
     off = np.abs((angles - 2 * math.pi / SECTORS * np.arange(SECTORS) + math.pi) % (2 * math.pi) - math.pi)
-    met = (off < half[:, None] + math.pi / SECTORS) & (away < max_distance)[:, None]
+    met = (off < half[:, None] + math.pi / SECTORS) & (away < around.far)[:, None]
     least: NDArray[np.float64] = np.where(met, away[:, None], np.inf).min(axis=0, initial=np.inf)
     return least
 
 
 def _rows(m: OccupancyMap, height: tuple[float, float]) -> int:
     """In how many planes rays are cast."""
-    if m.dim == 2:
-        return 1
-    return math.ceil((height[1] - height[0]) / m.options["min_cell_size"] - 1e-9) + 1
+    return 1 if m.dim == 2 else math.ceil((height[1] - height[0]) / m.min_cell_size - 1e-9) + 1
 
 
-def _rays(
-    m: OccupancyMap,
-    position: NDArray[np.float64],
-    yaw: float,
-    max_distance: float,
-    height: tuple[float, float],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _rays(m: OccupancyMap, around: _Around) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Origins and directions of rays: plane by plane, sector by sector, and in each clockwise."""
     width = 2 * math.pi / SECTORS
-    n = math.ceil(width * max_distance / m.options["min_cell_size"]) + 1
-    middles = width * np.arange(SECTORS)
-    angles = (middles[:, None] + np.linspace(-0.5, 0.5, n) * width).ravel()
-    ways = np.stack([np.cos(yaw - angles), np.sin(yaw - angles)], axis=1)
+    n = math.ceil(width * around.far / m.min_cell_size) + 1
+    angles = (width * np.arange(SECTORS)[:, None] + np.linspace(-0.5, 0.5, n) * width).ravel()
+    ways = np.stack([np.cos(around.yaw - angles), np.sin(around.yaw - angles)], axis=1)
     if m.dim == 2:
-        return position, ways
-    rows = _rows(m, height)
+        return around.position, ways
+    rows, height = around.rows, around.height
     up = np.repeat(np.linspace(*height, rows) if rows > 1 else [np.mean(height)], len(ways))
-    origins = position + np.stack([np.zeros_like(up), np.zeros_like(up), up], axis=1)
+    origins = around.position + np.stack([np.zeros_like(up), np.zeros_like(up), up], axis=1)
     return origins, np.tile(np.column_stack([ways, np.zeros(len(ways))]), (rows, 1))

@@ -11,13 +11,12 @@ from ndtree._errors import WrongOption, key
 from ndtree._native._core import OccupancyMap
 from ndtree.base.options import options_of
 from ndtree.live.corrections import Corrections
-from ndtree.live.fading import Fading
+from ndtree.live.fading import Fading, Window
 from ndtree.live.localizing import ODOMETRY, Localizer, place_of
 from ndtree.live.messages import MessagesIntake
 from ndtree.live.session import Session
 from ndtree.live.settings import LiveSettings
 from ndtree.live.slam import Slam, scans_beside
-from ndtree.live.window import Window
 from ndtree.tuning.config import Config
 
 #: What does not go together with what, and why.

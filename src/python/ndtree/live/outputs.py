@@ -111,21 +111,11 @@ class FrontierPose(NamedTuple):
 class Shown:
     """What of a live map an application shows.
 
-    Attributes
-    ----------
-    period : float
-        From one time to the next [s].
-    height : (low, high), optional
-        Of a 3-D map: the grid is of cells between these heights [m].
-    way : Way, optional
-        Of the sensor.
-    min_cells : float
-        Smaller frontiers are left out.
-
-    Raises
-    ------
-    ValueError
-        If the period is not >= 0 and finite.
+    `period`: From one time to the next [s].
+    `height` (low, high): Of a 3-D map: the grid is of cells between these heights [m].
+    `way`: Of the sensor.
+    `min_cells`: Smaller frontiers are left out.
+    Raises ValueError if the period is not >= 0 and finite.
     """
 
     period: float

@@ -18,14 +18,9 @@ from ndtree.maps.writers import write
 class Saver:
     """A sink that writes the map to a file; it appears whole or not at all.
 
-    Parameters
-    ----------
-    path : str or path
-        Its ending decides the format, as for `ndtree.convert`.
-    period : float
-        From one time to the next [s].
-    session : callable, optional
-        What slam can go on with, which is written beside the map, to `scans_beside`.
+    `path`: Its ending decides the format, as for `ndtree.convert`.
+    `period`: From one time to the next [s].
+    `session`: What slam can go on with, which is written beside the map, to `scans_beside`.
     """
 
     def __init__(

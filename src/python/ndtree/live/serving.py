@@ -34,17 +34,9 @@ class MapServer:
     without a map it is 503. A file is made only when it is asked for. A request with a stranger's name, or
     from a stranger's page, is refused (403); of more than 16 at once, the others have to come again (503).
 
-    Parameters
-    ----------
-    port : int
-        0 takes any free port.
-    host : str
-        Who may ask: "127.0.0.1" this computer, "0.0.0.0" all that reach it. There is no password.
-
-    Raises
-    ------
-    OSError
-        If the port is in use, or the host not one of this computer.
+    `port`: 0 takes any free port.
+    `host`: Who may ask: "127.0.0.1" this computer, "0.0.0.0" all that reach it. There is no password.
+    Raises OSError if the port is in use, or the host not one of this computer.
     """
 
     period = PERIOD

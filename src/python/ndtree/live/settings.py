@@ -11,12 +11,11 @@ from ndtree._native._checked import checked
 from ndtree._native._core import AdaptiveMap, OccupancyMap
 from ndtree.base.options import default_of
 from ndtree.live.corrections import Corrections
-from ndtree.live.fading import Fading
+from ndtree.live.fading import Fading, Window
 from ndtree.live.localizing import Localization, Localizer
 from ndtree.live.passing import Passing
 from ndtree.live.slam import Slam
 from ndtree.live.way import Robot, Way
-from ndtree.live.window import Window
 
 #: Measurements that wait, and how long one waits for its pose [s].
 QUEUE: int = default_of("queue")
@@ -28,11 +27,8 @@ Make = Callable[[int, "dict[str, Any]"], OccupancyMap]
 class Sink(Protocol):
     """Who is shown the map while it grows.
 
-    Attributes
-    ----------
-    period : float
-        Least time from one `update` to the next [s]; 0: after each scan. A sink that takes long is shown the
-        map less often, so that it takes a fifth of one processor at most.
+    `period`: Least time from one `update` to the next [s]; 0: after each scan. A sink that takes long is
+        shown the map less often, so that it takes a fifth of one processor at most.
     """
 
     period: float
@@ -63,8 +59,6 @@ class LiveSettings:
     fading : Fading, optional
         What is forgotten because it was not seen for long.
     sinks : sequence of Sink
-    clock : callable, optional
-        Says what time it is for the source [s]; left out, that is when the last item was received.
     way : Way or Robot, optional
         Is told where the sensor is.
     corrections : Corrections, optional
@@ -93,7 +87,6 @@ class LiveSettings:
     window: Window | None = None
     fading: Fading | None = None
     sinks: Sequence[Sink] = ()
-    clock: Callable[[], float] | None = None
     way: Way | Robot | None = None
     corrections: Corrections | None = None
     localizer: Localizer | None = None

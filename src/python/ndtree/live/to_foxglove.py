@@ -33,23 +33,11 @@ class FoxgloveSink:
     probability, ``/cell_boxes`` a scene with an entity for each size of cells, ``/frontiers`` and ``/way``
     are poses. Each is made only while a client listens to it, and for a client that comes.
 
-    Parameters
-    ----------
-    port : int
-        0: one that is free.
-    host : str
-        On which of this machine's addresses; "0.0.0.0" for all.
-    frame : str or callable
-        Of the map.
-    **shown
-        Fields of `Shown`: ``period``, ``height``, ``way``, ``min_cells``.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of its limits.
-    OSError
-        If the port is taken.
+    `port`: 0: one that is free.
+    `host`: On which of this machine's addresses; "0.0.0.0" for all.
+    `frame`: Of the map.
+    `**shown`: Fields of `Shown`: ``period``, ``height``, ``way``, ``min_cells``.
+    Raises ValueError if a number is out of its limits; OSError if the port is taken.
     """
 
     def __init__(

@@ -36,17 +36,10 @@ class RerunSink:
     unknown, ``map/way`` a line, and ``grid`` the map in the plane as an image of classes, the row of the
     largest y first. The timeline is ``time``, that of the scans.
 
-    Parameters
-    ----------
-    target : str or path
-        A file whose name ends in .rrd, or the address of a viewer: ``rerun+http://127.0.0.1:9876/proxy``.
-    **shown
-        Fields of `Shown`: ``period``, ``height``, ``way``, ``min_cells``.
-
-    Raises
-    ------
-    ValueError
-        If the target is something else, or a number out of its limits.
+    `target`: A file whose name ends in .rrd, or the address of a viewer:
+        ``rerun+http://127.0.0.1:9876/proxy``.
+    `**shown`: Fields of `Shown`: ``period``, ``height``, ``way``, ``min_cells``.
+    Raises ValueError if the target is something else, or a number out of its limits.
     """
 
     def __init__(

@@ -42,18 +42,11 @@ class ParameterSet:
 class Study:
     """What is mapped, and how often.
 
-    Parameters
-    ----------
-    file : Path
-        What it is from.
-    output : Path
-        Folder of the results.
-    held_out : int
-        As in `compare`.
-    repeat : int
-        As in `compare`.
-    pictures : tuple of str
-        Endings of the pictures.
+    `file`: What it is from.
+    `output`: Folder of the results.
+    `held_out`: As in `compare`.
+    `repeat`: As in `compare`.
+    `pictures`: Endings of the pictures.
     """
 
     file: Path
