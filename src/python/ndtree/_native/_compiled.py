@@ -8,7 +8,6 @@ results are plain objects.
 from __future__ import annotations
 
 import functools
-import inspect
 import os
 import types
 from collections.abc import Callable, Mapping
@@ -82,9 +81,11 @@ def _wrapped(
 ) -> Callable[..., Any]:
     signature = signature_of(function.__doc__, options)
     asks_for_dim = signature is not None and name in ASK_FOR_DIM
+    parameters = list(signature.parameters.values()) if signature is not None else []
     if signature is not None and asks_for_dim:
-        signature = _without_default(signature, "dim")
-    parameters = list(signature.parameters.values())[is_method:] if signature is not None else []
+        parameters = [one.replace(default=one.empty) if one.name == "dim" else one for one in parameters]
+        signature = signature.replace(parameters=parameters)
+    parameters = parameters[is_method:]
     names = tuple(one.name for one in parameters)
     class_name, _, short = name.rpartition(".")
     called = class_name if short == "__init__" else short
@@ -107,7 +108,10 @@ def _wrapped(
                 raise TypeError(f"{class_name}(): dim is missing, expected dim=2 or dim=3, as the points are")
         leading = None
         if axes is not None and arguments and len(given) == len(arguments) - is_method + len(keywords):
-            changed, leading = flattened(axes, given, lambda: _dim(arguments[0]))
+            held = arguments[0]
+            changed, leading = flattened(
+                axes, given, lambda: int(held.dim if hasattr(held, "dim") else len(held.lower))
+            )
         try:
             if leading is None:
                 return _plain(function(*arguments, **keywords))
@@ -134,20 +138,9 @@ def _wrapped(
     return call
 
 
-def _without_default(signature: inspect.Signature, name: str) -> inspect.Signature:
-    every = signature.parameters.values()
-    return signature.replace(
-        parameters=[one.replace(default=one.empty) if one.name == name else one for one in every]
-    )
-
-
 def _path_as_text(value: Any) -> Any:
     """pybind11 takes an interrupt that comes while a path says its text for an argument of the wrong kind."""
     return os.fspath(value) if hasattr(type(value), "__fspath__") else value
-
-
-def _dim(held: Any) -> int:
-    return int(held.dim if hasattr(held, "dim") else len(held.lower))
 
 
 def _plain(result: Any) -> Any:

@@ -34,11 +34,6 @@ _MORE = {
 _COMPARED = {"range_sigma": {"compare demo": "0.03 m"}, "range_sigma_quadratic": {"compare demo": "0 1/m"}}
 
 
-def _with_unit(what: str, unit: str) -> str:
-    first, more, rest = what.rstrip(".").partition(";")
-    return f"{first} [{unit}]{more}{rest}." if unit else what
-
-
 def _of_library() -> tuple[Option, ...]:
     ours = ("evidence", "paper", "fixed")
     rows = [
@@ -51,9 +46,11 @@ def _of_library() -> tuple[Option, ...]:
     ]  # fmt: skip
     for name, default, _, _, unit, read_by, value, what, when in _core.option_table():
         if value is not None:
+            first, more, rest = what.rstrip(".").partition(";")
+            what = f"{first} [{unit.strip()}]{more}{rest}." if unit.strip() else what
             section = "sensor" if name in _OF_SENSORS else "map"
             rows.append(
-                Option(name, float, _with_unit(what, unit.strip()), value, _MORE.get(name, ""), when,
+                Option(name, float, what, value, _MORE.get(name, ""), when,
                        f"{_MADE} node", default, unit.strip(), but=_COMPARED.get(name, {}), role="map",
                        section=section, read_by=tuple(read_by))
             )  # fmt: skip

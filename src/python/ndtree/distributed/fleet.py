@@ -8,7 +8,7 @@ import math
 import os
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -83,7 +83,9 @@ def map(
     times, settings, sources = Times(), settings_of(FleetSettings(), "map", how), named(logs)
     target = _core.AdaptiveMap(dim=_dim_of(next(iter(sources.values())))) if like is None else like
     storage = storage_of(url)
-    before = _manifest(storage)
+    before: Manifest | None = None
+    with suppress(FileNotFoundError):
+        before = open_manifest(storage)
     revision = before.revision + 1 if before is not None else 1
     grid = TileGrid.of(target, settings.tile_size)
     job = Job(_everywhere(url), f"run-{revision:06d}", revision, MapKind.of(target), grid, settings)
@@ -279,13 +281,6 @@ def _sizes(sources: Mapping[str, Any]) -> dict[str, int]:
         else 0
         for log, source in sources.items()
     }
-
-
-def _manifest(storage: Storage) -> Manifest | None:
-    try:
-        return open_manifest(storage)
-    except FileNotFoundError:
-        return None
 
 
 def _dim_of(source: Any) -> int:

@@ -37,7 +37,9 @@ class Moves:
         if log not in self.indexes:
             raise ValueError(f"log {log!r}: must be one of {', '.join(self.indexes)}")
         job, index = self._job, self.indexes[log]
-        motions = _motions(self._storage, self.moves.get(log), len(index.scans), job.kind.dim)
+        motions = np.tile(np.eye(job.kind.dim + 1), (len(index.scans), 1, 1))
+        if log in self.moves:
+            motions = np.array(self._storage.array(self.moves[log]))
         for number, pose in sorted(poses.items()):
             if not 0 <= number < len(index.scans):
                 raise ValueError(f"log {log!r}: scan {number}: there are {len(index.scans)}")
@@ -57,9 +59,3 @@ class Moves:
         index.scans[number] = there
         tiles = {*before.tiles, *there.tiles}
         self.touched.update(block for block in self._blocks if any(tile in block for tile in tiles))
-
-
-def _motions(storage: Storage, name: str | None, scans: int, dim: int) -> Any:
-    if name is None:
-        return np.broadcast_to(np.eye(dim + 1), (scans, dim + 1, dim + 1)).copy()
-    return np.array(storage.array(name))

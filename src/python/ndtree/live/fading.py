@@ -102,7 +102,7 @@ class Fading:
             self._newest = now
         self._newest = max(self._newest, now)
         self._scans += 1
-        edge = _edge(m)
+        edge = m.max_cell_size if isinstance(m, AdaptiveMap) else FIXED_CELLS * m.min_cell_size
         self._see(_keys_of(_points_in_cubes(scan, max_range, edge, self._scans), edge, m.dim), self._newest)
         if self._newest - self._looked < LOOKS * self.seconds:
             return 0
@@ -132,10 +132,6 @@ class Fading:
                 cleared += 1
         self._keys, self._last = self._keys[~is_old], self._last[~is_old]
         return cleared
-
-
-def _edge(m: OccupancyMap) -> float:
-    return m.max_cell_size if isinstance(m, AdaptiveMap) else FIXED_CELLS * m.min_cell_size
 
 
 def _points_in_cubes(scan: Scan, max_range: float, edge: float, number: int) -> NDArray[np.float64]:

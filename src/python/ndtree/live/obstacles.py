@@ -96,7 +96,8 @@ def obstacle_distance(
     if np.hypot(*ahead) < 1e-6:
         raise ValueError("pose: its x axis points up or down, expected one that points somewhere ahead")
     yaw = math.atan2(ahead[1], ahead[0])
-    around = _Around(position, yaw, max_distance, height, _rows(m, height))
+    rows = 1 if m.dim == 2 else math.ceil((height[1] - height[0]) / m.min_cell_size - 1e-9) + 1
+    around = _Around(position, yaw, max_distance, height, rows)
     origins, ways = _rays(m, around)
     stops = "stop" if unknown == "occupied" else "pass"
     ends = m.cast_rays(origins, ways, max_range=max_distance, unknown=stops, at="cell")
@@ -169,11 +170,6 @@ def _thin_things(m: OccupancyMap, around: _Around) -> NDArray[np.float64]:
     met = (off < half[:, None] + math.pi / SECTORS) & (away < around.far)[:, None]
     least: NDArray[np.float64] = np.where(met, away[:, None], np.inf).min(axis=0, initial=np.inf)
     return least
-
-
-def _rows(m: OccupancyMap, height: tuple[float, float]) -> int:
-    """In how many planes rays are cast."""
-    return 1 if m.dim == 2 else math.ceil((height[1] - height[0]) / m.min_cell_size - 1e-9) + 1
 
 
 def _rays(m: OccupancyMap, around: _Around) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

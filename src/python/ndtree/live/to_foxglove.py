@@ -9,7 +9,6 @@ from itertools import repeat
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
@@ -153,12 +152,12 @@ class FoxgloveSink:
         return messages.SceneUpdate(deletions=[everything], entities=entities)
 
     def _frontier_poses(self, m: OccupancyMap, stamp: float) -> Any:
-        poses = [_pose(one.position, one.quaternion) for one in self._frontiers.follow(m)]
+        poses = [_pose(*one) for one in self._frontiers.follow(m)]
         return messages.PosesInFrame(**self._head(stamp), poses=poses)
 
     def _passed(self, m: OccupancyMap, stamp: float) -> Any:
-        points: NDArray[np.float64] = np.zeros((0, 3)) if self._way is None else self._way.points()
-        return messages.PosesInFrame(**self._head(stamp), poses=[_pose(point) for point in points.tolist()])
+        points = [] if self._way is None else self._way.points().tolist()
+        return messages.PosesInFrame(**self._head(stamp), poses=list(map(_pose, points)))
 
 
 class _Listener(foxglove.ServerListener):

@@ -56,9 +56,10 @@ def close_up(
     close = tuple(region) if region is not None else close_up_region(fine)
     figure, axes = panels([shape_of(whole), shape_of(close)], 2, width, _TITLE)
     ratio = np.count_nonzero(even.observed) / np.count_nonzero(fine.observed)
+    times = f"{ratio:.1f} times fewer" if ratio >= 1 else f"{1 / ratio:.1f} times more"
     maps = (
         (even, title_of(even, kind_of(fixed.refinement))),
-        (fine, f"{title_of(fine, kind_of(adaptive.refinement))}: {_times(ratio)}"),
+        (fine, f"{title_of(fine, kind_of(adaptive.refinement))}: {times}"),
     )
     for column, (one, title) in enumerate(maps):
         top, bottom = axes[column], axes[2 + column]
@@ -101,8 +102,3 @@ def close_up_region(every: Cells) -> tuple[float, float, float, float]:
     low = np.array([bins[a][at[a]] for a in (0, 1)]) * every.unit
     high = low + span * every.unit
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])
-
-
-def _times(ratio: float) -> str:
-    """How many fewer cells, or more."""
-    return f"{ratio:.1f} times fewer" if ratio >= 1 else f"{1 / ratio:.1f} times more"

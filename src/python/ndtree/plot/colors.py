@@ -55,19 +55,17 @@ def coloring(
 ) -> Coloring:
     """Colors for cells by "height", "size" or "probability", stretched over those that are shown."""
     if by == "height":
-        return Coloring(by, "height [m]", Normalize(*(heights or _heights(shown))), colormap or HEIGHT_COLORS)
+        if heights is None:
+            middle = (shown.lower[:, 2] + 0.5 * shown.size) * shown.unit
+            low, high = np.percentile(middle, (1, 99))
+            heights = float(low), float(max(high, low + shown.unit))
+        return Coloring(by, "height [m]", Normalize(*heights), colormap or HEIGHT_COLORS)
     if by == "size":
         sizes = np.unique(shown.size) * shown.unit
         norm = LogNorm(float(sizes[0]), max(float(sizes[-1]), 1.001 * float(sizes[0])))
         return Coloring(by, "cell size [m]", norm, colormap or CUBE_SIZE_COLORS, sizes)
     low = 0.0 if shown.free.any() else UNKNOWN
     return Coloring(by, "probability", Normalize(low, 1.0), colormap or "plasma_r")
-
-
-def _heights(cubes: Cells) -> tuple[float, float]:
-    middle = (cubes.lower[:, 2] + 0.5 * cubes.size) * cubes.unit
-    low, high = np.percentile(middle, (1, 99))
-    return float(low), float(max(high, low + cubes.unit))
 
 
 #: A scale bar takes at most this share of the width.

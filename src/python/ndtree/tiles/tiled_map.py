@@ -379,7 +379,8 @@ class TiledMap:
 
         def answer(which: Any, size: int) -> bool:
             tiles = needed(which)
-            if not self._fits(tiles) and size > 1:
+            of_tiles = sum(self.manifest.tiles[tile].bytes for tile in tiles)
+            if of_tiles > self._cache_bytes and size > 1:
                 return False
             self._resident.hold(tiles)
             answers.append(ask(self._resident.map, which))
@@ -405,9 +406,6 @@ class TiledMap:
             }
             return RayEnds(**parts)
         return np.concatenate(answers)[back]
-
-    def _fits(self, tiles: set[Tile]) -> bool:
-        return sum(self.manifest.tiles[tile].bytes for tile in tiles) <= self._cache_bytes
 
     def _order_of_rays(self, start: Floats, ends: Floats) -> NDArray[np.int64]:
         """Rays from one tile together, those to the same one first."""

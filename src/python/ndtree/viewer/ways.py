@@ -32,7 +32,8 @@ class Ways:
         place = place[: m.dim]
         if self._start is None:
             self._start = place
-            return f"from {_text(place)}: click where to", place[None]
+            at = ", ".join(f"{x:.2f}" for x in place)
+            return f"from ({at}): click where to", place[None]
         start, self._start = self._start, None
         try:
             way = m.plan(start, place, body=Sphere(radius), max_seconds=MOST_SECONDS)
@@ -41,7 +42,3 @@ class Ways:
         if not way:
             return f"no path: {way.reason}", np.zeros((0, m.dim))
         return f"{way.length:.2f} m, {way.clearance:.2f} m from obstacles", way.points
-
-
-def _text(place: Floats) -> str:
-    return f"({', '.join(f'{x:.2f}' for x in place)})"

@@ -82,14 +82,10 @@ def _is_option(parameter: Any) -> bool:
 
 
 def _head(name: str, command: Any) -> list[str]:
-    words = [_shown_argument(one) for one in command.params if not _is_option(one)]
+    shown = [(one.metavar or one.name.upper(), one) for one in command.params if not _is_option(one)]
+    words = [word if one.required else f"[{word}]" for word, one in shown]
     summary = _plain((command.help or "").split("\n\n")[0])
     return [f"usage: ndtree {name} {' '.join(words)} [OPTIONS]", "", *textwrap.wrap(summary, WIDTH)]
-
-
-def _shown_argument(parameter: Any) -> str:
-    shown = parameter.metavar or parameter.name.upper()
-    return shown if parameter.required else f"[{shown}]"
 
 
 def _arguments(command: Any) -> list[str]:

@@ -61,10 +61,6 @@ class _Numbers(NDArray[np.int8] if TYPE_CHECKING else np.ndarray):  # type: igno
         return self.tobytes()
 
 
-def _bytes(values: bytes) -> Any:
-    return values if IS_ROS1 else array("B", values)
-
-
 def header(frame: str, stamp: float) -> Header:
     """Of a frame at a time [s]."""
     nanoseconds = max(round(stamp * 1e9), 0)
@@ -136,7 +132,7 @@ def update_message(kind: Any, part: GridPart, frame: str, stamp: float) -> Any:
 
 def cloud_message(points: NDArray[np.void], frame: str, stamp: float) -> PointCloud2:
     """Records of numbers of float32 as points."""
-    kind = points.dtype
+    kind, data = points.dtype, points.tobytes()
     fields = [
         PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
         for i, name in enumerate(kind.names or ())
@@ -149,7 +145,7 @@ def cloud_message(points: NDArray[np.void], frame: str, stamp: float) -> PointCl
         is_bigendian=False,
         point_step=kind.itemsize,
         row_step=kind.itemsize * len(points),
-        data=_bytes(points.tobytes()),
+        data=data if IS_ROS1 else array("B", data),
         is_dense=True,
     )
 

@@ -29,7 +29,8 @@ class Parameters:
         self._warned: dict[str, Any] = {}
         for name in given:
             if name not in _ROWS and name not in _OPTIONS:
-                raise ValueError(f"~{name}: there is no such parameter, expected one of {_names()}")
+                known = ", ".join(sorted([*_ROWS, *_OPTIONS]))
+                raise ValueError(f"~{name}: there is no such parameter, expected one of {known}")
         self._values = {row.key: row.taken(given.get(row.key, row.start)) for row in ROWS}
         self.map_options = {
             name: option.taken(given[name]) for name, option in _OPTIONS.items() if name in given
@@ -47,7 +48,3 @@ class Parameters:
                 self._warned[name] = found
                 self._warn(f"{error}; {self._values[name]} holds")
         return self._values[name]
-
-
-def _names() -> str:
-    return ", ".join(sorted([*_ROWS, *_OPTIONS]))
