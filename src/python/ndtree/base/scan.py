@@ -238,7 +238,7 @@ class Scan:
         return start[use], way[use] / length[use, None], length[use]
 
     def insert_into(
-        self, target: OccupancyMap, *, max_range: float = math.inf, threads: int = 0, moved: bool = False
+        self, target: OccupancyMap, *, max_range: float = math.inf, threads: int = 0, **more: Any
     ) -> InsertReport | VoxelReport:
         """Integrate the scan into a map; the same as the map's own ``insert``.
 
@@ -250,8 +250,8 @@ class Scan:
             Longer beams are free up to there and have no end point [m].
         threads : int
             As for ``insert``; 0: all cores.
-        moved : bool
-            As for ``insert``.
+        **more
+            As for ``insert``: ``moved``, ``window``, ``number``.
 
         Returns
         -------
@@ -260,16 +260,15 @@ class Scan:
         """
         if self.points_only:
             return voxelise(self.endpoints, target)
-        own: dict[str, Any] = {} if self.range_sigma is None else {"range_sigma": self.range_sigma}
+        if self.range_sigma is not None:
+            more["range_sigma"] = self.range_sigma
         if self.pose_covariance is not None:
-            own["pose_covariance"] = self.pose_covariance
-        if moved:
-            own["moved"] = True
+            more["pose_covariance"] = self.pose_covariance
         if self.layers:
             has = target.layers
-            own["layers"] = {name: values for name, values in self.layers.items() if name in has}
+            more["layers"] = {name: values for name, values in self.layers.items() if name in has}
         return target.insert(
-            self.endpoints, self.origin, returned=self.returned, max_range=max_range, threads=threads, **own
+            self.endpoints, self.origin, returned=self.returned, max_range=max_range, threads=threads, **more
         )
 
     def evaluate_on(

@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,14 +21,8 @@ from ndtree.tiles.storage import Storage
 MOST_TILES = 4096  # Of a block: about a gigabyte of cells.
 
 
-@dataclass(frozen=True)
-class PlannedBlock:
-    """A block with what it takes."""
-
-    block: Block
-    weight: float  # How many beams' worth of work it has: those of each scan, as far as the scan is in it.
-    scans: list[ScanRef]  # That cross it, in their order.
-    tiles: tuple[Tile, ...]  # Which these cross.
+#: What takes a block, and the scans that cross it, in their order.
+Planned = tuple[BlockTask, list[ScanRef]]
 
 
 def in_order(indexes: Iterable[ScanIndex]) -> Iterator[tuple[ScanRef, IndexedScan]]:
@@ -44,7 +37,7 @@ def in_order(indexes: Iterable[ScanIndex]) -> Iterator[tuple[ScanRef, IndexedSca
 
 def planned(
     scans: Sequence[tuple[ScanRef, IndexedScan]], within: Sequence[Block], workers: int, block_beams: int
-) -> list[PlannedBlock]:
+) -> list[Planned]:
     """Blocks with their scans, those with most to do first.
 
     `scans`: In their order.
@@ -86,8 +79,12 @@ def planned(
     for tile, i in home.items():
         tiles[i].append(tile)
         load[i] += weights[where[tile]][tile]
-    made = [PlannedBlock(block, load[i], refs[i], tuple(sorted(tiles[i]))) for i, block in enumerate(blocks)]
-    return sorted(made, key=lambda one: (-one.weight, one.block.lower))
+    logs = tuple(sorted({ref.log for ref, _ in scans}))
+    most_first = sorted(range(len(blocks)), key=lambda i: (-load[i], blocks[i].lower))
+    return [
+        (BlockTask(number, blocks[i], load[i], logs, tuple(sorted(tiles[i]))), refs[i])
+        for number, i in enumerate(most_first)
+    ]
 
 
 def _held_at_once(block: Block, weights: dict[Tile, float]) -> list[Block]:
@@ -101,19 +98,15 @@ def _held_at_once(block: Block, weights: dict[Tile, float]) -> list[Block]:
     ]
 
 
-def store_plan(storage: Storage, job: Job, blocks: list[PlannedBlock]) -> None:
+def store_plan(storage: Storage, job: Job, blocks: list[Planned]) -> None:
     """Write what tasks read; the plan itself comes last."""
-    logs = sorted({ref.log for one in blocks for ref in one.scans})
+    logs = blocks[0][0].logs if blocks else ()
     number = {log: i for i, log in enumerate(logs)}
-    for i, one in enumerate(blocks):
-        rows = [(number[ref.log], ref.number, *ref.where, ref.order) for ref in one.scans]
-        storage.write_array(scans_name(job.run, i), np.array(rows, dtype=np.int64).reshape(-1, 7))
-    content = {
-        "logs": logs,
-        "blocks": [
-            {"block": one.block.as_json(), "weight": one.weight, "tiles": one.tiles} for one in blocks
-        ],
-    }
+    for task, refs in blocks:
+        rows = [(number[ref.log], ref.number, *ref.where, ref.order) for ref in refs]
+        storage.write_array(scans_name(job.run, task.number), np.array(rows, np.int64).reshape(-1, 7))
+    held = [{"block": one.block.as_json(), "weight": one.weight, "tiles": one.tiles} for one, _ in blocks]
+    content = {"logs": logs, "blocks": held}
     storage.write(_plan_name(job.run), json.dumps(content, separators=(",", ":")).encode())
 
 

@@ -265,17 +265,7 @@ def integrate(job: Job, task: BlockTask) -> BlockRecord:
     scans = storage.array(scans_name(job.run, task.number)).tolist()
     for log, scan_number, *where, order in scans[first:]:
         scan = stored.get(task.logs[log], scan_number, Where(*where))
-        own = {} if scan.range_sigma is None else {"range_sigma": scan.range_sigma}
-        report = m.insert(
-            scan.endpoints,
-            scan.origin,
-            returned=scan.returned,
-            max_range=job.how.max_range,
-            threads=1,
-            window=window,
-            number=order,
-            **own,
-        )
+        report = scan.insert_into(m, max_range=job.how.max_range, threads=1, window=window, number=order)
         inserted += report.seconds
         done += 1
         waiting += len(scan)

@@ -116,15 +116,7 @@ class Growth:
 
     def include(self, scan: Scan, max_range: float) -> None:
         """Grow as a map does that takes the scan in."""
-        own = {} if scan.range_sigma is None else {"range_sigma": scan.range_sigma}
-        self.map.insert(
-            scan.endpoints,
-            scan.origin,
-            returned=scan.returned,
-            max_range=max_range,
-            window=nowhere(self.map),
-            **own,
-        )
+        scan.insert_into(self.map, max_range=max_range, window=nowhere(self.map))
         self._look()
 
     def _look(self) -> None:
