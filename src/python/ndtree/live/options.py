@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from ndtree._errors import WrongOption, key
@@ -28,34 +29,18 @@ _EXCLUDES = {
 }
 
 
-class LiveOptions:
+class LiveOptions(SimpleNamespace):
     """How a live map is made, as far as a `Config` does not say it: what ``ndtree live`` takes, by the table.
 
     `given`: What a user said, by the names of options; None and what is not there is as the table has it.
     Raises WrongOption if two do not go together.
     """
 
-    # Those of the table's options that are read here.
-    localize: Path | None
-    resume: Path | None
-    slam: bool
-    fixed: bool | None
-    initial_pose: str | None
-    follow: str | None
-    follow_frame: str | None
-    follow_memory: float
-    window: float | None
-    fade: float | None
-    queue: int
-    patience: float
-    look: float
-
     def __init__(self, given: Mapping[str, Any]) -> None:
-        self.threads: int = given.get("threads", 0)
-        rows = {one.name: one for one in options_of("live")}
-        for name in LiveOptions.__annotations__:
-            value = given.get(name)
-            setattr(self, name, rows[name].default if value is None else value)
+        said = {name: value for name, value in given.items() if value is not None}
+        super().__init__(threads=said.get("threads", 0))
+        for row in options_of("live"):
+            setattr(self, row.name, said.get(row.name, row.default))
         for way, (others, why) in _EXCLUDES.items():
             for name in others if getattr(self, way) else ():
                 if getattr(self, name) not in (None, "", False):

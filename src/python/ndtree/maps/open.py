@@ -110,17 +110,19 @@ def is_map(path: str | os.PathLike[str]) -> bool:
         return True
     if os.path.isdir(path):  # Some logs are folders.
         return False
-    with open_regular(path) as file:
+    return _kind_by_content(os.fspath(path)) != ""
+
+
+def _kind_by_content(name: str) -> str:
+    """ "ndtree", "octomap" or "map_server"; "" if a file is none of these."""
+    suffix = Path(name).suffix.lower()
+    with open_regular(name) as file:
         head = file.read(len(OCTOMAP_MAGIC))
-    if head.startswith(MAP_MAGIC) or _is_octomap(os.fspath(path), head):
-        return True
-    return Path(path).suffix.lower() in YAML_SUFFIXES
-
-
-def _is_octomap(name: str, head: bytes) -> bool:
-    if head.startswith(OCTOMAP_MAGIC):
-        return True
-    return head.startswith(OLD_OCTOMAP_MAGIC) and Path(name).suffix.lower() == ".bt"
+    if suffix in YAML_SUFFIXES:
+        return "map_server"
+    if head.startswith(OCTOMAP_MAGIC) or (head.startswith(OLD_OCTOMAP_MAGIC) and suffix == ".bt"):
+        return "octomap"
+    return "ndtree" if head.startswith(MAP_MAGIC) else ""
 
 
 def tiles_url(path: str | os.PathLike[str]) -> str | None:
@@ -159,16 +161,12 @@ def open_map(path: str | os.PathLike[str]) -> PlacedMap:
             return PlacedMap(whole, np.zeros(whole.dim), name)
         if os.path.isdir(name):
             raise no_map(name, _KNOWN)
-        with open_regular(name) as file:
-            head = file.read(len(OCTOMAP_MAGIC))
-        if Path(name).suffix.lower() in YAML_SUFFIXES:
+        kind = _kind_by_content(name)
+        if kind == "map_server":
             return _map_server(name)
-        if _is_octomap(name, head):
-            loaded: OccupancyMap = _core.load_octomap(name)
-        elif head.startswith(MAP_MAGIC):
-            loaded = _core.load(name)
-        else:
+        if not kind:
             raise no_map(name, _KNOWN)
+        loaded: OccupancyMap = _core.load_octomap(name) if kind == "octomap" else _core.load(name)
         return PlacedMap(loaded, np.zeros(loaded.dim), name)
 
 
