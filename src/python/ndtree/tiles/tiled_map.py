@@ -255,6 +255,7 @@ class TiledMap:
         found = self.nearest_occupied(points)
         return np.where(np.isnan(found.point).any(axis=-1), np.nan, found.distance)[()]
 
+    @_bulk
     def cast_rays(
         self,
         origins: ArrayLike,
@@ -266,11 +267,8 @@ class TiledMap:
         details: bool = False,
     ) -> NDArray[np.float64] | RayEnds:
         """As of `OccupancyMap`; in its details, unknown space that ends a ray may be larger."""
-        given, leading = flattened(
-            TAKEN["cast_rays"], {"directions": directions, "origins": origins}, lambda: self.dim
-        )
-        way = np.asarray(given["directions"], dtype=np.float64)
-        start = np.asarray(given["origins"], dtype=np.float64)
+        way = np.asarray(directions, dtype=np.float64)
+        start = np.asarray(origins, dtype=np.float64)
         keywords: dict[str, Any] = {"max_range": max_range, "unknown": unknown, "at": at, "details": details}
         if way.ndim != 2 or way.shape[1] != self.dim or start.shape not in ((self.dim,), way.shape):
             return self._frame.cast_rays(start, way, **keywords)  # Which says what is wrong.
@@ -293,9 +291,7 @@ class TiledMap:
         def ask(m: OccupancyMap, which: Any) -> Any:
             return m.cast_rays(start if start.ndim == 1 else start[which], way[which], **keywords)
 
-        with self._lock:
-            result = self._asked(len(way), needed, ask, lambda: self._order_of_rays(start, ends))
-        return result if leading is None else shaped(result, leading)
+        return self._asked(len(way), needed, ask, lambda: self._order_of_rays(start, ends))
 
     def collides(self, shape: Shape, poses: ArrayLike, *, unknown: Any = "free") -> NDArray[np.bool_]:
         """As of `OccupancyMap`."""
