@@ -126,19 +126,22 @@ class Manifest:
                 raise ValueError("a tile's place has another dimension than the map")
             if TileGrid.of(kind.new(), grid.size) != grid:
                 raise ValueError("the lattice is not that of the map's options")
-            of_frame = held["frame"]
-            frame = StoredFile(_name(of_frame["file"]), int(of_frame["bytes"]), str(of_frame["sha256"]))
+            frame = _stored(held["frame"])
             return cls(kind, grid, int(held["revision"]), frame, tiles, dict(held["made_from"]))
         except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
             said = f"no {error}" if isinstance(error, KeyError) else error
             raise ValueError(f"{place}: damaged: {said}") from error
 
 
+def _stored(held: Mapping[str, Any]) -> StoredFile:
+    return StoredFile(_name(held["file"]), int(held["bytes"]), str(held["sha256"]))
+
+
 def _entry(held: Mapping[str, Any]) -> TileEntry:
-    bounds = held["bounds"]
+    stored, bounds = vars(_stored(held)), held["bounds"]
     corners = None if bounds is None else ([float(x) for x in bounds[0]], [float(x) for x in bounds[1]])
-    counts = int(held["revision"]), int(held["observed_leaves"])
-    return TileEntry(_name(held["file"]), int(held["bytes"]), str(held["sha256"]), *counts, corners)
+    counts = {name: int(held[name]) for name in ("revision", "observed_leaves")}
+    return TileEntry(**stored, **counts, bounds=corners)
 
 
 def _name(held: Any) -> str:
