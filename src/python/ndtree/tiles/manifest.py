@@ -140,8 +140,8 @@ def _stored(held: Mapping[str, Any]) -> StoredFile:
 def _entry(held: Mapping[str, Any]) -> TileEntry:
     stored, bounds = vars(_stored(held)), held["bounds"]
     corners = None if bounds is None else ([float(x) for x in bounds[0]], [float(x) for x in bounds[1]])
-    counts = {name: int(held[name]) for name in ("revision", "observed_leaves")}
-    return TileEntry(**stored, **counts, bounds=corners)
+    revision, observed_leaves = int(held["revision"]), int(held["observed_leaves"])
+    return TileEntry(**stored, revision=revision, observed_leaves=observed_leaves, bounds=corners)
 
 
 def _name(held: Any) -> str:

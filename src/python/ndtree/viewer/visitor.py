@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from ndtree.cells.lattice import Floats
 from ndtree.plot.figures import kind_of
@@ -179,7 +180,9 @@ class Visitor:
         self._drawn[kind] = (layer, len(chosen), eye, handle)
         return len(chosen)
 
-    def _draw_lines(self, name: str, lines: Floats, color: Color, width: float, key: Any = None) -> None:
+    def _draw_lines(
+        self, name: str, lines: NDArray[np.floating], color: Color, width: float, key: Any = None
+    ) -> None:
         """Segments (n, 2, 3) [m] instead of those of this name; `key`: By which they are known again."""
         self._remove(name)
         handle = self._client.scene.add_line_segments(

@@ -3,7 +3,7 @@
 
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Optional
@@ -107,7 +107,7 @@ def draw(
     plot.overview_3d(m, path, **more)
 
 
-def draw_tracks(plot: Any, tracks: dict[str, tuple[OccupancyMap, Any]], path: Path) -> None:
+def draw_tracks(plot: Any, tracks: Mapping[str, tuple[OccupancyMap, Any]], path: Path) -> None:
     """Flat maps beside each other by their titles, each with a track (n, 2) through it."""
     from matplotlib.figure import Figure
 

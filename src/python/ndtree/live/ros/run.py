@@ -42,8 +42,8 @@ def main(ros: str = "", arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     ros = ros or ("ros1" if is_ros1() else "ros2")
     try:
+        from ndtree._errors import WrongOption
         from ndtree.live.ros.parameters import in_parameters
-        from ndtree.logs.core.failures import WrongOption
 
         of_ros = import_module(f"ndtree.live.{ros}.node")
     except ImportError as error:

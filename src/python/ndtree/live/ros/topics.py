@@ -42,7 +42,7 @@ class Listener(ABC):
     @property
     def lost(self) -> int:
         """Messages that did not come."""
-        return self._lost + sum(one.lost for one in self._subscriptions.values())
+        return self._lost + sum(int(one.lost) for one in self._subscriptions.values())
 
     def look(self) -> None:
         """Listen to what has appeared since the last time."""

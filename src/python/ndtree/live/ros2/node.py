@@ -69,8 +69,8 @@ def declare(node: Node) -> None:
     for row in ROWS:
         descriptor = ParameterDescriptor(description=row.description, read_only=False)
         if row.range is not None and row.kind is int:
-            low, high = (int(value) for value in row.range)
-            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=0)]
+            first, last = map(int, row.range)
+            descriptor.integer_range = [IntegerRange(from_value=first, to_value=last, step=0)]
         elif row.range is not None:
             low, high = row.range
             descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
