@@ -205,7 +205,7 @@ def test_a_selected_log_keeps_going_and_says_how_far_it_is(tmp_path: Path) -> No
         ({"origin": (1, 2)}, r"origin has a point \[1, 2\]: must be 3 finite numbers"),
         ({"origin": (1, 2, math.inf)}, "must be 3 finite numbers"),
         ({"box": ((0, 0, 0), (1, 1))}, r"box has a point \[1, 1\]: must be 3 finite numbers"),
-        ({"box": ((0, 0, 0), (1, 0, 1))}, "must be lower < upper on every axis"),
+        ({"box": ((0, 0, 0), (1, 0, 1))}, "must be lower < upper"),
         ({"box": ((0, 0, 0),)}, "box has 1 corners"),
     ],
 )

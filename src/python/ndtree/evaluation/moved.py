@@ -17,7 +17,7 @@ from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.evaluation.pose_tilt import PoseTilt
 from ndtree.logs import Log
-from ndtree.logs.core.again import Again
+from ndtree.logs.core.joined import Again
 from ndtree.logs.core.log import SizedLog
 
 #: Scans at the begin of a log from which the tilt of its poses is measured.

@@ -24,7 +24,7 @@ from ndtree.cli.commands.pictures import draw
 from ndtree.cli.commands.progress import busy, mapping_progress, progress
 from ndtree.evaluation.moved import MovedPoints
 from ndtree.logs import Log
-from ndtree.logs.core.again import Again
+from ndtree.logs.core.joined import Again
 from ndtree.tuning.config import Config
 from ndtree.tuning.first_look import Scale
 from ndtree.tuning.inspection import BEYOND_MEMORY

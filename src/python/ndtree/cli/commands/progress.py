@@ -14,7 +14,7 @@ from ndtree._native._core import OccupancyMap
 from ndtree.base.progress import Progress
 from ndtree.base.words import number_of
 from ndtree.logs import Log
-from ndtree.logs.core.again import Again
+from ndtree.logs.core.joined import Again
 
 #: A bar is drawn anew after so long [s].
 REFRESH = 0.2

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Several logs as one, one after the other."""
+"""Several logs as one, one after the other; and scans of a log that are needed several times."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import Log, Skipped
@@ -32,9 +35,7 @@ class JoinedLog(Log):
         first = logs[0]
         for log in logs:
             if log.dim != first.dim:
-                raise ValueError(
-                    f"{log.name}: is {log.dim}-D, and {first.name} {first.dim}-D: must be the same in one map"
-                )
+                raise ValueError(f"{log.name}: is {log.dim}-D, must be {first.dim}-D as {first.name}")
         more = f" and {len(logs) - 1} more" if len(logs) > 1 else ""
         super().__init__(f"{first.name}{more}", first.dim)
         self._logs = tuple(logs)
@@ -92,3 +93,47 @@ class JoinedLog(Log):
             return
         before.count += one.count
         before.summary = "; ".join(text for text in (before.summary, one.summary) if text) or None
+
+
+_MOST = 1 << 28  # Bytes.
+
+
+class Again:
+    """Scans of a log, as often as needed: decoded once, or each time where they take more than 256 MiB.
+
+    `limit`: Only the first scans, this many.
+    """
+
+    def __init__(self, log: Log, limit: int | None = None) -> None:
+        self._log = log
+        self._limit = limit
+        self._kept: list[Scan] | None = None
+        self._done = 0
+
+    @property
+    def are_kept(self) -> bool:
+        """Whether the log itself is read no more."""
+        return self._kept is not None
+
+    @property
+    def share_read(self) -> float | None:
+        """As of the log, of the last loop."""
+        return self._done / max(len(self._kept), 1) if self._kept is not None else self._log.share_read
+
+    def __iter__(self) -> Iterator[Scan]:
+        if self._kept is not None:
+            for done, scan in enumerate(self._kept, start=1):
+                self._done = done
+                yield scan
+            return
+        kept: list[Scan] = []
+        size = 0
+        for scan in islice(self._log, self._limit):
+            size += sum(one.nbytes for one in vars(scan).values() if isinstance(one, np.ndarray))
+            if size <= _MOST:
+                kept.append(scan)
+            else:
+                kept.clear()
+            yield scan
+        if size <= _MOST:
+            self._kept = kept

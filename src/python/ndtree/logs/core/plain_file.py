@@ -12,9 +12,12 @@ import re
 import shlex
 import stat
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ndtree.logs.core.failures import one_line
 
@@ -149,15 +152,12 @@ class _Unpacked(io.RawIOBase):
         except (OSError, zlib.error) as error:
             if isinstance(error, OSError) and error.errno is not None:
                 raise  # Not what the unpackers say of their data.
-            raise DamagedStream(
-                f"the {self._kind} stream is cut off or damaged ({one_line(error)})", self._kind, False
-            ) from None
+            what = f"the {self._kind} stream is cut off or damaged ({one_line(error)})"
+            raise DamagedStream(what, self._kind, False) from None
         self._count += len(part)
         if self._count > FREE_BYTES + MOST_PACKED * self._file.tell():
-            raise ValueError(
-                f"{self._path}: {self._file.tell()} bytes of {self._kind} unpack to more than "
-                f"{self._count >> 20} MiB, expected at most {MOST_PACKED} for one"
-            )
+            said = f"{self._file.tell()} bytes of {self._kind} unpack to more than {self._count >> 20} MiB"
+            raise ValueError(f"{self._path}: {said}, expected at most {MOST_PACKED} for one")
         buffer[: len(part)] = part
         return len(part)
 
@@ -231,9 +231,25 @@ def are_numbers(fields: list[str]) -> bool:
         return False
 
 
+def table_of(lines: Sequence[bytes], width: int) -> NDArray[np.float64] | None:
+    """(n, width) numbers of some lines; None where they are others."""
+    if not any(line.strip() for line in lines):
+        return None
+    try:
+        table = np.loadtxt(lines, comments=None, ndmin=2, dtype=np.float64)
+    except ValueError:
+        return None
+    return table if table.shape == (len(lines), width) else None
+
+
+def wrong_line(path: str, number: int, found: str | bytes, expected: str) -> ValueError:
+    """The error of a line, or a part of it, that is not what was expected."""
+    text = found.decode("utf-8", "replace") if isinstance(found, bytes) else found
+    return ValueError(f"{path}: line {number}: found {text.strip()[:40]!r}, expected {expected}")
+
+
 def floats_of(path: str, number: int, fields: list[str]) -> list[float]:
     """Numbers of a line's fields; ValueError if one is none."""
     if fields and not are_numbers(fields):
-        found = " ".join(fields)[:40]
-        raise ValueError(f"{path}: line {number}: found {found!r}, expected only numbers")
+        raise wrong_line(path, number, " ".join(fields), "only numbers")
     return [float(field) for field in fields]

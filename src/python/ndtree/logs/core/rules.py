@@ -80,10 +80,8 @@ class Selection:
             raise WrongValue.of("min_range", f"{self.min_range:g} m", ">= 0 and finite")
         start, stop = self.times
         if not 0 <= start < stop:
-            raise WrongValue(
-                f"{key('start')} = {start:g} s, {key('stop')} = {stop:g} s: must be 0 <= "
-                f"{key('start')} < {key('stop')}"
-            )
+            said = f"{key('start')} = {start:g} s, {key('stop')} = {stop:g} s"
+            raise WrongValue(f"{said}: must be 0 <= {key('start')} < {key('stop')}")
         if self.box is not None:
             object.__setattr__(self, "box", _box(self.box, self.dim))
         if self.origin is not None:
@@ -97,10 +95,8 @@ class Selection:
     @property
     def times(self) -> tuple[float, float]:
         """Of the scans, [start, stop) since the first [s]."""
-        return (
-            0.0 if self.start is None else float(self.start),
-            math.inf if self.stop is None else float(self.stop),
-        )
+        start = 0.0 if self.start is None else float(self.start)
+        return start, math.inf if self.stop is None else float(self.stop)
 
     def of(self, scans: Iterable[Scan], name: str) -> Iterator[Scan]:
         """The part of some scans, read as they are asked for; `name` is how errors call their log."""
@@ -147,9 +143,7 @@ class OneByOne:
         if self._seen == 0:
             self._first = scan.stamp
         elif self._seen == 1 and selection.is_timed and self._first == scan.stamp == 0.0:
-            raise WrongValue(
-                f"{self._name}: its scans have no times, expected neither {key('start')} nor {key('stop')}"
-            )
+            raise WrongValue(f"{self._name}: its scans have no times: no {key('start')} nor {key('stop')}")
         self._seen += 1
         after = scan.stamp - self._first
         self.is_over = self.is_over or after >= stop
@@ -184,16 +178,13 @@ def _box(box: tuple[ArrayLike, ArrayLike], dim: int) -> tuple[Floats, Floats]:
         raise WrongValue(f"{key('box')} has {len(box)} corners: must be (lower, upper)")
     lower, upper = (_point("box", corner, dim) for corner in box)
     if not (lower < upper).all():
-        raise WrongValue(
-            f"{key('box')} from {lower.tolist()} to {upper.tolist()}: must be lower < upper on every axis"
-        )
+        raise WrongValue(f"{key('box')} from {lower.tolist()} to {upper.tolist()}: must be lower < upper")
     return lower, upper
 
 
 def _point(name: str, values: ArrayLike, dim: int) -> Floats:
     point = np.asarray(values, dtype=np.float64)
     if point.shape != (dim,) or not np.isfinite(point).all():
-        raise WrongValue(
-            f"{key(name)} has a point {np.asarray(values).tolist()}: must be {dim} finite numbers"
-        )
+        found = np.asarray(values).tolist()
+        raise WrongValue(f"{key(name)} has a point {found}: must be {dim} finite numbers")
     return point

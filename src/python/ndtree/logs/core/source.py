@@ -81,9 +81,8 @@ class Format:
         if self.dim is None:
             return self.open(source, dim=dim, **options)
         if dim not in (None, self.dim):
-            raise WrongValue(
-                f"{source.path}: {self.description} is {self.dim}-D, expected {key('dim')}={self.dim}"
-            )
+            expected = f"expected {key('dim')}={self.dim}"
+            raise WrongValue(f"{source.path}: {self.description} is {self.dim}-D, {expected}")
         return self.open(source, **options)
 
 
@@ -162,17 +161,12 @@ def point_of(value: str | Sequence[float]) -> NDArray[np.float64]:
     except (TypeError, ValueError):
         point = np.zeros(0)
     if point.shape != (3,) or not np.isfinite(point).all():
-        raise WrongValue(
-            f"{key('origin_of_scan')} = {value!r}: expected three numbers with commas between them, X,Y,Z [m]"
-        )
+        raise WrongValue(f"{key('origin_of_scan')} = {value!r}: expected three numbers X,Y,Z [m]")
     return point
 
 
 def without_sensor(path: str, what: str, more: Sequence[str] = ()) -> NotALog:
     """The error of points without any pose; `what` they are, as in "a LAS of points without a pose"."""
-    ways = [
-        f"ndtree map {shlex.quote(path)} --points-only (occupied cells alone)",
-        "--origin-of-scan X,Y,Z (all measured from one place)",
-        *more,
-    ]
+    alone = f"ndtree map {shlex.quote(path)} --points-only (occupied cells alone)"
+    ways = [alone, "--origin-of-scan X,Y,Z (all measured from one place)", *more]
     return NotALog(path, what, ways, has_points=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ndtree.base.progress import Progress
 from ndtree.base.scan import Scan
-from ndtree.logs.core.again import Again
+from ndtree.logs.core.joined import Again
 from ndtree.logs.core.log import Log
 from ndtree.tuning.calibration.figures import Bools, Floats
 
