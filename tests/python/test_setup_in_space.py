@@ -20,8 +20,7 @@ sys.path.insert(0, str(TOOLS))
 
 import ndtree
 from ndtree import Scan
-from ndtree.logs.poses.pose import matrices_of, quaternions_of
-from ndtree.logs.ros.placement.mount import mount_of
+from ndtree.logs.poses.pose import matrices_of, mount_of, quaternions_of
 from ndtree.tuning.setup_error import SetupError
 from ndtree.tuning.setup_in_space import setup_error_in_space
 from ndtree.tuning.surfaces import Cloud, turn_of, turned_by

@@ -174,15 +174,15 @@ BROKEN = {
     ),
     "a header half understood": (
         "# when,x,y,z,qw,qx,qy,qz\n1,0,0,0,1,0,0,0\n",
-        "line 1: the header names qw before qx, but not one time, x y z and",
+        "line 1: the header names qw before qx, expected one time, x y z and",
     ),
     "numbers of quaternions": (
         "# t x y z q0 q1 q2 q3\n1 0 0 0 1 0 0 0\n",
-        "line 1: the header names q0 q1 q2 q3, but not one time, x y z and",
+        "line 1: the header names q0 q1 q2 q3, expected one time, x y z and",
     ),
     "angles": (
         "# t, x, y, z, roll, pitch, yaw, quality\n1,0,0,0,1,0,0,0\n",
-        "line 1: the header names roll pitch yaw, but not one time, x y z and",
+        "line 1: the header names roll pitch yaw, expected one time, x y z and",
     ),
     "empty": ("# nothing\n\n", "no poses, expected 8 numbers a line"),
     "seven columns": ("0 0 0 0 0 0 1\n", "line 1: found 7 numbers, expected 8 numbers a line"),

@@ -22,7 +22,7 @@ from ndtree.cli.commands.app import announced, guarded
 from ndtree.logs import FORMATS, Log, contents, require_options
 from ndtree.logs.core.rules import Selection
 from ndtree.logs.core.source import point_of
-from ndtree.logs.ros.placement.mount import mount_of
+from ndtree.logs.poses.pose import mount_of
 from ndtree.tuning.config import Config
 
 _LOGS = ", ".join(FORMATS)

@@ -91,11 +91,6 @@ class PoseCovariances:
             return self._changes and self._falls
         return self.use == USE and self._first is not None
 
-    @property
-    def only_grow(self) -> bool:
-        """Whether they change, but never fall."""
-        return self._changes and not self._falls
-
     def at(self, stamp: float, lever: ArrayLike) -> Floats | None:
         """Covariance of the pose of a sensor at a time; None where they are not used.
 
@@ -123,13 +118,10 @@ class PoseCovariances:
             rows = np.array(self._rows)
             place = float(np.median(np.sqrt(np.trace(rows[:, :3, :3], axis1=1, axis2=2))))
             turn = math.degrees(float(np.median(np.sqrt(np.trace(rows[:, 3:, 3:], axis1=1, axis2=2)))))
-            return (
-                f"the covariances of {self.topic} widen beams: standard deviations of {place:.3g} m and "
-                f"{turn:.2g} degrees in the median{wrong}; {key('pose_covariance')} ignore leaves them"
-            )
-        if self.use == AUTO and self.only_grow:
-            return (
-                f"the covariances of {self.topic} only grow, as those of odometry do, and are left out; "
-                f"{key('pose_covariance')} use takes them{wrong}"
-            )
+            said = f"standard deviations of {place:.3g} m and {turn:.2g} degrees in the median{wrong}"
+            leave = f"{key('pose_covariance')} ignore leaves them"
+            return f"the covariances of {self.topic} widen beams: {said}; {leave}"
+        if self.use == AUTO and self._changes and not self._falls:
+            said = f"the covariances of {self.topic} only grow, as those of odometry do, and are left out"
+            return f"{said}; {key('pose_covariance')} use takes them{wrong}"
         return None

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ndtree._errors import WrongValue, key
 from ndtree._native._core import moved_points
 
 Floats = NDArray[np.float64]
@@ -122,9 +123,8 @@ def unit_quaternions(quaternions: Floats) -> Floats:
     bad = ~(np.abs(length - 1) <= ROTATION_TOLERANCE)
     if bad.any():
         i = int(bad.argmax())
-        raise ValueError(
-            f"{_pose(i, bad)}quaternion {quaternions[i].tolist()} has length {length[i]:.3g}, expected 1"
-        )
+        said = f"{_pose(i, bad)}quaternion {quaternions[i].tolist()}"
+        raise ValueError(f"{said} has length {length[i]:.3g}, expected 1")
     return quaternions / length[:, None]
 
 
@@ -134,10 +134,8 @@ def nearest_rotations(matrices: Floats) -> Floats:
     bad = ~(departure <= ROTATION_TOLERANCE) | ~(np.linalg.det(matrices) > 0)
     if bad.any():
         i = int(bad.argmax())
-        raise ValueError(
-            f"{_pose(i, bad)}{np.round(matrices[i], 4).tolist()} is not a rotation, expected rows of "
-            "length 1 at right angles, and no mirror"
-        )
+        said = f"{_pose(i, bad)}{np.round(matrices[i], 4).tolist()} is not a rotation"
+        raise ValueError(f"{said}, expected rows of length 1 at right angles, and no mirror")
     left, _, right = np.linalg.svd(matrices)
     return left @ right
 
@@ -197,3 +195,41 @@ def slerp(start: Floats, end: Floats, share: Floats) -> Floats:
     after = np.where(tiny, share, np.sin(share * angle) / sine)
     between = before[:, None] * start + after[:, None] * end
     return between / np.linalg.norm(between, axis=1, keepdims=True)
+
+
+MOUNT_EXPECTED = "expected x,y,z,roll,pitch,yaw or x,y,yaw, metres, and radians or as in 90deg"
+
+
+def mount_of(text: str) -> Pose:
+    """The pose of a sensor on its base.
+
+    `text`: ``"x,y,z,roll,pitch,yaw"``, or in the plane ``"x,y,yaw"``: metres, and radians or degrees with
+        "deg" behind the number. As in URDF the sensor is turned about the base's x axis (roll), then about
+        its y, then about its z axis.
+    Raises ValueError if it is something else. An angle in radians of more than one turn is taken for a
+    mistake.
+    """
+    fields = text.split(",")
+    if len(fields) not in (3, 6):
+        raise WrongValue(f"{key('mount')} = {text!r}: {len(fields)} numbers, {MOUNT_EXPECTED}")
+    lengths = fields[:2] if len(fields) == 3 else fields[:3]
+    try:
+        position = [float(field) for field in lengths]
+        angles = [_angle(field) for field in fields[len(lengths) :]]
+    except ValueError:
+        raise WrongValue(f"{key('mount')} = {text!r}: {MOUNT_EXPECTED}") from None
+    if not all(math.isfinite(value) for value in (*position, *angles)):
+        raise WrongValue(f"{key('mount')} = {text!r}: {MOUNT_EXPECTED}, all of them finite")
+    if any(abs(angle) > 2 * math.pi + 1e-9 for angle in angles):
+        raise WrongValue(f"{key('mount')} = {text!r}: an angle of more than one turn, {MOUNT_EXPECTED}")
+    if len(fields) == 3:
+        position, angles = [*position, 0.0], [0.0, 0.0, *angles]
+    about_x, about_y, about_z = about_axes(*angles)
+    return Pose(about_z @ about_y @ about_x, np.array(position))
+
+
+def _angle(field: str) -> float:
+    field = field.strip()
+    if field.endswith("deg"):
+        return math.radians(float(field[:-3]))
+    return float(field)

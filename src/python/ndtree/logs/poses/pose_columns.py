@@ -74,9 +74,9 @@ def order_in_doubt(line: str) -> str | None:
 
 
 def _columns(text: str) -> PoseColumns | None:
+    words = [name for name, _ in _names(text)]
     names = [_role(name, unit) for name, unit in _names(text)]
     roles = [role for role, _ in names]
-    words = [name for name, _ in _names(text)]
     if all(word in words for word in "ijk"):
         imaginary = {"i": "qx", "j": "qy", "k": "qz"}
         roles = [imaginary.get(word, "qw" if role == "w" else role) for word, role in zip(words, roles)]
@@ -93,8 +93,7 @@ def _columns(text: str) -> PoseColumns | None:
         return PoseColumns(len(roles), roles.index("sec"), pose, parts[0], "s")
     times = [i for i, role in enumerate(roles) if role in ("time", "sec", "nsec")]
     if len(times) > 1:  # A message's own stamp rather than the time at which it came.
-        named = [name for name, _ in _names(text)]
-        times = [i for i in times if roles[i] == "time" and re.search(r"stamp$", named[i])]
+        times = [i for i in times if roles[i] == "time" and words[i].endswith("stamp")]
     if len(times) != 1:
         return None
     return PoseColumns(len(roles), times[0], pose, None, names[times[0]][1])
@@ -107,15 +106,11 @@ _BARE = {"bare x": "x", "bare y": "y", "bare z": "z"}
 def _with_bare_quaternion(roles: list[str]) -> list[str]:
     """Roles where the x y z beside a single w are the quaternion's."""
     at = roles.index("w")
-    behind = [i for i in range(at - 3, at + 4) if 0 <= i < len(roles) and roles[i] in _BARE]
-    windows = [[at - 3, at - 2, at - 1], [at + 1, at + 2, at + 3]]
-    for window in windows:
-        if all(i in behind for i in window):
-            roles = list(roles)
-            roles[at] = "qw"
-            for i in window:
-                roles[i] = "q" + _BARE[roles[i]]
-            return roles
+    for first in (at - 3, at + 1):
+        window = range(first, first + 3)
+        if all(0 <= i < len(roles) and roles[i] in _BARE for i in window):
+            named = {at: "qw", **{i: "q" + _BARE[roles[i]] for i in window}}
+            return [named.get(i, role) for i, role in enumerate(roles)]
     return roles
 
 
@@ -167,10 +162,7 @@ def _role(name: str, unit: str | None) -> tuple[str, str | None]:
         return ("w" if len(words) == 1 else "qw" if is_rotation else ""), None
     short = re.fullmatch(r"(p|t|pos|q|quat|rot|r)([xyzw])|([xyz])(pos)|([wxyz])(q)", last)
     if short:
-        kind, axis = (
-            (short.group(1) or short.group(4) or short.group(6)),
-            (short.group(2) or short.group(3) or short.group(5)),
-        )
+        kind, axis = (next(filter(None, short.group(*which))) for which in ((1, 4, 6), (2, 3, 5)))
         if kind in ("p", "t", "pos"):
             return (axis if axis != "w" else ""), None
         return f"q{axis}", None

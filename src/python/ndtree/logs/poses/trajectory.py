@@ -68,10 +68,8 @@ class Trajectory:
         falls = np.flatnonzero(np.diff(self.stamps) <= 0)
         if falls.size:
             i = int(falls[0])
-            raise ValueError(
-                f"{name}: pose {i + 1}: stamp {self.stamps[i + 1]:.6f} s follows {self.stamps[i]:.6f} s, "
-                "expected stamps that rise"
-            )
+            said = f"{self.stamps[i + 1]:.6f} s follows {self.stamps[i]:.6f} s"
+            raise ValueError(f"{name}: pose {i + 1}: stamp {said}, expected stamps that rise")
         with at_place(name):
             if turned.ndim == 3:
                 turned = quaternions_of(nearest_rotations(turned))
@@ -83,9 +81,8 @@ class Trajectory:
         return len(self.stamps)
 
     def __repr__(self) -> str:
-        return (
-            f"<Trajectory {self.name!r}, {len(self)} poses, {self.stamps[0]:.3f} to {self.stamps[-1]:.3f} s>"
-        )
+        times = f"{self.stamps[0]:.3f} to {self.stamps[-1]:.3f} s"
+        return f"<Trajectory {self.name!r}, {len(self)} poses, {times}>"
 
     def pose_at(self, stamp: float) -> Pose:
         """The pose at a time [s]: as `poses_at`, without the cost of arrays for one."""

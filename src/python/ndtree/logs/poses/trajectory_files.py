@@ -7,21 +7,36 @@ import math
 import os
 import re
 from collections.abc import Iterator
+from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import are_numbers, floats_of, text_lines, with_points
-from ndtree.logs.poses.pose import Pose
+from ndtree.logs.poses.pose import ROTATION_TOLERANCE, Pose, matrices_of
 from ndtree.logs.poses.pose_columns import TUM, PoseColumns, columns_named, order_in_doubt, seconds_of
-from ndtree.logs.poses.pose_lists import PoseList, kind_of_list, read_list
 from ndtree.logs.poses.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 
-
 EXPECTED = "expected 8 numbers a line (t x y z qx qy qz qw), or 12 or 16 (3x4 or 4x4 matrix)"
+#: Vertices of g2o with a pose, and how many numbers follow their id.
+_VERTICES = {"VERTEX_SE3:QUAT": 7, "VERTEX_SE2": 3}
+_OF_G2O = re.compile(r"(?:VERTEX|EDGE|FIX|PARAMS)(?:_|$)")
+#: Numbers of a line: of a matrix, and of one behind a time.
+_MATRIX_SIZES, _TIMED_SIZES = (12, 16), (13, 17)
+_ENTRY = re.compile(r"(?:t|m|r)?_?\[?([0-3])[_,]?([0-3])\]?")
+_LAST_ROW = (0.0, 0.0, 0.0, 1.0)
+
+
+class _Poses(NamedTuple):
+    """Poses of a file: of each a number or a time, and its matrix (n, 3, 4)."""
+
+    stamps: Floats
+    matrices: Floats
+    is_numbered: bool
 
 
 def read_trajectory(
@@ -45,64 +60,60 @@ def read_trajectory(
     found, and what was expected.
     """
     name = os.fspath(path)
-    kind = kind_of_list(name)
-    if kind is not None:
-        return _of_list(name, read_list(name, kind), times)
-    named, rows = _rows(name)
-    if not rows:
-        raise ValueError(f"{name}: no poses, {EXPECTED}")
-    columns = len(rows[0][1])
-    for number, values in rows:
-        if named is not None and len(values) != named.count:
-            raise ValueError(
-                f"{name}: line {number}: found {len(values)} numbers, "
-                f"expected {named.count} as the header names columns"
-            )
-        if named is None and (columns not in (8, 12) or len(values) != columns):
-            expected = EXPECTED if columns not in (8, 12) else f"expected {columns} as in the line before"
-            raise ValueError(f"{name}: line {number}: found {len(values)} numbers, {expected}")
-    table = np.array([values for _, values in rows])
-    if named is not None or columns == 8:
-        if times is not None:
-            raise ValueError(f"{name}: has times of its own, expected none in {os.fspath(times)}")
-        layout = named or TUM
-        stamps = seconds_of(table[:, layout.time], layout.unit, name)
-        if layout.part is not None:
-            stamps = stamps + table[:, layout.part] / 1e9
-        rising = np.concatenate([[True], stamps[1:] != stamps[:-1]])  # A pose said twice is one.
-        poses = table[rising][:, list(layout.pose)]
-        return Trajectory(stamps[rising], poses[:, :3], poses[:, 3:], name=name)
-    matrices = table.reshape(-1, 3, 4)
-    numbers = np.arange(len(matrices), dtype=np.float64)
-    return _of_list(name, PoseList(numbers, matrices, is_numbered=True), times)
-
-
-def _of_list(name: str, poses: PoseList, times: str | os.PathLike[str] | None) -> Trajectory:
-    stamps, matrices, is_numbered = poses.stamps, poses.matrices, poses.is_numbered
-    if not is_numbered:
-        stamps = seconds_of(stamps, None, name)
+    kind = _kind_of_list(name)
+    readers = {"g2o": _of_g2o, "log": _of_log, "matrices": _of_matrices, "timed matrices": _of_matrices}
+    found = readers[kind](name) if kind else _of_columns(name)
+    if times is not None and (isinstance(found, Trajectory) or not found.is_numbered):
+        raise ValueError(f"{name}: has times of its own, expected none in {os.fspath(times)}")
+    if isinstance(found, Trajectory):
+        return found
+    stamps, matrices, is_numbered = found
     if times is not None:
-        if not is_numbered:
-            raise ValueError(f"{name}: has times of its own, expected none in {os.fspath(times)}")
         stamps, is_numbered = read_times(times), False
         if len(stamps) != len(matrices):
-            raise ValueError(
-                f"{os.fspath(times)}: {len(stamps)} times, "
-                f"expected {len(matrices)} as there are poses in {name}"
-            )
+            said = f"{len(stamps)} times, expected {len(matrices)} as there are poses in {name}"
+            raise ValueError(f"{os.fspath(times)}: {said}")
+    elif not is_numbered:
+        stamps = seconds_of(stamps, None, name)
     return Trajectory(stamps, matrices[:, :, 3], matrices[:, :, :3], name=name, is_numbered=is_numbered)
+
+
+def _of_columns(name: str) -> Trajectory:
+    """Of a file with a time, a position and a quaternion a line."""
+    found = list(_lines(name))
+    if not found:
+        raise ValueError(f"{name}: no poses, {EXPECTED}")
+    named, columns = found[0][0], len(found[0][2])
+    for _, number, values in found:
+        if named is not None and len(values) != named.count:
+            expected = f"expected {named.count} as the header names columns"
+        elif named is None and columns not in (8, 12):
+            expected = EXPECTED
+        elif named is None and len(values) != columns:
+            expected = f"expected {columns} as in the line before"
+        else:
+            continue
+        raise ValueError(f"{name}: line {number}: found {len(values)} numbers, {expected}")
+    table = np.array([values for _, _, values in found])
+    layout = named or TUM
+    stamps = seconds_of(table[:, layout.time], layout.unit, name)
+    if layout.part is not None:
+        stamps = stamps + table[:, layout.part] / 1e9
+    rising = np.concatenate([[True], stamps[1:] != stamps[:-1]])  # A pose said twice is one.
+    poses = table[rising][:, list(layout.pose)]
+    return Trajectory(stamps[rising], poses[:, :3], poses[:, 3:], name=name)
 
 
 def read_pose(path: str | os.PathLike[str]) -> Pose:
     """The pose in a file of its own: a matrix of 3x4 or 4x4 numbers, however broken into lines."""
     name = os.fspath(path)
-    values = [value for _, line in _numbers(name) for value in line]
+    values = [value for number, fields in _rows(name) for value in floats_of(name, number, fields)]
     if len(values) not in (12, 16):
         raise ValueError(f"{name}: found {len(values)} numbers, expected a matrix of 3x4 or 4x4")
     matrix = np.array(values).reshape(-1, 4)
     if not np.isfinite(matrix).all():
         raise ValueError(f"{name}: the pose is not finite")
-    if len(matrix) == 4 and not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-9):
+    if len(matrix) == 4 and not np.allclose(matrix[3], _LAST_ROW, atol=1e-9):
         raise ValueError(f"{name}: the last row is {matrix[3].tolist()}, expected 0 0 0 1")
     with at_place(name):
         return Pose.from_matrix(matrix)
@@ -110,43 +121,37 @@ def read_pose(path: str | os.PathLike[str]) -> Pose:
 
 def trajectory_kind(path: str | os.PathLike[str]) -> str | None:
     """What the first lines look like: "tum", "kitti" for poses by their number, or None for neither."""
-    kind = kind_of_list(os.fspath(path))
+    kind = _kind_of_list(os.fspath(path))
     if kind is not None:
         return "tum" if kind.startswith("timed") else "kitti"
     try:
-        named, values = next(_lines(os.fspath(path)), (None, (0, [])))
+        named, _, values = next(_lines(os.fspath(path)), (None, 0, []))
     except ValueError:
         return None
     if named is not None:
-        return "tum" if len(values[1]) == named.count else None
-    return {8: "tum", 12: "kitti"}.get(len(values[1]))
+        return "tum" if len(values) == named.count else None
+    return {8: "tum", 12: "kitti"}.get(len(values))
 
 
 def read_times(path: str | os.PathLike[str]) -> Floats:
     """Times of a file that has one number a line [s]; those since 1970 may be in ms, us or ns."""
     name = os.fspath(path)
     stamps = []
-    for number, values in _numbers(name):
+    for number, fields in _rows(name):
+        values = floats_of(name, number, fields)
         if len(values) != 1:
             raise ValueError(f"{name}: line {number}: found {len(values)} numbers, expected one, a time [s]")
-        stamps.append(values[0])
+        stamps += values
     return seconds_of(np.array(stamps, dtype=np.float64), None, name)
 
 
-def _rows(path: str) -> tuple[PoseColumns | None, list[tuple[int, list[float]]]]:
-    """What a header names, if there is one, and the numbers of each line behind it."""
-    found = list(_lines(path))
-    return found[0][0] if found else None, [row for _, row in found]
-
-
-def _lines(path: str) -> Iterator[tuple[PoseColumns | None, tuple[int, list[float]]]]:
-    """Numbers of each line that has any, its number, and what a header before the first of them names."""
+def _lines(path: str) -> Iterator[tuple[PoseColumns | None, int, list[float]]]:
+    """What a header before the first line with numbers names, and each such line's number and numbers."""
     named, behind_header = None, False
     for number, line in text_lines(path):
         if "\0" in line:
             raise ValueError(f"{path}: line {number}: binary data, expected poses in text")
-        content = with_points(line.split("#", 1)[0])
-        fields = content.replace(",", " ").replace(";", " ").split()
+        content, fields = _content(line)
         if not behind_header and not are_numbers(fields):
             found = columns_named(line)
             if found is not None:
@@ -154,16 +159,12 @@ def _lines(path: str) -> Iterator[tuple[PoseColumns | None, tuple[int, list[floa
                 continue
             doubt = order_in_doubt(line) if named is None else None
             if doubt:
-                raise ValueError(
-                    f"{path}: line {number}: the header names {doubt}, but not one time, x y z and "
-                    "qx qy qz qw, as in '# t,x,y,z,qw,qx,qy,qz'"
-                )
+                expected = "one time, x y z and qx qy qz qw, as in '# t,x,y,z,qw,qx,qy,qz'"
+                raise ValueError(f"{path}: line {number}: the header names {doubt}, expected {expected}")
         if fields:
             behind_header = True
-            if named is not None:
-                yield named, (number, _named_values(path, number, content, named))
-            else:
-                yield named, (number, floats_of(path, number, fields))
+            values = _named_values(path, number, content, named) if named else floats_of(path, number, fields)
+            yield named, number, values
 
 
 def _named_values(path: str, number: int, line: str, named: PoseColumns) -> list[float]:
@@ -176,9 +177,145 @@ def _named_values(path: str, number: int, line: str, named: PoseColumns) -> list
     ]
 
 
-def _numbers(path: str) -> Iterator[tuple[int, list[float]]]:
-    """Numbers of each line that has any, and the line's number."""
+def _content(line: str) -> tuple[str, list[str]]:
+    """A line without its comment, and its fields."""
+    content = with_points(line.split("#", 1)[0])
+    return content, content.replace(",", " ").replace(";", " ").split()
+
+
+def _rows(path: str) -> Iterator[tuple[int, list[str]]]:
+    """Fields of each line that has any."""
     for number, line in text_lines(path):
-        fields = line.split("#", 1)[0].replace(",", " ").split()
+        fields = _content(line)[1]
         if fields:
-            yield number, floats_of(path, number, fields)
+            yield number, fields
+
+
+# --- Poses as matrices, or as vertices of a graph ---------------------------------------------------
+
+
+def _kind_of_list(path: str) -> str | None:
+    """ "g2o", "log", "matrices" or "timed matrices"; None for another file. Reads its first lines."""
+    try:
+        rows = [fields for _, fields in islice(_rows(path), 8)]
+    except ValueError:
+        return None
+    if not rows:
+        return None
+    first, counts = rows[0], [len(fields) for fields in rows]
+    if _OF_G2O.match(first[0]):
+        return "g2o"
+    if not all(map(are_numbers, rows)):
+        named = _entries(first) is not None and len(rows) > 1 and all(map(are_numbers, rows[1:]))
+        return "timed matrices" if named and len({*counts}) == 1 else None
+    if counts[:5] == [3, 4, 4, 4, 4] and all(re.fullmatch(r"-?\d+", field) for field in first):
+        return "log"
+    if len(set(counts)) == 1 and counts[0] in (*_MATRIX_SIZES, *_TIMED_SIZES):
+        timed = counts[0] in _TIMED_SIZES
+        if counts[0] == 12 or _is_matrix([float(field) for field in first[timed:]]):
+            return "timed matrices" if timed else "matrices"
+    if counts == [4] * 8 and all(tuple(map(float, rows[i])) == _LAST_ROW for i in (3, 7)):
+        return "matrices"
+    return None
+
+
+def _of_g2o(path: str) -> _Poses:
+    found: dict[int, Floats] = {}
+    for number, fields in _rows(path):
+        count = _VERTICES.get(fields[0])
+        if count is None:
+            continue
+        values = floats_of(path, number, fields[1:])
+        if len(values) != count + 1 or values[0] != int(values[0]):
+            expected = f"expected the id of a {fields[0]} and {count} more"
+            raise ValueError(f"{path}: line {number}: found {len(values)} numbers, {expected}")
+        if count == 3:
+            x, y, turn = values[1:]
+            cos, sin = math.cos(turn), math.sin(turn)
+            found[int(values[0])] = np.array([[cos, -sin, 0, x], [sin, cos, 0, y], [0, 0, 1, 0]])
+        else:
+            turned = np.array(values[4:])
+            length = float(np.linalg.norm(turned))
+            if not abs(length - 1) < 0.02:
+                raise ValueError(f"{path}: line {number}: a quaternion of length {length:.3g}, expected 1")
+            rotation = matrices_of(turned[None] / length)[0]
+            found[int(values[0])] = np.column_stack([rotation, values[1:4]])
+    if not found:
+        raise ValueError(f"{path}: no vertex with a pose, expected {' or '.join(_VERTICES)}")
+    ids = sorted(found)
+    return _Poses(np.array(ids, dtype=np.float64), np.stack([found[id] for id in ids]), True)
+
+
+def _of_log(path: str) -> _Poses:
+    """Three whole numbers, of which the first is that of the frame, and the four rows of camera to world."""
+    numbers, matrices = [], []
+    rows = list(_rows(path))
+    for at in range(0, len(rows), 5):
+        block = rows[at : at + 5]
+        if [len(fields) for _, fields in block] != [3, 4, 4, 4, 4]:
+            expected = "expected 3 whole numbers and the 4 rows of a matrix for each pose"
+            raise ValueError(f"{path}: line {block[-1][0]}: {expected}")
+        numbers.append(floats_of(path, *block[0])[0])
+        matrices.append([floats_of(path, *row) for row in block[1:4]])
+    if len(set(numbers)) < len(numbers):  # All may have the same, and count by their order.
+        return _Poses(np.arange(len(numbers), dtype=np.float64), np.array(matrices), True)
+    order = np.argsort(numbers, kind="stable")
+    return _Poses(np.array(numbers)[order], np.array(matrices)[order], True)
+
+
+def _of_matrices(path: str) -> _Poses:
+    """A matrix a line, behind a time or not or as a header names the columns; or four lines each."""
+    stamps: list[float] = []
+    values: list[float] = []
+    entries: dict[tuple[int, int], int] | None = None
+    time = -1
+    size = 0
+    for number, fields in _rows(path):
+        if not size and not are_numbers(fields):
+            entries = _entries(fields)
+            names = [field.lower() for field in fields]
+            time = next((i for i, name in enumerate(names) if "time" in name or "stamp" in name), -1)
+            continue
+        row = floats_of(path, number, fields)
+        if not size:
+            size = len(row)
+            time = 0 if entries is None and size in _TIMED_SIZES else time
+        if len(row) != size:
+            raise ValueError(f"{path}: line {number}: found {len(row)} numbers, expected {size} as before")
+        if entries is not None:
+            values += [row[entries[i, j]] for i in range(3) for j in range(4)]
+        else:
+            values += row[time + 1 : time + 13] if size > 4 else row
+        stamps += [row[time]] if time >= 0 else []
+    table = np.array(values)
+    if size == 4:  # Four lines a pose.
+        if len(table) % 16:
+            raise ValueError(f"{path}: {len(table) // 4} rows of matrices, expected 4 for each pose")
+        table = table.reshape(-1, 16)
+        wrong = np.flatnonzero(np.abs(table[:, 12:] - _LAST_ROW).max(axis=1) > 1e-9)
+        if wrong.size:
+            raise ValueError(f"{path}: pose {wrong[0]}: the last row is not 0 0 0 1")
+        table = table[:, :12]
+    matrices = table.reshape(-1, 3, 4)
+    if len(stamps) == len(matrices):
+        return _Poses(np.array(stamps), matrices, False)
+    return _Poses(np.arange(len(matrices), dtype=np.float64), matrices, True)
+
+
+def _entries(names: list[str]) -> dict[tuple[int, int], int] | None:
+    """Columns of a matrix whose entries a header names, as T00 to T23."""
+    found = {}
+    for at, name in enumerate(names):
+        entry = _ENTRY.fullmatch(name.strip().lower())
+        if entry:
+            found[int(entry[1]), int(entry[2])] = at
+    return found if all((i, j) in found for i in range(3) for j in range(4)) else None
+
+
+def _is_matrix(values: list[float]) -> bool:
+    """Whether the numbers are those of a pose's matrix, 3x4 or 4x4."""
+    matrix = np.array(values).reshape(-1, 4)
+    turned = matrix[:3, :3]
+    apart = np.abs(turned @ turned.T - np.eye(3)).max()
+    is_rotation = np.isfinite(matrix).all() and apart < ROTATION_TOLERANCE
+    return bool(is_rotation and (len(matrix) == 3 or np.abs(matrix[3] - _LAST_ROW).max() < 1e-6))

@@ -107,12 +107,9 @@ class TransformTree:
 
     def stamps(self, target: str, source: str) -> Floats:
         """Times [s] at which a pose was said on the way between frames, as far as all of it is known."""
-        moving = [self._trajectory(edge) for edge in self._way(target, source) if edge not in self._fixed]
-        if not moving:
-            return np.zeros(0)
-        first = max(trajectory.stamps[0] for trajectory in moving)
-        last = min(trajectory.stamps[-1] for trajectory in moving)
-        every = np.unique(np.concatenate([trajectory.stamps for trajectory in moving]))
+        stamps = [self._trajectory(edge).stamps for edge in self.moving(target, source)]
+        every = np.unique(np.concatenate([np.zeros(0), *stamps]))
+        first, last = self.span(target, source)
         return every[(every >= first) & (every <= last)]
 
     def pose_at(self, target: str, source: str, stamp: float) -> Pose:
@@ -157,26 +154,25 @@ class TransformTree:
 
     def is_fixed(self, target: str, source: str) -> bool:
         """Whether all transforms on the way between connected frames are fixed."""
-        return all(edge in self._fixed for edge in self._way(target, source))
+        return not self.moving(target, source)
 
     def stands(self, target: str, source: str) -> bool:
         """Whether the pose between connected frames is the same at all times at which it is known."""
-        return all(edge in self._fixed or self._is_constant(edge) for edge in self._way(target, source))
+        return all(map(self._is_constant, self.moving(target, source)))
 
     def span(self, target: str, source: str) -> tuple[float, float]:
         """First and last time [s] at which the pose between connected frames is known; may be infinite."""
         first, last = -np.inf, np.inf
-        for edge in self._way(target, source):
-            if edge not in self._fixed:
-                stamps = self._trajectory(edge).stamps
-                first, last = max(first, float(stamps[0])), min(last, float(stamps[-1]))
+        for edge in self.moving(target, source):
+            stamps = self._trajectory(edge).stamps
+            first, last = max(first, float(stamps[0])), min(last, float(stamps[-1]))
         return first, last
 
     def fix_constant(self, target: str, source: str) -> list[str]:
         """Take transforms between frames that never changed for fixed; which, as "a to b"."""
         fixed = []
-        for edge in self._way(target, source):
-            if edge not in self._fixed and self._is_constant(edge):
+        for edge in self.moving(target, source):
+            if self._is_constant(edge):
                 poses = self._trajectory(edge)
                 self._fixed[edge] = Pose.from_quaternion(poses.positions[0], poses.quaternions[0])
                 self._taken_for_fixed.add(edge)
@@ -254,9 +250,8 @@ class TransformTree:
 
     def _is_constant(self, edge: tuple[str, str]) -> bool:
         poses = self._trajectory(edge)
-        return bool(
-            max(np.ptp(poses.positions, axis=0).max(), np.ptp(poses.quaternions, axis=0).max()) <= SAME
-        )
+        apart = (np.ptp(values, axis=0).max() for values in (poses.positions, poses.quaternions))
+        return bool(max(apart) <= SAME)
 
     def _edges(self) -> list[tuple[str, str]]:
         return list(dict.fromkeys((*self._fixed, *self._rows, *self._moving)))
@@ -276,10 +271,8 @@ class TransformTree:
             self._ways[key] = self._search(*key)
         way = self._ways[key]
         if way is None:
-            raise ValueError(
-                f"no transform between {key[1]} and {key[0]}, "
-                f"{key[1]} is connected with {', '.join(self.connected(key[1])[:12])}"
-            )
+            others = ", ".join(self.connected(key[1])[:12])
+            raise ValueError(f"no transform between {key[1]} and {key[0]}, expected one of {others}")
         return way
 
     def _search(self, target: str, source: str) -> list[tuple[str, str]] | None:
