@@ -175,7 +175,7 @@ def test_names_without_numbers_are_taken_in_their_order(tmp_path: Path) -> None:
     (tmp_path / "poses.txt").write_text(kitti_lines(3))
     check(read(tmp_path), [0, 1, 2])
     (tmp_path / "poses.txt").write_text(kitti_lines(4))
-    with pytest.raises(ValueError, match=r"poses.txt: 4 poses for 3 files without a number at the end of"):
+    with pytest.raises(ValueError, match=r"poses.txt: 4 poses for 3 files without a number, expected"):
         list(read(tmp_path))
 
 
@@ -440,7 +440,6 @@ PLY_KINDS = {
     "doubles behind an integer": (
         "property ushort r\nproperty double x\nproperty double y\nproperty double z\n", "Hddd", None
     ),
-    "lists of vertices": ("property list uchar int seen\n" + PLY_VERTEX, "LfffB", None),
     "mixed faces": (PLY_VERTEX, "fffB", "property list uchar int vertex_indices\n"),
     "texture coordinates": (
         PLY_VERTEX, "fffB", "property list uchar int vertex_indices\nproperty list uchar float texcoord\n"
@@ -465,15 +464,10 @@ def test_ply_with_all_that_a_vertex_and_a_face_may_have(
         return b"".join(struct.pack(sign + kind, value) for kind, value in values)
 
     vertices = []
-    for i, row in enumerate(TABLE):
+    for row in TABLE:
         x, y, z, r = row[0], row[1], row[2], int(row[4])
-        seen = [("B", i % 4), *(("i", k) for k in range(i % 4))]
-        one = {
-            "f": [("f", x), ("f", y), ("f", z), ("B", r)],
-            "L": [*seen, ("f", x), ("f", y), ("f", z), ("B", r)],
-        }
-        one["H"] = [("H", r), ("d", x), ("d", y), ("d", z)]
-        vertices.append(stored(one[kinds[0]]))
+        place = [("f", x), ("f", y), ("f", z), ("B", r)]
+        vertices.append(stored(place if kinds[0] == "f" else [("H", r), ("d", x), ("d", y), ("d", z)]))
     faces = []
     for i in range(25 if face else 0):
         values: list[tuple[str, float]] = []
@@ -489,10 +483,14 @@ def test_ply_with_all_that_a_vertex_and_a_face_may_have(
     path = tmp_path / "000000.ply"
     np.savetxt(tmp_path / "000000.pose.txt", np.eye(4))
     path.write_bytes(head.replace("\n", end).encode() + body)
+    if face and faces_first and sign:
+        with pytest.raises(ValueError, match=r"000000.ply: lists in element face, expected vertices of"):
+            list(read(tmp_path))
+        return
     (scan,) = read(tmp_path)
     assert len(scan) == 40
     np.testing.assert_allclose(scan.endpoints, TABLE[:, :3], rtol=1e-7)
-    for kept in (len(body) // 3, len(body) // 2 + 1):
+    for kept in (len(parts[0][1][0]), len(b"".join(parts[0][1][:-1])) + 1):
         path.write_bytes(head.replace("\n", end).encode() + body[:kept])
         with pytest.raises(
             ValueError, match=r"000000.ply: (found \d+ points, expected 40|cannot be read as PLY)"
@@ -689,7 +687,7 @@ def test_the_numbers_of_a_point_are_told_from_the_content(
     file = tmp_path / "00" / "velodyne" / "000001.bin"
     file.write_bytes(file.read_bytes()[:-2])
     with pytest.raises(
-        ValueError, match=rf"000001.bin: \d+ bytes, expected a multiple of {4 * width} \(float32"
+        ValueError, match=rf"000001.bin: \d+ bytes, expected a multiple of {4 * width} \(x y z"
     ):
         list(read(tmp_path / "00", trajectory=str(tmp_path / "poses.txt")))
 
@@ -837,10 +835,10 @@ BROKEN: dict[str, tuple[Make, str]] = {
         )
         for write in WRITERS
     },
-    "nothing in a file": (changed("000002.pcd", b""), r"000002\.pcd: expected a PCD, PLY, LAS or LAZ file"),
+    "nothing in a file": (changed("000002.pcd", b""), r"000002\.pcd: expected a PCD, PLY, LAS or LAZ"),
     "other content": (
         changed("000002.pcd", b"\x89PNG"),
-        r"000002\.pcd: expected a PCD, PLY, LAS or LAZ file",
+        r"000002\.pcd: expected a PCD, PLY, LAS or LAZ",
     ),
     "header of garbage": (
         changed("000002.pcd", b"# .PCD v0.7\nFIELDS\nrubbish"),
@@ -848,7 +846,7 @@ BROKEN: dict[str, tuple[Make, str]] = {
     ),
     "header of a PLY": (changed("000002.pcd", b"ply\nrubbish"), r"000002\.pcd: cannot be read as PLY"),
     "no fields": (without_x, r"000000\.pcd: no field y or z, found x, b, c"),
-    "two kinds": (two_kinds, "found PCD and PLY files, expected PCD, PLY, .* of one kind"),
+    "two kinds": (two_kinds, "PCD and PLY files, expected point clouds of one kind"),
     "no poses": (
         numbered,
         r"3 PCD files without poses \(VIEWPOINT is the identity in all\); try\n  ndtree map ",
@@ -883,7 +881,7 @@ BROKEN: dict[str, tuple[Make, str]] = {
     "kitti no Tr": (changed("calib.txt", b"P0: 1 2 3\n", kitti), r"calib\.txt: no line Tr, expected where"),
     "kitti short Tr": (
         changed("calib.txt", b"P0: 1\nTr: 1 2 3\n", kitti),
-        r"calib\.txt: line 2: Tr: expected a 3x4 matrix \(found 3 numbers\)",
+        r"calib\.txt: Tr: expected a 3x4 matrix",
     ),
     "kitti no poses": (
         changed("poses.txt", None, kitti),

@@ -24,27 +24,27 @@ from ndtree.logs.folders.text_clouds import text_points
 from ndtree.logs.poses.pose import Pose
 
 
+def _numbers(path: str, most: int = -1) -> tuple[int, NDArray[np.float32]]:
+    """Size of a file [bytes], and its first float32 numbers, `most` of them."""
+    with open_regular(path) as file:
+        return os.fstat(file.fileno()).st_size, np.fromfile(file, dtype="<f4", count=most)
+
+
 def bin_points(path: str, width: int) -> NDArray[np.float32]:
     """(n, 3) points of a file of `width` numbers a point; ValueError where these are not whole points."""
-    with open_regular(path) as file:
-        size = os.fstat(file.fileno()).st_size
-        if size % (4 * width):
-            raise ValueError(
-                f"{path}: {size} bytes, expected a multiple of {4 * width} (float32 {WIDTHS[width]})"
-            )
-        return np.fromfile(file, dtype="<f4").reshape(-1, width)[:, :3]
+    size, numbers = _numbers(path)
+    if size % (4 * width):
+        raise ValueError(f"{path}: {size} bytes, expected a multiple of {4 * width} ({WIDTHS[width]})")
+    return numbers.reshape(-1, width)[:, :3]
 
 
 def may_be_points(path: str) -> bool:
     """Whether a file holds numbers as coordinates are: finite but for few, and none absurdly large."""
-    with open_regular(path) as file:
-        size = os.fstat(file.fileno()).st_size
-        if size % 4:
-            return False
-        part = np.fromfile(file, dtype="<f4", count=_SAMPLE)
+    size, part = _numbers(path, _SAMPLE)
     with np.errstate(invalid="ignore"):
         usual = (np.abs(part) < _FAR) & ((part == 0) | (np.abs(part) > _TINY))
-    return len(part) >= 3 and bool(np.mean(usual) > _MOST) and bool(np.any(part[usual] != 0))
+    is_usual = size % 4 == 0 and len(part) >= 3 and bool(np.mean(usual) > _MOST)
+    return is_usual and bool(np.any(part[usual] != 0))
 
 
 #: Bounds of what may be a coordinate or an intensity, but for a share of the numbers.
@@ -63,9 +63,8 @@ def floats_a_point(files: Sequence[str]) -> int:
     samples, sizes, path = [], [], files[0]
     last = len(files) - 1
     for path in (files[i] for i in sorted({round(i * last / 4) for i in range(5)})):
-        with open_regular(path) as file:
-            sizes.append(os.fstat(file.fileno()).st_size)
-            part = np.fromfile(file, dtype="<f4", count=_SAMPLE)
+        size, part = _numbers(path, _SAMPLE)
+        sizes.append(size)
         if len(part) >= _FEWEST:
             samples.append(np.clip(np.nan_to_num(part.astype(np.float64), posinf=0.0, neginf=0.0), -1e4, 1e4))
     if not samples:
@@ -88,20 +87,12 @@ def floats_a_point(files: Sequence[str]) -> int:
         return 4
     if fitting == [best]:
         return best
-    raise ValueError(
-        f"{path}: cannot tell whether points have 4 or {best} numbers, expected float32 {WIDTHS[4]}"
-    )
+    raise ValueError(f"{path}: has points 4 or {best} numbers? Expected float32 {WIDTHS[4]}")
 
 
 #: What the numbers of a point are.
-WIDTHS = {
-    3: "x y z",
-    4: "x y z intensity",
-    5: "x y z intensity and one more",
-    6: "x y z intensity and two more",
-    7: "x y z and four more",
-    8: "x y z and five more",
-}
+_MORE = ("", " intensity", *(f" intensity and {some} more" for some in ("one", "two", "three", "four")))
+WIDTHS = {3 + i: f"x y z{more}" for i, more in enumerate(_MORE)}
 #: Numbers that are looked at in a file, and how many there must be.
 _SAMPLE, _FEWEST = 60_000, 60
 #: Mean logarithm by which columns spread less with the right number.
@@ -155,9 +146,8 @@ def pcd_viewpoint(path: str) -> Pose:
                     x, y, z, qw, qx, qy, qz = (float(field) for field in fields)
                     return Pose.from_quaternion((x, y, z), (qx, qy, qz, qw))
                 except ValueError as error:
-                    raise ValueError(
-                        f"{path}: VIEWPOINT: found {' '.join(fields)!r}, expected x y z qw qx qy qz ({error})"
-                    ) from None
+                    said = f"VIEWPOINT: found {' '.join(fields)!r}, expected x y z qw qx qy qz ({error})"
+                    raise ValueError(f"{path}: {said}") from None
     return Pose.identity()
 
 
@@ -226,9 +216,7 @@ def points_of_file(path: str, among: CloudFile | None = None) -> Points:
     if kind is None and among in (TEXT_CLOUD, BIN_CLOUD):
         kind = among
     if kind is None:
-        raise ValueError(
-            f"{path}: expected a PCD, PLY, LAS or LAZ file, points in text, or float32 numbers (.bin)"
-        )
+        raise ValueError(f"{path}: expected a PCD, PLY, LAS or LAZ, points in text, or numbers (.bin)")
     return kind.points(path)
 
 

@@ -9,7 +9,6 @@ import math
 import os
 import re
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,21 +16,13 @@ from numpy.typing import NDArray
 
 from ndtree._errors import key
 from ndtree.logs.core.failures import NotALog, at_place, one_line
-from ndtree.logs.core.plain_file import open_regular, text_lines
+from ndtree.logs.core.plain_file import open_regular, text_lines, wrong_line
 from ndtree.logs.core.source import Format, Source
-from ndtree.logs.folders.depth_image import (
-    ENDINGS,
-    Camera,
-    camera_of,
-    check_stride,
-    load_depth,
-    points_of,
-)
+from ndtree.logs.folders.depth_image import ENDINGS, Camera, camera_of, check_stride, load_png, points_of
 from ndtree.logs.folders.folder import FolderLog, PosesOfFiles, number_in, stem_of
-from ndtree.logs.folders.scan_folder import several_trajectories
+from ndtree.logs.folders.scan_folder import only_trajectory
 from ndtree.logs.poses.pose import Pose
-from ndtree.logs.poses.trajectory import Trajectory
-from ndtree.logs.poses.trajectory_files import read_pose, read_trajectory, trajectory_kind
+from ndtree.logs.poses.trajectory_files import read_pose, trajectory_kind
 
 #: What drivers write where they have no depth, beside 0.
 NO_DEPTH = 65535
@@ -47,7 +38,6 @@ _TUM_IMAGES, _GROUND_TRUTH = "depth.txt", "groundtruth.txt"
 IMAGES = "depth"
 #: Names under which the camera's poses are, the best first; else the only trajectory of the folder.
 _POSES = ("trajectory.log", "scene/trajectory.log", "livingroom.log", "odometry.log")
-_ENDINGS = (".log", ".txt", ".freiburg", ".tum", ".csv")
 _CAMERA_FILE = 1 << 20
 #: Lists of images with their times.
 _LISTS = ("associations.txt", "association.txt", "associate.txt", "associated.txt", "assoc.txt")
@@ -81,17 +71,14 @@ class DepthLog(FolderLog):
         self._camera = found or known
         if found is None:
             numbers = f"{known.fx:g},{known.fy:g},{known.cx:g},{known.cy:g},{known.scale:g}"
-            self._decided.append(
-                f"the camera is taken for {self.whose}: {numbers}; {key('camera')} sets another"
-            )
+            said = f"the camera is taken for {self.whose}: {numbers}"
+            self._decided.append(f"{said}; {key('camera')} sets another")
         elif camera is not None and camera.count(",") < 4:
-            self._decided.append(
-                f"depths are taken for {known.scale:g} a metre; a fifth number in {key('camera')} "
-                "sets another"
-            )
+            said = f"depths are taken for {known.scale:g} a metre"
+            self._decided.append(f"{said}; a fifth number in {key('camera')} sets another")
 
     def _points(self, i: int) -> NDArray[np.floating]:
-        image = load_depth(self._files[i])
+        image = load_png(self._files[i])
         return points_of(image, self._camera, pixel_stride=self._pixel_stride, no_depth=self.no_depth)
 
 
@@ -134,24 +121,14 @@ class TumRgbdLog(DepthLog):
         trajectory: str | None = None,
         time_offset: float = 0.0,
     ) -> None:
-        self._time_offset = time_offset
-        self._stamps, names = _images(source.inside(_TUM_IMAGES))
-        self._trajectory_path = source.inside(_GROUND_TRUTH) if trajectory is None else trajectory
+        stamps, names = _images(source.inside(_TUM_IMAGES))
         super().__init__(source, [source.inside(name) for name in names], camera, pixel_stride)
-
-    @cached_property
-    def _trajectory(self) -> Trajectory:
-        return read_trajectory(self._trajectory_path)
-
-    def _pose(self, i: int) -> Pose:
-        return self._trajectory.pose_at(self._stamps[i] + self._time_offset)
-
-    def _stamp(self, i: int) -> float:
-        return self._stamps[i]
+        trajectory = source.inside(_GROUND_TRUTH) if trajectory is None else trajectory
+        self._poses = PosesOfFiles(trajectory, self._files, None, time_offset, stamps)
 
 
 class DepthFolderLog(DepthLog):
-    """``depth/*.png`` or ``.pgm`` in millimetres, and ``trajectory.log``.
+    """``depth/*.png`` in millimetres, and ``trajectory.log``.
 
     Times of images are their names, or in a list ``associations.txt``. The camera is `camera`, else the
     intrinsic matrix in a JSON of the folder, as Open3D writes it, else Open3D's default, with a note.
@@ -173,11 +150,8 @@ class DepthFolderLog(DepthLog):
         names = sorted(_images_in(folder), key=lambda name: (number_in(stem_of(name)) or 0, name))
         trajectory = trajectory or _trajectory_in(source)
         if trajectory is None:
-            raise NotALog(
-                source.path,
-                f"{len(names)} depth images without poses",
-                [f"ndtree map {source.path} --trajectory FILE (poses of the camera)"],
-            )
+            way = f"ndtree map {source.path} --trajectory FILE (poses of the camera)"
+            raise NotALog(source.path, f"{len(names)} depth images without poses", [way])
         found = _camera_in_json(source) if camera is None else None
         files = [os.path.join(folder, name) for name in names]
         super().__init__(source, files, camera, pixel_stride, found)
@@ -218,9 +192,8 @@ def _camera_in_json(source: Source) -> Camera | None:
             columns = np.array(found["intrinsic_matrix"], dtype=np.float64).reshape(3, 3)
             return _matrix_camera(columns.T, float(found.get("depth_scale", OPEN3D_CAMERA.scale)))
         except (TypeError, ValueError) as error:
-            raise ValueError(
-                f"{path}: intrinsic_matrix: expected the 9 numbers of a camera's matrix ({one_line(error)})"
-            ) from None
+            expected = f"expected the 9 numbers of a camera's matrix ({one_line(error)})"
+            raise ValueError(f"{path}: intrinsic_matrix: {expected}") from None
     return None
 
 
@@ -229,14 +202,7 @@ def _trajectory_in(source: Source) -> str | None:
         path = source.inside(*name.split("/"))
         if os.path.isfile(path) and trajectory_kind(path) is not None:
             return path
-    found = [
-        name
-        for name in source.names
-        if name.lower().endswith(_ENDINGS) and trajectory_kind(source.inside(name))
-    ]
-    if len(found) > 1:
-        raise several_trajectories(source.path, found)
-    return source.inside(found[0]) if found else None
+    return only_trajectory(source.path, source.names)
 
 
 def _times_in(source: Source, names: Sequence[str]) -> list[float]:
@@ -264,19 +230,13 @@ def _images(path: str) -> tuple[list[float], list[str]]:
     stamps, names = [], []
     for number, line in text_lines(path):
         fields = line.split("#", 1)[0].split(maxsplit=1)
-        if not fields:
-            continue
-        try:
-            stamp = float(fields[0])
-        except ValueError:
-            stamp = math.nan
-        if len(fields) != 2 or not math.isfinite(stamp):
-            raise ValueError(
-                f"{path}: line {number}: found {line.strip()[:40]!r}, "
-                "expected a time [s] and the name of an image"
-            )
-        stamps.append(stamp)
-        names.append(fields[1].strip())
+        if fields:
+            try:
+                stamp, name = fields
+                stamps.append(float(stamp))
+            except ValueError:
+                raise wrong_line(path, number, line, "a time [s] and the name of an image") from None
+            names.append(name.strip())
     if not names:
         raise ValueError(f"{path}: no images, expected a line each with a time [s] and the name of an image")
     return stamps, names
@@ -287,8 +247,8 @@ def _is_depth_folder(source: Source) -> bool:
     return IMAGES in source.names and os.path.isdir(folder) and bool(_images_in(folder))
 
 
-def _is_seven_scenes(source: Source) -> bool:
-    return any(_FRAME.fullmatch(name) for name in source.names)
+def _is_scenes(source: Source) -> bool:
+    return any(map(_FRAME.fullmatch, source.names))
 
 
 def _is_tum(source: Source) -> bool:
@@ -297,8 +257,6 @@ def _is_tum(source: Source) -> bool:
 
 _OF_CAMERA, _OF_POSES = ("camera", "pixel_stride"), ("trajectory", "time_offset")
 _ALL, _OPEN3D = (*_OF_CAMERA, *_OF_POSES), "a folder of depth images with a trajectory, as Open3D's"
-SEVEN_SCENES = Format(
-    "seven_scenes", "a 7-Scenes folder", _is_seven_scenes, SevenScenesLog, _OF_CAMERA, "folder"
-)
+SEVEN_SCENES = Format("seven_scenes", "a 7-Scenes folder", _is_scenes, SevenScenesLog, _OF_CAMERA, "folder")
 TUM_RGBD = Format("tum_rgbd", "a TUM RGB-D folder", _is_tum, TumRgbdLog, _ALL, "folder")
 DEPTH_FOLDER = Format("depth_folder", _OPEN3D, _is_depth_folder, DepthFolderLog, _ALL, "folder")

@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +19,7 @@ from ndtree.logs.core.plain_file import open_regular
 ENDINGS = (".png", ".pgm")
 #: More pixels are no depth camera's.
 _MOST_PIXELS = 1 << 25
-_PGM_HEADER = 1 << 12
 _PNG = b"\x89PNG\r\n\x1a\n"
-_GAP = rb"(?:\s|#[^\n]*\n)+"
-_PGM = re.compile(rb"P5" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})\s")
 
 
 @dataclass(frozen=True)
@@ -102,56 +98,32 @@ def _rays(
     return x / camera.scale, y / camera.scale
 
 
-def load_depth(path: str) -> NDArray[np.unsignedinteger[Any]]:
-    """A depth image of one channel of 16 bits, PGM or PNG, as `load_png`."""
-    return _load_pgm(path) if path.lower().endswith(".pgm") else load_png(path)
-
-
-def _load_pgm(path: str) -> NDArray[np.unsignedinteger[Any]]:
-    """A binary PGM with its own values, whatever the largest is said to be."""
+def load_png(path: str) -> NDArray[np.uint16]:
+    """The depth image in a file, as of `png_pixels`."""
     with open_regular(path) as file:
-        content = file.read(2 * _MOST_PIXELS + _PGM_HEADER)
-    header = _PGM.match(content[:_PGM_HEADER])
-    if header is None:
-        raise ValueError(f"{path}: not a binary PGM, expected one of 16 bits")
-    columns, rows, largest = (int(number) for number in header.groups())
-    _check_size(path, columns, rows)
-    if not 255 < largest < 65536:
-        raise ValueError(f"{path}: found a PGM of values up to {largest}, expected one of 16 bits")
-    if len(content) - header.end() < 2 * rows * columns:
-        raise ValueError(f"{path}: the PGM is cut off, expected {columns} x {rows} pixels")
-    return (
-        np.frombuffer(content, ">u2", rows * columns, header.end()).reshape(rows, columns).astype(np.uint16)
-    )
+        return png_pixels(file, path)
 
 
-def _check_size(path: str, columns: int, rows: int) -> None:
-    """Refuses images that no depth camera makes, and whose points would take gigabytes."""
-    if columns * rows > _MOST_PIXELS:
-        found, most = (f"{pixels / 1e6:.0f} megapixels" for pixels in (columns * rows, _MOST_PIXELS))
-        raise ValueError(f"{path}: an image of {found}, expected at most {most}")
+def png_pixels(file: IO[bytes], where: str) -> NDArray[np.uint16]:
+    """A depth image of one channel in a PNG of 16 bits a pixel, (rows, columns).
 
-
-def load_png(path: str) -> NDArray[np.unsignedinteger[Any]]:
-    """A depth image of one channel.
-
-    `path`: A PNG of 16 bits a pixel.
-    Returns ndarray of uint16, (rows, columns).
+    `where`: How errors call it.
     Raises ImportError if Pillow is not there; ValueError if it is no such image, or damaged.
     """
     with needs("depth images in PNG need Pillow", "clouds"):
         from PIL.PngImagePlugin import PngImageFile
     expected = "expected a PNG of one channel of 16 bits"
-    with open_regular(path) as file:
-        try:
-            if file.read(len(_PNG)) != _PNG:
-                raise ValueError(f"{path}: not a PNG, {expected}")
-            file.seek(0)
-            with PngImageFile(file) as image:
-                _check_size(path, *image.size)
-                # Pillow names 16 bits "I;16", and before version 10.3 widened them to "I".
-                if image.mode not in ("I;16", "I;16B", "I"):
-                    raise ValueError(f"{path}: found an image of mode {image.mode}, {expected}")
-                return np.asarray(image).astype(np.uint16)
-        except (OSError, SyntaxError, EOFError) as error:
-            raise ValueError(f"{path}: the PNG is damaged ({error}), expected a whole one") from None
+    try:
+        if file.read(len(_PNG)) != _PNG:
+            raise ValueError(f"{where}: not a PNG, {expected} (mogrify -format png makes them)")
+        file.seek(0)
+        with PngImageFile(file) as image:
+            columns, rows = image.size
+            if columns * rows > _MOST_PIXELS:  # Its points would take gigabytes.
+                raise ValueError(f"{where}: {columns} x {rows} pixels, expected at most {_MOST_PIXELS}")
+            # Pillow names 16 bits "I;16", and before version 10.3 widened them to "I".
+            if image.mode not in ("I;16", "I;16B", "I"):
+                raise ValueError(f"{where}: found an image of mode {image.mode}, {expected}")
+            return np.asarray(image).astype(np.uint16)
+    except (OSError, SyntaxError, EOFError) as error:
+        raise ValueError(f"{where}: the PNG is damaged ({error}), expected a whole one") from None

@@ -83,15 +83,11 @@ class FolderLog(SizedLog):
         """From some of the files, evenly spread: they may be large."""
         chosen = sorted({i * (len(self) - 1) // max(_SAMPLE - 1, 1) for i in range(_SAMPLE)})
         search = CutOffSearch(says_itself=False, least_scans=min(2, len(chosen)))
-        for scan in self._some(chosen):
-            search.add(scan)
-        return search.found()
-
-    def _some(self, numbers: Sequence[int]) -> Iterator[Scan]:
-        for i in numbers:
+        for i in chosen:
             with contextlib.suppress(ValueError, OSError):
                 pose = self._pose(i)
-                yield Scan(self._in_map(self._points(i), pose), pose.position)
+                search.add(Scan(self._in_map(self._points(i), pose), pose.position))
+        return search.found()
 
     def _pose(self, i: int) -> Pose:
         """T_map_sensor of a scan."""
@@ -160,10 +156,8 @@ class PosesOfFiles:
         if self._are_counted:
             return trajectory.pose_at(float(self._lines[i]))
         if not self._named_by_stamps and self._times is None:
-            raise ValueError(
-                f"{self._files[i]}: has no time to find its pose in {self._path}, "
-                "expected a time as its name, or times.txt beside it"
-            )
+            expected = "expected a time as its name, or times.txt beside it"
+            raise ValueError(f"{self._files[i]}: has no time for its pose in {self._path}, {expected}")
         return trajectory.pose_at(self.stamp(i) + self._time_offset)
 
     @property
@@ -190,42 +184,34 @@ class PosesOfFiles:
             return self._stamps[i]
         if self._times is None:
             return 0.0
-        return float(self._times[self._line(i, len(self._times), self._times_path, "times")])
+        line, count, path = self._lines[i], len(self._times), self._times_path
+        if not self._numbered and count != len(self._files):
+            files = number_of(len(self._files), "file")
+            raise ValueError(f"{path}: {count} times for {files} without a number, expected as many")
+        if line >= count:
+            raise ValueError(f"{self._files[i]}: number {line}, but {path} has times 0 to {count - 1}")
+        return float(self._times[line])
 
     def _number(self, i: int, trajectory: Trajectory) -> float:
         """Which pose of those with numbers."""
         known = self._known
-        if self._numbered and float(self._lines[i]) in known and self._are_known:
+        if self._are_known and float(self._lines[i]) in known:
             return float(self._lines[i])
         if len(known) == len(self._files):
             return float(trajectory.stamps[i])
         if not self._numbered:
-            raise ValueError(
-                f"{self._path}: {number_of(len(known), 'pose')} for {number_of(len(self._files), 'file')} "
-                "without a number at the end of the name, "
-                "expected as many"
-            )
+            some = f"{number_of(len(known), 'pose')} for {number_of(len(self._files), 'file')}"
+            raise ValueError(f"{self._path}: {some} without a number, expected as many")
         first, last = int(min(known)), int(max(known))
-        raise ValueError(
-            f"{self._files[i]}: number {self._lines[i]}, but {self._path} has poses {first} to {last}"
-        )
-
-    def _line(self, i: int, lines: int, path: str | None, what: str) -> int:
-        if not self._numbered and lines != len(self._files):
-            raise ValueError(
-                f"{path}: {lines} {what} for {number_of(len(self._files), 'file')} "
-                "without a number at the end of the name, "
-                "expected as many"
-            )
-        line = self._lines[i]
-        if line >= lines:
-            raise ValueError(f"{self._files[i]}: number {line}, but {path} has {what} 0 to {lines - 1}")
-        return line
+        said = f"number {self._lines[i]}, but {self._path} has poses {first} to {last}"
+        raise ValueError(f"{self._files[i]}: {said}")
 
     @cached_property
     def _are_known(self) -> bool:
-        """Whether there is a pose for each number, or not one for each file in their order either."""
-        return len(self._known) != len(self._files) or all(float(line) in self._known for line in self._lines)
+        """Whether numbers of files count: there is a pose for each, or not one for each in their order."""
+        if not self._numbered or len(self._known) != len(self._files):
+            return self._numbered
+        return all(float(line) in self._known for line in self._lines)
 
     @cached_property
     def _are_counted(self) -> bool:

@@ -12,9 +12,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.base.words import number_of
 from ndtree.logs.core.failures import NotALog, at_place
-from ndtree.logs.core.plain_file import text_lines
+from ndtree.logs.core.plain_file import text_lines, wrong_line
 from ndtree.logs.core.source import Format, Source
 from ndtree.logs.folders.cloud_files import WIDTHS, bin_points, floats_a_point
 from ndtree.logs.folders.folder import FolderLog, PosesOfFiles, number_in, stem_of
@@ -116,9 +115,7 @@ class KittiRawLog(VelodyneFolderLog):
             self._poses = PosesOfFiles(trajectory, self._files, None, time_offset, stamps=self._stamps)
             return
         if not os.path.isdir(source.inside(_OXTS)):
-            raise ValueError(
-                f"{source.path}: no poses, expected {_OXTS} in it, or a trajectory of the Velodyne"
-            )
+            raise ValueError(f"{source.path}: no {_OXTS} in it, expected it, or a trajectory of the Velodyne")
         self._calibration = _imu_calibration_of(source)
 
     def _pose(self, i: int) -> Pose:
@@ -151,9 +148,7 @@ class KittiRawLog(VelodyneFolderLog):
         stamps = []
         for file, number in zip(self._files, numbers):
             if number is None or number >= len(lines):
-                raise ValueError(
-                    f"{file}: number {number}, but {self._times} has times 0 to {len(lines) - 1}"
-                )
+                raise ValueError(f"{file}: number {number}, but {self._times} has 0 to {len(lines) - 1}")
             stamps.append(_seconds(self._times, number, lines[number]))
         return stamps
 
@@ -171,36 +166,37 @@ def _poses_of(source: Source) -> str:
     if os.path.isfile(there):
         return there
     path = shlex.quote(source.path)
-    raise NotALog(
-        source.path,
-        f"a KITTI sequence without poses: neither {_POSES} in it nor {there}",
-        [f"ndtree map {path} --trajectory FILE (poses of the laser)"],
-    )
+    what = f"a KITTI sequence without poses: neither {_POSES} in it nor {there}"
+    raise NotALog(source.path, what, [f"ndtree map {path} --trajectory FILE (poses of the laser)"])
 
 
 def _calibration_of(source: Source, poses: str) -> str:
     if _CALIBRATION in source.names:
         return source.inside(_CALIBRATION)
     way = f"ndtree map {shlex.quote(source.path)} --trajectory {shlex.quote(poses)}"
-    raise NotALog(
-        source.path,
-        f"a KITTI sequence without {_CALIBRATION}, which says where the laser is beside the camera",
-        [f"{way} (if these are poses of the laser)"],
-    )
+    what = f"a KITTI sequence without {_CALIBRATION}, which says where the laser is beside the camera"
+    raise NotALog(source.path, what, [f"{way} (if these are poses of the laser)"])
+
+
+def _named_numbers(path: str, names: str) -> dict[str, list[float]]:
+    """Of the lines of a calibration file with some names, the numbers behind them."""
+    found = {}
+    for number, line in text_lines(path):
+        name, _, values = line.partition(":")
+        if name.strip() in names.split():
+            with at_place(f"{path}: line {number}: {name.strip()}", "numbers"):
+                found[name.strip()] = [float(field) for field in values.split()]
+    missing = next((name for name in names.split() if name not in found), None)
+    if missing is not None:
+        raise ValueError(f"{path}: no line {missing}, expected where the Velodyne is")
+    return found
 
 
 def _velodyne_in(path: str) -> Pose:
     """T_camera_velodyne of a calibration file."""
-    for number, line in text_lines(path):
-        name, _, values = line.partition(":")
-        if name.strip() != "Tr":
-            continue
-        with at_place(f"{path}: line {number}: Tr", "a 3x4 matrix"):
-            found = np.array([float(field) for field in values.split()])
-            if len(found) != 12:
-                raise ValueError(f"found {number_of(len(found), 'number')}")
-            return Pose.from_matrix(found.reshape(3, 4))
-    raise ValueError(f"{path}: no line Tr, expected where the Velodyne sits beside the camera")
+    found = _named_numbers(path, "Tr")["Tr"]
+    with at_place(f"{path}: Tr", "a 3x4 matrix"):
+        return Pose.from_matrix(np.array(found).reshape(3, 4))
 
 
 def _read_pose(path: str) -> list[float]:
@@ -228,16 +224,9 @@ def _imu_calibration_of(source: Source) -> str:
 
 def _velodyne_from_imu(path: str) -> Pose:
     """T_velodyne_imu of a calibration file: lines R and T."""
-    found = {}
-    for _, line in text_lines(path):
-        name, _, values = line.partition(":")
-        found[name.strip()] = values.split()
-    missing = next((name for name in "RT" if name not in found), None)
-    if missing is not None:
-        raise ValueError(f"{path}: no line {missing!r}, expected R and T")
+    found = _named_numbers(path, "R T")
     with at_place(path, "9 numbers of R and 3 of T"):
-        rotation = np.array([float(field) for field in found["R"]]).reshape(3, 3)
-        position = np.array([float(field) for field in found["T"]]).reshape(3, 1)
+        rotation, position = np.array(found["R"]).reshape(3, 3), np.array(found["T"]).reshape(3, 1)
         return Pose.from_matrix(np.hstack([rotation, position]))
 
 
@@ -248,13 +237,9 @@ def _seconds(path: str, line: int, text: str) -> float:
         day = datetime.datetime.strptime(whole, "%Y-%m-%d %H:%M:%S").replace(tzinfo=datetime.timezone.utc)
         return day.timestamp() + (float(f"0.{part}") if part else 0.0)
     except ValueError:
-        raise ValueError(
-            f"{path}: line {line + 1}: found {text[:40]!r}, expected a time as 2011-09-26 13:02:25.594360375"
-        ) from None
+        raise wrong_line(path, line + 1, text, "a time as 2011-09-26 13:02:25.594360375") from None
 
 
 _OPTIONS = ("trajectory", "time_offset")
 KITTI = Format("kitti", "a KITTI odometry sequence", KittiLog.recognises, KittiLog, _OPTIONS, "folder")
-KITTI_RAW = Format(
-    "kitti_raw", "a drive of KITTI's raw data", KittiRawLog.recognises, KittiRawLog, _OPTIONS, "folder"
-)
+KITTI_RAW = Format("kitti_raw", "a raw KITTI drive", KittiRawLog.recognises, KittiRawLog, _OPTIONS, "folder")

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import codecs
-import itertools
 import struct
 from dataclasses import dataclass
 from importlib import import_module
@@ -38,11 +37,8 @@ class PcdHeader:
 
     def dtype(self, zero_is: int) -> np.dtype[Any]:
         """Layout of a point in binary data, where a field of COUNT 0 has `zero_is` values."""
-        columns: list[Any] = [
-            (f"{i}", kind, (count or zero_is,))
-            for i, (kind, count) in enumerate(zip(self.types, self.counts))
-        ]
-        return np.dtype(columns)
+        counts = self.columns(zero_is)
+        return np.dtype([(f"{i}", kind, (counts[i],)) for i, kind in enumerate(self.types)])
 
     def columns(self, zero_is: int) -> list[int]:
         """Number of values of each field in a line of ascii data."""
@@ -53,7 +49,7 @@ def pcd_columns(path: str) -> list[NDArray[Any]]:
     """x, y and z of the points, each in the type that the file has.
 
     VERSION, COUNT, HEIGHT, VIEWPOINT and, in old files, SIZE and TYPE may be missing. A field of COUNT 0 has
-    no values, or one where only that fits the data. Beside such fields, padding (``_``) may be missing.
+    no values, or one where only that fits the data.
 
     Raises ValueError if the header is not one, or there are more or fewer points than it says.
     """
@@ -72,8 +68,10 @@ def pcd_columns(path: str) -> list[NDArray[Any]]:
     if header.encoding == "ascii":
         return _of_text(path, header, data, axes)
     if header.encoding == "binary":
-        return _of_binary(path, header, data, axes)
-    return _of_compressed(path, header, data, axes)
+        table = binary_table(path, header, data)
+        return [table[f"{i}"].reshape(-1) for i in axes]
+    _, columns = unpacked(path, header, data)
+    return [columns[i].reshape(-1)[: header.points] for i in axes]
 
 
 def _header(path: str, file: Any) -> PcdHeader:
@@ -88,9 +86,7 @@ def _header(path: str, file: Any) -> PcdHeader:
         if not fields:
             continue
         if fields[0].upper() not in _KEYWORDS:
-            raise _damaged(
-                path, f"line {number}: found {fields[0][:40]!r}, expected {', '.join(sorted(_KEYWORDS))}"
-            )
+            raise _damaged(path, f"line {number}: found {fields[0][:40]!r}, expected a PCD's header")
         lines[fields[0].upper()] = fields[1:]
         if fields[0].upper() == "DATA":
             return _parsed(path, lines)
@@ -110,9 +106,8 @@ def _parsed(path: str, lines: dict[str, list[str]]) -> PcdHeader:
     types = []
     for name, kind, size in zip(names, kinds, sizes):
         if kind not in _TYPES or size not in ((2, 4, 8) if kind == "F" else (1, 2, 4, 8)):
-            raise _damaged(
-                path, f"field {name}: TYPE {kind} of SIZE {size}, expected F of 4 or 8, I or U of 1 to 8"
-            )
+            what = f"field {name}: TYPE {kind} of SIZE {size}"
+            raise _damaged(path, f"{what}, expected F of 4 or 8, I or U of 1 to 8")
         types.append(np.dtype(f"<{_TYPES[kind]}{size}"))
     if sum(counts) > 1 << 20:
         raise _damaged(path, f"COUNT of {sum(counts)} values a point")
@@ -167,51 +162,31 @@ def _of_text(path: str, header: PcdHeader, data: bytes, axes: list[int]) -> list
         raise _damaged(path, one_line(error)) from None
 
 
-def _of_binary(path: str, header: PcdHeader, data: bytes, axes: list[int]) -> list[NDArray[Any]]:
+def binary_table(path: str, header: PcdHeader, data: bytes) -> NDArray[Any]:
+    """Points as binary data has them, in fields that are called by their numbers."""
     dtype = _layout(header, len(data))
     found = len(data) // dtype.itemsize
-    rest = len(data) - found * dtype.itemsize
-    if found == header.points and rest and 0 in header.counts:
+    if found == header.points and len(data) % dtype.itemsize and 0 in header.counts:
         raise _damaged(path, f"{len(data)} bytes of points, expected {found * dtype.itemsize}")
     if found != header.points:
         raise _other_number(path, found, header.points)
-    table = np.frombuffer(data, dtype, count=found)
-    return [table[f"{i}"].reshape(-1) for i in axes]
+    return np.frombuffer(data, dtype, count=found)
 
 
 def _layout(header: PcdHeader, size: int) -> np.dtype[Any]:
-    """A point's layout: as the header says, or what its fields of COUNT 0 leave open and the size fits."""
+    """A point's layout: as the header says, or with one value for fields of COUNT 0 where that fits."""
     said = header.dtype(0)
     if 0 not in header.counts or not header.points or size == header.points * said.itemsize:
         return said
-    padding = [i for i, name in enumerate(header.fields) if name == "_" and header.counts[i]][:8]
-    fitting: dict[tuple[int, ...], np.dtype[Any]] = {}
-    for zero_is in (1, 0):
-        layout = header.dtype(zero_is)
-        for missing in itertools.chain.from_iterable(
-            itertools.combinations(padding, n) for n in range(len(padding) + 1)
-        ):
-            kept = [name for name in layout.names or () if int(name) not in missing]
-            dtype = np.dtype([(name, layout[name]) for name in kept])
-            if size == header.points * dtype.itemsize:
-                offsets = [dtype.fields[f"{header.fields.index(axis)}"][1] for axis in "xyz"]  # type: ignore[index]
-                fitting.setdefault(tuple(offsets), dtype)
-    return next(iter(fitting.values())) if len(fitting) == 1 else said
-
-
-def _of_compressed(path: str, header: PcdHeader, data: bytes, axes: list[int]) -> list[NDArray[Any]]:
-    if not header.points:
-        return [np.zeros(0, np.float32)] * 3
-    _, columns = unpacked(path, header, data)
-    return [columns[i].reshape(-1)[: header.points] for i in axes]
+    one = header.dtype(1)
+    return one if size == header.points * one.itemsize else said
 
 
 def unpacked(path: str, header: PcdHeader, data: bytes) -> tuple[np.dtype[Any], list[NDArray[Any]]]:
     """A point's layout and the fields, which lie one behind the other, compressed by LZF."""
     if not header.points:
-        return header.dtype(0), [
-            np.zeros((0, count), kind) for kind, count in zip(header.types, header.counts)
-        ]
+        empty = [np.zeros((0, count), kind) for kind, count in zip(header.types, header.counts)]
+        return header.dtype(0), empty
     with needs("compressed PCD files need pypcd4", "clouds"):
         lzf = import_module("lzf")
     if len(data) < 8:

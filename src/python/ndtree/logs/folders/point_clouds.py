@@ -17,13 +17,7 @@ from ndtree._errors import WrongValue
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
 from ndtree.logs.core.silence import without_zeros
-from ndtree.logs.core.source import (
-    Format,
-    Source,
-    Unplaced,
-    source_of,
-    without_sensor,
-)
+from ndtree.logs.core.source import Format, Source, Unplaced, source_of, without_sensor
 from ndtree.logs.folders.cloud_files import (
     BIN_CLOUD,
     TEXT_CLOUD,
@@ -38,10 +32,9 @@ from ndtree.logs.folders.cloud_files import (
 )
 from ndtree.logs.folders.folder import FolderLog, PosesOfFiles, number_in, stamps_in, stem_of
 from ndtree.logs.folders.scan_folder import (
-    POSE_ENDINGS,
     FoundPoses,
     Scans,
-    may_be_pose,
+    pose_beside,
     poses_above,
     poses_of,
     scans_in,
@@ -96,9 +89,7 @@ class PointCloudLog(FolderLog):
         self.has_sensor = not unplaced.points_only
         scans = _scans_of(source)
         if scans is None:
-            raise ValueError(
-                f"{source.path}: found no files, expected point clouds: PCD, PLY, LAS, LAZ, text or .bin"
-            )
+            raise ValueError(f"{source.path}: no point clouds, expected PCD, PLY, LAS, LAZ, text or .bin")
         scans = replace(scans, names=tuple(_in_order(list(scans.names))))
         self._kind = scans.kind
         super().__init__(source.path, scans.files)
@@ -122,7 +113,7 @@ class PointCloudLog(FolderLog):
 
     def _find_poses(self, source: Source, scans: Scans, time_offset: float) -> None:
         """Poses by where they are; raises the error of points without any."""
-        found = poses_of(source.path, scans) if source.is_folder else _beside_file(scans)
+        found = poses_of(source.path, scans) if source.is_folder else pose_beside(scans)
         # Those above may be of other scans, and those beside one map of the scans that it was made of.
         must_fit = len(self) == 1 and number_in(stem_of(self._files[0])) is None
         is_above = not found and not self._have_viewpoints() and source.is_folder
@@ -163,10 +154,7 @@ class PointCloudLog(FolderLog):
         kind = self._kind.name
         why = " (VIEWPOINT is the identity{})" if self._kind is _PCD else ""
         if len(self) > 1:
-            kinds = {
-                "text": "files of points in text",
-                "bin": "files of bare float32 numbers, as KITTI's scans",
-            }
+            kinds = {"text": "files of points in text", "bin": "files of float32 numbers, as KITTI's scans"}
             return f"{len(self)} {kinds.get(kind, f'{kind} files')} without poses{why.format(' in all')}"
         if self._kind is BIN_CLOUD:
             return f"a laser scan as KITTI's (.bin, {self._width} float32 numbers a point) without its pose"
@@ -273,24 +261,12 @@ def _may_be_beams(source: Source) -> bool:
     return not (columns and columns.decimal_comma) and dimension_of(first_fields(source)) is not None
 
 
-def _beside_file(scans: Scans) -> FoundPoses:
-    """A pose beside the one file."""
-    name = scans.names[0]
-    for ending in POSE_ENDINGS:
-        beside = os.path.join(scans.folder, os.path.splitext(name)[0] + ending)
-        if os.path.basename(beside) != name and may_be_pose(beside):
-            return FoundPoses((beside,))
-    return FoundPoses()
-
-
 def _in_order(names: list[str]) -> list[str]:
     """Names by the times that they are, else by their numbers."""
     stems = [stem_of(name) for name in names]
-    keys = [
-        (stamp if stamp is not None else float(number_in(stem) or 0), name)
-        for stamp, stem, name in zip(stamps_in(stems), stems, names)
-    ]
-    return [name for _, name in sorted(keys)]
+    numbers = [number_in(stem) or 0 for stem in stems]
+    keys = [one if one is not None else float(number) for one, number in zip(stamps_in(stems), numbers)]
+    return [name for _, name in sorted(zip(keys, names))]
 
 
 def _recognises(source: Source) -> bool:
@@ -299,11 +275,6 @@ def _recognises(source: Source) -> bool:
     return kind_of_file(source.head) is not None or _kind_without_magic(source) is not None
 
 
-POINT_CLOUDS = Format(
-    "point_clouds",
-    "a folder of PCD, PLY, LAS, LAZ, text or .bin files",
-    _recognises,
-    PointCloudLog,
-    ("trajectory", "time_offset", "points_in", "origin_of_scan", "points_only"),
-    stored_as="either",
-)
+_IS = "a folder of PCD, PLY, LAS, LAZ, text or .bin files"
+_OPTIONS = ("trajectory", "time_offset", "points_in", "origin_of_scan", "points_only")
+POINT_CLOUDS = Format("point_clouds", _IS, _recognises, PointCloudLog, _OPTIONS, stored_as="either")

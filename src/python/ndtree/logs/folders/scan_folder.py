@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shlex
 from collections.abc import Iterator, Sequence
@@ -99,7 +100,14 @@ def _poses_in(folder: str, scans: Scans) -> FoundPoses:
     beside = _beside(scans.names, [name for name in names if may_be_pose(os.path.join(folder, name))])
     if any(beside):
         return FoundPoses(tuple(name and os.path.join(folder, name) for name in beside))
-    return FoundPoses(trajectory=_trajectory(folder, names))
+    return FoundPoses(trajectory=only_trajectory(folder, names))
+
+
+def pose_beside(scans: Scans) -> FoundPoses:
+    """A pose beside the only file."""
+    names = [one for one in _entries(scans.folder or ".") if may_be_pose(os.path.join(scans.folder, one))]
+    (beside,) = _beside(scans.names, [one for one in names if one not in scans.names])
+    return FoundPoses((os.path.join(scans.folder, beside),)) if beside else FoundPoses()
 
 
 def times_of(path: str, scans: Scans) -> str | None:
@@ -124,19 +132,15 @@ def _clouds(path: str, names: Sequence[str]) -> Scans | None:
     if TEXT_CLOUD.name in by_kind and len(by_kind) > 1:  # Lists and notes beside clouds.
         del by_kind[TEXT_CLOUD.name]
     if not by_kind:
-        numbered = [
-            name for name in names if name.lower().endswith(MAYBE) and number_in(stem_of(name)) is not None
-        ]
+        maybe = [name for name in names if name.lower().endswith(MAYBE)]
+        numbered = [name for name in maybe if number_in(stem_of(name)) is not None]
         if len(numbered) > 1 and all(
             _is_cloud(os.path.join(path, name)) for name in (numbered[0], numbered[-1])
         ):
             return Scans(path, tuple(numbered), TEXT_CLOUD)
         return None
     if len(by_kind) > 1:
-        raise ValueError(
-            f"{path}: found {' and '.join(sorted(by_kind))} files, expected PCD, PLY, LAS or LAZ files, "
-            "points in text, or .bin of one kind"
-        )
+        raise ValueError(f"{path}: {' and '.join(sorted(by_kind))} files, expected point clouds of one kind")
     name, found = next(iter(by_kind.items()))
     return Scans(path, tuple(found), kinds[name])
 
@@ -165,11 +169,8 @@ def _below(path: str, depth: int) -> Iterator[str]:
         return
     try:
         with os.scandir(path) as entries:
-            folders = sorted(
-                one.name
-                for one in entries
-                if one.is_dir() and not one.name.startswith(".") and one.name.lower() not in POSE_FOLDERS
-            )
+            there = [one.name for one in entries if one.is_dir() and not one.name.startswith(".")]
+            folders = sorted(name for name in there if name.lower() not in POSE_FOLDERS)
     except OSError:
         return
     for name in folders[:_MOST_FOLDERS]:
@@ -211,58 +212,33 @@ def _above(folder: str) -> Iterator[str]:
 def _beside(scans: Sequence[str], names: Sequence[str]) -> list[str | None]:
     """For each scan the file of its pose: of its name, else where all names end in numbers, of its number."""
     there = set(names)
-    found = [
-        next(
-            (
-                stem + ending
-                for ending in POSE_ENDINGS
-                if (stem := os.path.splitext(name)[0]) + ending in there
-            ),
-            None,
-        )
-        for name in scans
-    ]
+    stems = [os.path.splitext(name)[0] for name in scans]
+    beside = [[stem + ending for ending in POSE_ENDINGS if stem + ending in there] for stem in stems]
+    found = [names[0] if names else None for names in beside]
     if any(found) or len(scans) < 2:
         return found
-    by_number = {
-        number_in(stem_of(name).removesuffix(".pose")): name
-        for name in names
-        if name.lower().endswith(".txt")
-    }
+    texts = [name for name in names if name.lower().endswith(".txt")]
+    by_number = {number_in(stem_of(name).removesuffix(".pose")): name for name in texts}
     numbers = [number_in(stem_of(name)) for name in scans]
     if None in numbers or len(by_number) < len(scans) or not all(number in by_number for number in numbers):
         return found
     return [by_number[number] for number in numbers]
 
 
-def _trajectory(folder: str, names: Sequence[str]) -> str | None:
-    """The only trajectory file of a folder."""
-    found = [
-        name
-        for name in names
-        if name.lower().endswith(TRAJECTORY_ENDINGS)
-        and os.path.isfile(os.path.join(folder, name))
-        and _is_trajectory(os.path.join(folder, name))
-    ]
+def only_trajectory(folder: str, names: Sequence[str]) -> str | None:
+    """The only trajectory file of a folder, of some names in it."""
+    found = []
+    for name in names:
+        path = os.path.join(folder, name)
+        with contextlib.suppress(OSError):  # Not everything may be read.
+            if name.lower().endswith(TRAJECTORY_ENDINGS) and os.path.isfile(path) and trajectory_kind(path):
+                found.append(path)
     if len(found) > 1:
-        raise several_trajectories(folder, found)
-    return os.path.join(folder, found[0]) if found else None
-
-
-def several_trajectories(folder: str, names: Sequence[str]) -> ValueError:
-    """The error of a folder with several, by their names in it."""
-    paths = [shlex.quote(os.path.join(folder, name)) for name in names[:_SHOWN]]
-    ways = "".join(f"\n  {key('trajectory')} {path}" for path in paths)
-    return WrongValue(f"{folder}: {len(names)} trajectories, expected one of them:{ways}")
+        ways = "".join(f"\n  {key('trajectory')} {shlex.quote(path)}" for path in found[:_SHOWN])
+        raise WrongValue(f"{folder}: {len(found)} trajectories, expected one of them:{ways}")
+    return found[0] if found else None
 
 
 def may_be_pose(path: str) -> bool:
     """Whether a file is small enough to hold one pose and nothing else."""
     return os.path.isfile(path) and os.path.getsize(path) <= _LARGEST_POSE
-
-
-def _is_trajectory(path: str) -> bool:
-    try:
-        return trajectory_kind(path) is not None
-    except OSError:  # Not everything may be read.
-        return False

@@ -19,7 +19,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.plain_file import open_plain, separator_of
+from ndtree.logs.core.plain_file import open_plain, separator_of, wrong_line
 from ndtree.logs.core.source import Source
 
 Floats = NDArray[np.float64]
@@ -183,8 +183,7 @@ def _parsed(path: str, columns: Columns, first: int, lines: list[bytes]) -> Floa
         if values is not None:
             rows.append(values)
         elif not (columns.counted and len(fields) == 1) and not (number <= _LOOKED_AT and not rows):
-            found = content[:40].decode("utf-8", "replace")
-            raise ValueError(f"{path}: line {number}: found {found!r}, expected x y z of a point")
+            raise wrong_line(path, number, content, "x y z of a point")
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 

@@ -34,17 +34,14 @@ class ThreeDtkLog(FolderLog):
     may_be_cut_off = True
 
     def __init__(self, source: Source) -> None:
-        names = sorted(
-            (name for name in source.names if _SCAN.fullmatch(name)),
-            key=lambda name: number_in(stem_of(name)) or 0,
-        )
+        found = [name for name in source.names if _SCAN.fullmatch(name)]
+        names = sorted(found, key=lambda name: number_in(stem_of(name)) or 0)
         super().__init__(source.path, [source.inside(name) for name in names])
         stems = [os.path.splitext(file)[0] for file in self._files]
         self._matched = [os.path.isfile(f"{stem}.frames") for stem in stems]
         if any(self._matched):
-            self._decided.append(
-                f"{sum(self._matched)} of {len(stems)} poses are those of the matching, the last in .frames"
-            )
+            some = f"{sum(self._matched)} of {len(stems)} poses"
+            self._decided.append(f"{some} are those of the matching, the last in .frames")
 
     def _pose(self, i: int) -> Pose:
         stem = os.path.splitext(self._files[i])[0]
