@@ -67,9 +67,10 @@ class CarmenLog(LineLog):
             if record is None:
                 others.update(KEYWORDS.intersection(line.split(maxsplit=1)[:1]))
                 return None
-            scan = Scan(*record, heading=_heading_of(line))
-            self.zeros += _zeros_of(line, scan)
-            return scan
+            fields = line.split()
+            if _ZERO.search(line):  # Beams that end at their origin, unless they were replaced.
+                self.zeros += sum(map(_is_zero, fields[_ranges_in(fields)]))
+            return Scan(*record, heading=_heading_of(fields))
 
         found = False
         for scan in self._parsed(parse):
@@ -78,10 +79,8 @@ class CarmenLog(LineLog):
             found = True
             yield scan
         if not found:
-            raise ValueError(
-                f"{self.path}: no FLASER or ROBOTLASER1 record: expected at least one, of "
-                f"a scan with its pose; found {', '.join(others) or 'none of the format'}"
-            )
+            found_some = ", ".join(others) or "none of the format"
+            raise ValueError(f"{self.path}: no FLASER or ROBOTLASER1, expected one; found {found_some}")
         for name in sorted(_OTHER_LASERS & others.keys()):
             self._seen.append(f"{number_of(others[name], f'{name} record')} of another laser are not read")
 
@@ -91,10 +90,8 @@ class CarmenLog(LineLog):
             return
         degrees = round(math.degrees(found[0]), 3)
         if found[1] == "none":
-            self._seen.append(
-                f"field of view of {degrees:g} degrees is assumed: no PARAM says it, and no laser is known "
-                f"for {beams} beams; {key('fov')} sets another"
-            )
+            said = f"field of view of {degrees:g} degrees is assumed: no PARAM says it, and no laser is known"
+            self._seen.append(f"{said} for {beams} beams; {key('fov')} sets another")
         elif degrees != 180:
             self._seen.append(f"field of view of {degrees:g} degrees is that of lasers with {beams} beams")
 
@@ -106,33 +103,30 @@ def _recognises(source: Source) -> bool:
     return fields[0] in KEYWORDS or _LASER_RECORD.search(source.head) is not None
 
 
-def _heading_of(line: str) -> float:
+def _ranges_in(fields: list[str]) -> slice:
+    """Where a laser's record has its ranges; nowhere in other records."""
+    begin = _FIRST_RANGE.get(fields[0], 0) if fields else 0
+    if not begin or len(fields) < begin or not fields[begin - 1].isdigit():
+        return slice(0, 0)
+    return slice(begin, begin + int(fields[begin - 1]))
+
+
+def _heading_of(fields: list[str]) -> float:
     """Yaw of the laser [rad] in a record that could be read; its pose stands behind ranges and remissions."""
-    fields = line.split()
-    begin = _FIRST_RANGE[fields[0]]
-    end = begin + int(fields[begin - 1])
+    end = _ranges_in(fields).stop
     if fields[0] == "ROBOTLASER1":
         end += 1 + int(fields[end])
     return float(fields[end + 2])
 
 
-def _zeros_of(line: str, scan: Scan) -> int:
-    """Beams of a record whose range is 0: these end at their origin, unless they were replaced."""
-    begin = _FIRST_RANGE.get(line.split(maxsplit=1)[0], 0)
-    if not _ZERO.search(line):
-        return 0
-    return sum(1 for field in line.split()[begin : begin + len(scan)] if _is_zero(field))
-
-
 def _with_no_echo(line: str) -> str:
     """A laser's record with a range that says "nothing was hit" where it is 0."""
     fields = line.split()
-    begin = _FIRST_RANGE.get(fields[0], 0) if fields else 0
-    if not begin or len(fields) < begin or not fields[begin - 1].isdigit():
+    ranges = _ranges_in(fields)
+    if not ranges.stop:
         return line
     stated = fields[5] if fields[0] == "ROBOTLASER1" and not _is_zero(fields[5]) else _NO_ECHO_RANGE
-    end = begin + int(fields[begin - 1])
-    fields[begin:end] = [stated if _is_zero(field) else field for field in fields[begin:end]]
+    fields[ranges] = [stated if _is_zero(field) else field for field in fields[ranges]]
     return " ".join(fields)
 
 

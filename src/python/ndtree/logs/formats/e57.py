@@ -152,10 +152,5 @@ def _stamp(header: Any) -> float:
         return 0.0
 
 
-E57 = Format(
-    "e57",
-    "an E57 of laser scans",
-    lambda source: source.head.startswith(MAGIC),
-    E57Log,
-    ("origin_of_scan", "points_only"),
-)
+_OPTIONS = ("origin_of_scan", "points_only")
+E57 = Format("e57", "an E57 of laser scans", lambda one: one.head.startswith(MAGIC), E57Log, _OPTIONS)

@@ -106,19 +106,13 @@ def _load(path: str) -> dict[str, NDArray[Any]]:
         raise ValueError(f"{path}: its arrays unpack to {size:,} bytes, expected at most {MOST_BYTES:,} here")
     missing = [name for name in REQUIRED if name not in arrays]
     if missing:
-        raise ValueError(
-            f"{path}: no array {' and no '.join(missing)}, expected {', '.join(REQUIRED)}, "
-            f"found {', '.join(found) or 'nothing'}"
-        )
-    _check(path, arrays)
-    return arrays
-
-
-def _check(path: str, arrays: dict[str, NDArray[Any]]) -> None:
+        said = f"no array {' and no '.join(missing)}, expected {', '.join(REQUIRED)}"
+        raise ValueError(f"{path}: {said}, found {', '.join(found) or 'nothing'}")
     for name, holds, expected in _expected(path, arrays):
         if not holds:
-            found = arrays[name]
-            raise ValueError(f"{path}: {name}: has shape {found.shape} of {found.dtype}, expected {expected}")
+            found_there = f"has shape {arrays[name].shape} of {arrays[name].dtype}"
+            raise ValueError(f"{path}: {name}: {found_there}, expected {expected}")
+    return arrays
 
 
 def _expected(path: str, arrays: dict[str, NDArray[Any]]) -> Iterator[tuple[str, bool, str]]:
@@ -156,9 +150,7 @@ def _recognises(source: Source) -> bool:
         with zipfile.ZipFile(source.path) as archive:
             return any(f"{name}.npy" in archive.namelist() for name in REQUIRED)
     except zipfile.BadZipFile:
-        raise ValueError(
-            f"{source.path}: the zip archive is cut off or damaged, expected a whole .npz"
-        ) from None
+        raise ValueError(f"{source.path}: the zip archive is damaged, expected a whole .npz") from None
 
 
 NPZ = Format("npz", "an .npz recording", _recognises, NpzLog, dim=None)

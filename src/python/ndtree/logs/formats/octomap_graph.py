@@ -51,10 +51,8 @@ class OctomapGraphLog(SizedLog):
                 for done in range(self._nodes):
                     yield self._node(file, f"{self.path}: node {done + 1} of {self._nodes}")
         except DamagedStream as error:
-            self.skip(
-                f"damaged {error.kind} streams",
-                ValueError(f"{self.path}: node {done + 1} of {self._nodes}: {error}, expected a whole one"),
-            )
+            where = f"{self.path}: node {done + 1} of {self._nodes}"
+            self.skip(f"damaged {error.kind} streams", ValueError(f"{where}: {error}, expected a whole one"))
         except ValueError as error:  # It is unknown where the next node begins.
             self.skip("damaged files", error)
 
@@ -63,9 +61,7 @@ class OctomapGraphLog(SizedLog):
         points = self._points(file, count, where)
         size, x, y, z, size_of_turn, qw, qx, qy, qz, _ = _POSE.unpack(_taken(file, _POSE.size, where))
         if (size, size_of_turn) != (3, 4) or not np.isfinite((x, y, z)).all():
-            raise ValueError(
-                f"{where}: expected a position of 3 numbers and a quaternion of 4 behind its points"
-            )
+            raise ValueError(f"{where}: expected a position of 3 numbers and a quaternion of 4 behind points")
         with at_place(where):
             pose = Pose.from_quaternion((x, y, z), (qx, qy, qz, qw))
         return Scan(pose.apply(points), pose.position, rotation=pose.rotation)
@@ -99,11 +95,8 @@ def _recognises(source: Source) -> bool:
     starts = [8 + 28 * i for i in range(len(sizes))]
     if points > 2:
         sizes, starts = sizes[:2], starts[:2]
-    return (
-        nodes > 0
-        and len(head) >= starts[-1] + 4
-        and all(struct.unpack_from("<I", head, start)[0] == size for start, size in zip(starts, sizes))
-    )
+    found = [int.from_bytes(head[start : start + 4], "little") for start in starts]
+    return nodes > 0 and len(head) >= starts[-1] + 4 and found == sizes
 
 
 OCTOMAP_GRAPH = Format("octomap_graph", _IS, _recognises, OctomapGraphLog)

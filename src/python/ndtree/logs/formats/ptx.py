@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.log import LineLog
-from ndtree.logs.core.plain_file import PlainFile, open_plain
+from ndtree.logs.core.plain_file import PlainFile, open_plain, table_of, wrong_line
 from ndtree.logs.core.source import Format, Source
 from ndtree.logs.poses.pose import Pose
 
@@ -64,16 +64,14 @@ class PtxLog(LineLog):
             begin = file.line + 1
             block = list(islice(file, min(left, _BLOCK)))
             if not block:
-                raise ValueError(
-                    f"{self.path}: ends behind {count - left} points, expected {count} as its header says"
-                )
+                raise ValueError(f"{self.path}: ends behind {count - left} points, expected {count}")
             width = width or len(block[0].split())
             if width not in _POINT:
-                raise _wrong(self.path, begin, block[0], "x y z intensity of a point, with r g b or not")
-            table = _table(block, width)
+                raise wrong_line(self.path, begin, block[0], "x y z intensity of a point, with r g b or not")
+            table = table_of(block, width)
             if table is None:
-                at = next((i for i, line in enumerate(block) if _table([line], width) is None), 0)
-                raise _wrong(self.path, begin + at, block[at], f"{width} numbers of a point")
+                at = next((i for i, line in enumerate(block) if table_of([line], width) is None), 0)
+                raise wrong_line(self.path, begin + at, block[at], f"{width} numbers of a point")
             xyz = table[:, :3]
             parts.append(xyz[(xyz != 0).any(axis=1)])
             left -= file.line + 1 - begin
@@ -89,46 +87,26 @@ def _header(file: PlainFile, lines: Iterator[bytes]) -> tuple[int, Pose, bool] |
             if not rows:
                 return None
             raise ValueError(f"{file.path}: ends within the header of a scan, expected {len(_HEADER)} lines")
-        table = _table([line], expected)
+        table = table_of([line], expected)
         if table is None:
-            raise _wrong(file.path, file.line, line, f"{expected} numbers of the header of a scan")
+            raise wrong_line(file.path, file.line, line, f"{expected} numbers of the header of a scan")
         rows.append(table[0].tolist())
     columns, count = rows[0][0], rows[1][0]
     for name, value in (("columns", columns), ("rows", count)):
         if not 0 <= value <= _MOST or value != int(value):
-            raise ValueError(
-                f"{file.path}: line {file.line}: {value:g} {name}, expected a whole number of them"
-            )
+            raise ValueError(f"{file.path}: line {file.line}: {value:g} {name}, expected a whole number")
     matrix = np.array(rows[6:])
     if not np.isfinite(matrix).all() or not np.isfinite(rows[2]).all():
         raise ValueError(f"{file.path}: line {file.line}: the pose of a scan is not finite")
     if np.abs(matrix[:, 3] - (0, 0, 0, 1)).max() > 1e-6:
-        raise ValueError(
-            f"{file.path}: line {file.line}: the last column of the matrix is {matrix[:, 3].tolist()}, "
-            "expected 0 0 0 1"
-        )
+        said = f"the last column of the matrix is {matrix[:, 3].tolist()}"
+        raise ValueError(f"{file.path}: line {file.line}: {said}, expected 0 0 0 1")
     moves = not np.array_equal(matrix, np.eye(4))
     with at_place(f"{file.path}: line {file.line}"):
         pose = Pose.from_matrix(matrix.T)
     if not moves:
         pose = Pose(np.eye(3), np.array(rows[2]))
     return int(columns) * int(count), pose, moves
-
-
-def _table(lines: list[bytes], width: int) -> Floats | None:
-    """(n, width) numbers of some lines; None where they are others."""
-    if not any(line.strip() for line in lines):
-        return None
-    try:
-        table = np.loadtxt(lines, comments=None, ndmin=2, dtype=np.float64)
-    except ValueError:
-        return None
-    return table if table.shape == (len(lines), width) else None
-
-
-def _wrong(path: str, number: int, line: bytes, expected: str) -> ValueError:
-    found = line.strip()[:40].decode("utf-8", "replace")
-    return ValueError(f"{path}: line {number}: found {found!r}, expected {expected}")
 
 
 def _recognises(source: Source) -> bool:

@@ -98,10 +98,8 @@ def looks_like_points(source: Source) -> str | None:
     is_long = len(rows) >= _MANY_LINES
     most = max(_SENSORS, _MOST_DIFFERENT * len(rows))
     if is_long and changes > _MOST_CHANGES * (len(rows) - 1) and different > most:
-        return (
-            f"{changes + 1} of the first {len(rows)} lines of {len(first_fields(source))} numbers begin with "
-            "another point"
-        )
+        of = f"the first {len(rows)} lines of {len(first_fields(source))} numbers"
+        return f"{changes + 1} of {of} begin with another point"
     whole = (rows == np.round(rows)).all(axis=0)
     all_differ = len(rows) >= _FEW_LINES and changes + 1 == different == len(rows)
     last_alone = whole.tolist() == [False, False, False, True]

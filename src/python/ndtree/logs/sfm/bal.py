@@ -9,7 +9,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.plain_file import PlainFile, open_plain
+from ndtree.logs.core.plain_file import PlainFile, open_plain, table_of
 from ndtree.logs.core.source import Format, Source
 from ndtree.logs.sfm.triangulation import Model, ModelLog
 
@@ -43,17 +43,11 @@ class BalLog(ModelLog):
         camera = parameters[: CAMERA_NUMBERS * cameras].reshape(cameras, CAMERA_NUMBERS)
         wrong = np.flatnonzero(~(camera[:, 6] > 0))
         if wrong.size:
-            raise ValueError(
-                f"{self.path}: camera {wrong[0]}: found a focal length of {camera[wrong[0], 6]:g} px, "
-                "expected one > 0"
-            )
-        return Model(
-            parameters[CAMERA_NUMBERS * cameras :].reshape(points, 3),
-            _turned(-camera[:, 3:6], -camera[:, :3]),
-            camera[:, 6],
-            seeing,
-            seen,
-        )
+            said = f"camera {wrong[0]}: a focal length of {camera[wrong[0], 6]:g} px"
+            raise ValueError(f"{self.path}: {said}, expected one > 0")
+        centers = _turned(-camera[:, 3:6], -camera[:, :3])
+        places = parameters[CAMERA_NUMBERS * cameras :].reshape(points, 3)
+        return Model(places, centers, camera[:, 6], seeing, seen)
 
     def _observations(
         self, lines: Lines, cameras: int, points: int, count: int
@@ -65,17 +59,15 @@ class BalLog(ModelLog):
             block = list(islice(lines, min(LINES_AT_ONCE, count - done)))
             if not block:
                 raise ValueError(f"{self.path}: behind line {last}: cut off, expected more observations")
-            table = _table([line for _, line in block], 4)
+            table = table_of([line for _, line in block], 4)
             if table is None:
-                wrong = next(number for number, line in block if _table([line], 4) is None)
+                wrong = next(number for number, line in block if table_of([line], 4) is None)
                 raise ValueError(f"{self.path}: line {wrong}: expected camera, point, x, y")
             pairs = table[:, :2]
             bad = ~((pairs >= 0) & (pairs < (cameras, points)) & (pairs == np.floor(pairs))).all(axis=1)
             if bad.any():
-                raise ValueError(
-                    f"{self.path}: line {block[bad.argmax()][0]}: "
-                    f"expected a camera of 0 to {cameras - 1} and a point of 0 to {points - 1}"
-                )
+                expected = f"a camera of 0 to {cameras - 1} and a point of 0 to {points - 1}"
+                raise ValueError(f"{self.path}: line {block[bad.argmax()][0]}: expected {expected}")
             parts.append(pairs.astype(np.int32))
             done += len(block)
             last = block[-1][0]
@@ -112,17 +104,6 @@ def _header(line: bytes) -> tuple[int, int, int] | None:
     return cameras, points, observations
 
 
-def _table(lines: list[bytes], columns: int) -> Floats | None:
-    """None where a line has another number of columns."""
-    fields = [line.split() for line in lines]
-    if any(len(row) != columns for row in fields):
-        return None
-    try:
-        return np.array(fields, dtype=np.float64).reshape(-1, columns)
-    except ValueError:
-        return None
-
-
 def _turned(vectors: Floats, turns: Floats) -> Floats:
     """(n, 3) vectors, turned about axes by the angles that are their lengths [rad]."""
     angle = np.linalg.norm(turns, axis=1, keepdims=True)
@@ -134,7 +115,7 @@ def _turned(vectors: Floats, turns: Floats) -> Floats:
 def _recognises(source: Source) -> bool:
     lines = source.head[:1000].split(b"\n")[:-1]
     first = [line for line in lines if line.strip()][:2]
-    return len(first) == 2 and _header(first[0]) is not None and _table(first[1:], 4) is not None
+    return len(first) == 2 and _header(first[0]) is not None and table_of(first[1:], 4) is not None
 
 
 BAL = Format("bal", "a problem of Bundle Adjustment in the Large", _recognises, BalLog, ("pixel_sigma",))

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ndtree.logs.core.failures import at_place
-from ndtree.logs.core.plain_file import open_plain
+from ndtree.logs.core.plain_file import open_plain, wrong_line
 from ndtree.logs.core.source import Format, Source
 from ndtree.logs.poses.pose import nearest_rotations, rotated
 from ndtree.logs.sfm.triangulation import DEFAULT_PIXEL_SIGMA, Model, ModelLog
@@ -29,10 +29,7 @@ class BundlerLog(ModelLog):
         super().__init__(source, pixel_sigma)
         first = source.head[:80].split(b"\n", 1)[0].strip()
         if first != MAGIC + VERSION:
-            raise ValueError(
-                f"{source.path}: line 1: found {first.decode('utf-8', 'replace')!r}, "
-                f"expected {(MAGIC + VERSION).decode()!r}"
-            )
+            raise wrong_line(source.path, 1, first, repr((MAGIC + VERSION).decode()))
 
     def _read(self) -> Model:
         lines = _Lines(self.path)
@@ -47,9 +44,7 @@ class BundlerLog(ModelLog):
             if length == 0:
                 continue
             if length < 0:
-                raise ValueError(
-                    f"{self.path}: {what}found a focal length of {length:g} px, expected one > 0"
-                )
+                raise ValueError(f"{self.path}: {what}a focal length of {length:g} px, expected one > 0")
             row_of[i] = len(lengths)
             lengths.append(length)
             rotations.append(rotation)
@@ -73,13 +68,9 @@ class BundlerLog(ModelLog):
                 lost = views[rows.argmin()]
                 raise ValueError(f"{self.path}: line {lines.number}: {what}camera {lost} has no focal length")
             seeing.append(rows)
-        return Model(
-            places,
-            centers,
-            np.array(lengths),
-            np.concatenate([np.empty(0, dtype=np.int32), *seeing]),
-            np.repeat(np.arange(points, dtype=np.int32), counts),
-        )
+        every = np.concatenate([np.empty(0, dtype=np.int32), *seeing])
+        seen = np.repeat(np.arange(points, dtype=np.int32), counts)
+        return Model(places, centers, np.array(lengths), every, seen)
 
 
 class _Lines:
@@ -138,6 +129,8 @@ class _Lines:
         return views
 
 
-BUNDLER = Format(
-    "bundler", "a Bundler model", lambda source: source.head.startswith(MAGIC), BundlerLog, ("pixel_sigma",)
-)
+def _recognises(source: Source) -> bool:
+    return source.head.startswith(MAGIC)
+
+
+BUNDLER = Format("bundler", "a Bundler model", _recognises, BundlerLog, ("pixel_sigma",))

@@ -100,9 +100,7 @@ class ColmapLog(SfmLog):
         path = self._names["points3D"]
         twice = np.flatnonzero(np.diff(identities) == 0)
         if twice.size:
-            raise ValueError(
-                f"{path}: point {identities[twice[0]]} is there twice, expected names of their own"
-            )
+            raise ValueError(f"{path}: point {identities[twice[0]]} is there twice, expected once")
         finite = np.isfinite(points).all(axis=1)
         if not finite.all():
             raise ValueError(f"{path}: point {identities[finite.argmin()]} is not finite")
@@ -142,13 +140,10 @@ class _Text:
     @staticmethod
     def cameras(path: str) -> Iterator[tuple[int, float]]:
         for where, line in _lines(path):
-            fields = line.split()
-            try:
-                camera, model, _, _ = int(fields[0]), *fields[1:4]
-                parameters = [float(field) for field in fields[4:]]
-            except (ValueError, IndexError):
-                raise ValueError(f"{path}: {where}: expected CAMERA_ID MODEL WIDTH HEIGHT PARAMS") from None
-            yield camera, _focal_length(path, where, model, parameters)
+            with at_place(f"{path}: {where}", "CAMERA_ID MODEL WIDTH HEIGHT PARAMS"):
+                camera, model, _, _, *rest = line.split()
+                found = int(camera), [float(field) for field in rest]
+            yield found[0], _focal_length(path, where, model, found[1])
 
     @staticmethod
     def count(path: str) -> int:
@@ -166,14 +161,9 @@ class _Text:
         for where, line in lines:
             if not line.strip():
                 continue
-            fields = line.split(maxsplit=9)
-            try:
-                numbers = [float(field) for field in fields[1:8]]
-                camera = int(fields[8])
-            except (ValueError, IndexError):
-                raise ValueError(
-                    f"{path}: {where}: expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
-                ) from None
+            with at_place(f"{path}: {where}", "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"):
+                _, w, x, y, z, tx, ty, tz, camera_id, *_ = line.split(maxsplit=9)
+                numbers, camera = [float(one) for one in (w, x, y, z, tx, ty, tz)], int(camera_id)
             pose = _pose(path, where, numbers)
             # The line of features, which is blank for an image without.
             where_seen, second = next(lines, ("", ""))
@@ -185,22 +175,17 @@ class _Text:
             except (ValueError, OverflowError):
                 seen = np.empty(0, dtype=np.int64)
             if 3 * len(seen) != len(features):
-                raise ValueError(
-                    f"{path}: {where_seen}: found {len(features)} fields, expected X Y POINT3D_ID each"
-                )
+                raise ValueError(f"{path}: {where_seen}: {len(features)} fields, expected X Y POINT each")
             yield where, camera, pose, seen
 
     @staticmethod
     def points(path: str) -> tuple[Identities, Floats]:
         identities, points = [], []
         for where, line in _lines(path):
-            fields = line.split(maxsplit=4)
-            try:
-                identities.append(int(fields[0]))
-                x, y, z = (float(field) for field in fields[1:4])
-            except (ValueError, IndexError):
-                raise ValueError(f"{path}: {where}: expected POINT3D_ID X Y Z R G B ERROR TRACK") from None
-            points.append((x, y, z))
+            with at_place(f"{path}: {where}", "POINT3D_ID X Y Z R G B ERROR TRACK"):
+                identity, x, y, z, *_ = line.split(maxsplit=4)
+                identities.append(int(identity))
+                points.append((float(x), float(y), float(z)))
         return np.array(identities, dtype=np.int64), np.array(points, dtype=np.float64).reshape(-1, 3)
 
 
@@ -314,11 +299,8 @@ def _unpacked(file: IO[bytes], path: str, where: str, layout: str) -> tuple:
     return struct.unpack(layout, _take(file, path, where, struct.calcsize(layout)))
 
 
-COLMAP = Format(
-    "colmap",
-    "a COLMAP model",
-    lambda source: _ending(source.names) is not None,
-    ColmapLog,
-    ("pixel_sigma",),
-    "folder",
-)
+def _recognises(source: Source) -> bool:
+    return _ending(source.names) is not None
+
+
+COLMAP = Format("colmap", "a COLMAP model", _recognises, ColmapLog, ("pixel_sigma",), "folder")
