@@ -107,8 +107,6 @@ FILES: dict[str, tuple[Callable[[Path], None], str, str]] = {
     "a.pbstream": (save(b"\xdb\x01\xf5\x5b\x7b\x1f\x1d\x7b"), "a state of Cartographer", "--traj"),
     "a.json": (save(b'{"scans": [1, 2]}'), "text in JSON", ""),
     "a.xml": (save(b"<?xml version='1.0'?>\n<robot name='a'/>"), r"text in XML \(robot\)", ""),
-    "imu.csv": (save(b"time,ax,ay,az\n1,2,3,4\n"), "a table with columns time, ax, ay, az", "x, y and z"),
-    "a.md": (save(b"# A page\n\nHello, world.\n"), r"text \(\.md\)", ""),
     "a": (save(b"\x7fELF" + bytes(20)), "a program", ""),
     "graph.g2o": (save(b"VERTEX_SE2 0 0 0 0\nEDGE_SE2 0 1 1 0 0\n"), "a trajectory", "--trajectory "),
 }  # fmt: skip

@@ -55,25 +55,9 @@ __all__ = [
 
 #: The table of formats, tried in this order: a format that others could be taken for comes late.
 _TABLE: tuple[Format, ...] = (
-    CARMEN,
-    NPZ,
-    ROSBAG,
-    E57,
-    VELODYNE,
-    PTX,
-    SEVEN_SCENES,
-    TUM_RGBD,
-    KITTI,
-    KITTI_RAW,
-    DEPTH_FOLDER,
-    THREE_DTK,
-    COLMAP,
-    BUNDLER,
-    BAL,
-    OCTOMAP_GRAPH,
-    POINT_CLOUDS,
-    TEXT,
-)
+    CARMEN, NPZ, ROSBAG, E57, VELODYNE, PTX, SEVEN_SCENES, TUM_RGBD, KITTI, KITTI_RAW, DEPTH_FOLDER,
+    THREE_DTK, COLMAP, BUNDLER, BAL, OCTOMAP_GRAPH, POINT_CLOUDS, TEXT,
+)  # fmt: skip
 
 #: Those that are read where they are, and not unpacked on the way.
 _UNPACKED = (NPZ, ROSBAG, E57, VELODYNE)
@@ -210,10 +194,8 @@ def _looked_up(path: str | os.PathLike[str], format: str | None) -> tuple[Source
 def _recognised(source: Source) -> Format:
     if source.head.startswith((MAP_MAGIC, OCTOMAP_MAGIC)):
         kind = "a map" if source.head.startswith(MAP_MAGIC) else "a map of OctoMap's"
-        raise ValueError(
-            f"{source.path}: is {kind}, expected a log; to look at it:\n"
-            f"  ndtree view {shlex.quote(source.path)}"
-        )
+        way = f"ndtree view {shlex.quote(source.path)}"
+        raise ValueError(f"{source.path}: is {kind}, expected a log; to look at it:\n  {way}")
     other = before_formats(source)
     if other is not None:
         raise other
@@ -258,7 +240,6 @@ def require_options(
 def _require_taken(source: Source, format: Format, options: dict[str, Any]) -> None:
     for name in options:
         if name not in format.options:
-            raise WrongOption(
-                f"{source.path}: {key(name)}: {format.description} takes no such option, "
-                f"it takes {', '.join(map(key, format.options)) or 'none'}"
-            )
+            taken = ", ".join(map(key, format.options)) or "none"
+            said = f"{key(name)}: {format.description} takes no such option"
+            raise WrongOption(f"{source.path}: {said}, it takes {taken}")

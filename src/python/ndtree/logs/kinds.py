@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shlex
@@ -25,21 +24,13 @@ _SHEET = "saving it as CSV, with a header that names x, y and z"
 _POINTS_ON = "sampling points on it: CloudCompare saves them as PLY"
 _OF_VTK = "saving it as PLY in ParaView"
 _FRAMES = "COLMAP on its frames, then ndtree map on its text model"
-_OF_KARTO = (
-    "its map as map_server's (map_saver_cli -f MAP): ndtree info MAP.yaml; or the bag that it was made from"
-)
+_OF_KARTO = "its map as map_server's (map_saver_cli -f MAP): ndtree info MAP.yaml; or the bag"
 #: Of programs that make models of photographs: a file of theirs, words in it, what it is, and what helps.
+_OPENSFM = "opensfm export_colmap FOLDER, then ndtree map on the text model that it writes"
 _MODELS = (
-    *(
-        (name, '"transform_matrix"', "cameras of Nerfstudio or instant-ngp", _FRAMES)
-        for name in ("transforms.json", "transforms_train.json")
-    ),
-    (
-        "reconstruction.json",
-        '"shots"',
-        "a reconstruction of OpenSfM",
-        "opensfm export_colmap FOLDER, then ndtree map on the text model that it writes",
-    ),
+    ("transforms.json", '"transform_matrix"', "cameras of Nerfstudio or instant-ngp", _FRAMES),
+    ("transforms_train.json", '"transform_matrix"', "cameras of Nerfstudio or instant-ngp", _FRAMES),
+    ("reconstruction.json", '"shots"', "a reconstruction of OpenSfM", _OPENSFM),
 )
 _IN_IT = "ndtree map on the folder or the log in it"
 _UNPACK = f"unpacking it, then {_IN_IT}"
@@ -71,9 +62,8 @@ class _Kind:
 
 def _scan(kind: str, program: str, *endings: str) -> _Kind:
     """Files of a maker of scanners, whose own program exports what is read."""
-    return _Kind(
-        kind, f"exporting E57 or PTX from {program}: these have a pose for each scan", endings=endings
-    )
+    way = f"exporting E57 or PTX from {program}: these have a pose for each scan"
+    return _Kind(kind, way, endings=endings)
 
 
 #: Tried in this order. ``{path}`` in a help is the file.
@@ -150,11 +140,6 @@ _MAPS = (".ndt", ".bt", ".ot")
 _SHOWN = 60
 #: Files of a folder of no known kind that are looked into.
 _LOOKED_INTO = 20
-#: Endings of text that is written by people, or configures programs.
-_TEXTS = (
-    ".yaml", ".yml", ".md", ".rst", ".py", ".cpp", ".hpp", ".h", ".m", ".sh", ".launch", ".toml", ".ini",
-    ".cfg",
-)  # fmt: skip
 
 
 def not_a_log(source: Source) -> NotALog | None:
@@ -176,9 +161,8 @@ def packed(source: Source, what: str) -> NotALog:
     """What is to be unpacked first; `what` is in it, as in "a PLY", if that is known."""
     command = {"gzip": "gunzip", "bzip2": "bunzip2"}[source.packed]
     of = f" ({what})" if what else ""
-    return NotALog(
-        source.path, f"a file packed by {source.packed}{of}", [f"{command} -k {shlex.quote(source.path)}"]
-    )
+    way = f"{command} -k {shlex.quote(source.path)}"
+    return NotALog(source.path, f"a file packed by {source.packed}{of}", [way])
 
 
 def _of_table(source: Source, path: str, rows: Iterable[_Kind]) -> NotALog | None:
@@ -265,7 +249,7 @@ def _of_text(source: Source, path: str) -> NotALog | None:
     for name, word, what, helps in _MODELS:
         if start.startswith(("{", "[")) and (word in head or os.path.basename(source.path) == name):
             return NotALog(source.path, what, [helps])
-    if start.startswith(("{", "[")) and _is_json(head, source):
+    if source.path.lower().endswith((".json", ".geojson")):
         return NotALog(source.path, "text in JSON, and none of the kinds that are read")
     if start.startswith("<"):
         name = re.search(r"<(?!\?|!)([\w:.-]+)", start)
@@ -279,33 +263,4 @@ def _of_text(source: Source, path: str) -> NotALog | None:
     if ECHOED in line:
         ways = ["ndtree map BAG, with the bag that it was made from"]
         return NotALog(source.path, "what rostopic echo -p prints", ways)
-    names = _columns_in(head)
-    if names is not None:
-        some = shown(", ".join(names), _SHOWN)
-        return NotALog(
-            source.path, f"a table with columns {some}", ["a header that names x, y and z of points"]
-        )
-    if source.path.lower().endswith(_TEXTS):
-        ending = os.path.splitext(source.path)[1]
-        return NotALog(source.path, f"text ({ending}), and no log")
     return None
-
-
-def _columns_in(head: str) -> list[str] | None:
-    """Names of a table's columns: words in the first line, and as many fields with numbers in the second."""
-    lines = [line for line in head.splitlines()[:20] if line.strip()][:2]
-    if len(lines) < 2:
-        return None
-    for separator in (",", ";", "\t"):
-        names, values = ([field.strip(" \"'#") for field in line.split(separator)] for line in lines)
-        if len(names) > 1 and len(names) == len(values) and all(re.match(r"[^\W\d]", name) for name in names):
-            return names if any(re.fullmatch(r"[-+.\deE]+", value) for value in values) else None
-    return None
-
-
-def _is_json(head: str, source: Source) -> bool:
-    try:
-        json.loads(head)
-    except (ValueError, RecursionError):
-        return source.path.lower().endswith((".json", ".geojson"))
-    return True
