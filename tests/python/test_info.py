@@ -18,7 +18,7 @@ from calling import cli
 import ndtree
 from ndtree.cli.commands import info
 from ndtree.logs.ros.files.bag import Bag, open_bag
-from ndtree.logs.ros.outline import outline
+from ndtree.logs.ros.rosbag import outline
 
 LEVEL = (0, 0, 0, 1)
 

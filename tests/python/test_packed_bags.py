@@ -24,7 +24,7 @@ from test_hostile_files import peak_memory
 
 import ndtree
 from ndtree.cli.commands import every
-from ndtree.logs.ros.files.chunks import Damaged, most_bytes_of, unpacked, unpacked_message
+from ndtree.logs.ros.storage import Damaged, most_bytes_of, unpacked, unpacked_message
 
 every()  # Commands are loaded once, and not in each fork.
 

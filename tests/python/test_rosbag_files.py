@@ -108,9 +108,7 @@ def test_old_bags_are_named(tmp_path: Path) -> None:
     path = tmp_path / "old.bag"
     for magic in (b"#ROSBAG V1.2\n", b"#ROSRECORD V1.2\n"):
         path.write_bytes(magic + bytes(100))
-        with pytest.raises(
-            ValueError, match=r"an old ROS bag, of version 1.2, expected version 2.0; .*rosbag"
-        ):
+        with pytest.raises(ValueError, match=r"a ROS bag of version 1.2, expected version 2.0; .*rosbag"):
             read(path)
 
 

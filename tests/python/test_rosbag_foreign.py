@@ -21,6 +21,7 @@ from ndtree.cli.commands.messages import in_words
 from ndtree.logs import contents, read
 from ndtree.logs.ros.messages.beams import pitch_of
 from ndtree.logs.ros.messages.foxglove import decoded, type_of
+from ndtree.logs.ros.storage import Connection, Raw
 
 POINTS = np.random.default_rng(5).uniform(1, 9, (12, 3)).astype(np.float32)
 DEPTHS = np.array([[0, 1000, 2000], [1500, 0, 500]], dtype=np.uint16)
@@ -397,6 +398,10 @@ def test_messages_of_ros_in_json(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.linalg.norm(scan.endpoints - [1, 2], axis=1), [1, np.nan, 2], atol=1e-6)
 
 
+def in_json(data: bytes, kind: str) -> Raw:
+    return Raw(Connection(0, "/topic", kind, "json"), 0, data)
+
+
 def test_messages_in_json_lack_no_field() -> None:
     """Of each message, each field left out, and in its place an object, or a list of one."""
     cases = 0
@@ -407,12 +412,12 @@ def test_messages_in_json_lack_no_field() -> None:
             left = {key: value for key, value in said.items() if key != name}
             for changes in ({}, {name: {"x": []}}, {name: [{}]}):
                 with pytest.raises(ValueError, match=f"no whole {kind} in JSON"):
-                    decoded(json.dumps({**left, **changes}).encode(), kind)
+                    decoded(in_json(json.dumps({**left, **changes}).encode(), kind))
                 cases += 1
     assert cases >= 36
     for data in (b"", b"{", b"[]", b"3", b'"a"', b"{}", b"\xff", b"[" * 100_000):
         with pytest.raises(ValueError, match="in JSON"):
-            decoded(data, "sensor_msgs/msg/LaserScan")
+            decoded(in_json(data, "sensor_msgs/msg/LaserScan"))
 
 
 def test_types_and_topics_by_the_names_of_dds(ros2: Messages, tmp_path: Path) -> None:

@@ -154,7 +154,7 @@ def test_what_cannot_be_chosen_is_listed(ros2: Messages, tmp_path: Path) -> None
     cases: list[tuple[dict[str, Any], dict[str, Any], type[Exception], str]] = [
         ({"/words": ros2.text("a")}, {}, ValueError, r"no LaserScan, .* in it, found /words \(String\)"),
         (two, {"topic": "/nothing"}, ValueError, "no topic /nothing, expected one of /points"),
-        (two, {"topic": "/words"}, ValueError, "topic /words is of type std_msgs/msg/String, expected"),
+        (two, {"topic": "/words"}, ValueError, "/words is of type std_msgs/msg/String, expected"),
         (two, {"topic": "scan", "fixed_frame": "moon"}, ValueError, "no transform between sensor and moon"),
         (two, {"topic": "scan", "camera": "1,1,1,1"}, TypeError, "camera: /scan has no depth images"),
         (two, {"topic": "scan", "odometry": "/o"}, ValueError, "no Odometry in /o, expected one of none"),

@@ -18,8 +18,8 @@ from bags import LEVEL, START, Messages, write_bag
 from scipy.spatial import transform as spatial
 
 from ndtree.logs import read
+from ndtree.logs.poses.pose import mount_of
 from ndtree.logs.ros.messages.own import livox as decoded
-from ndtree.logs.ros.placement.mount import mount_of
 
 Rotation = spatial.Rotation
 POINTS = np.array([[1.0, 2.0, 0.5], [3.0, -1.0, 0.25], [-2.0, 0.5, 1.0]], dtype=np.float32)
@@ -214,9 +214,11 @@ def test_livox_points_lie_where_the_bytes_have_them(is_ros1: bool) -> None:
     np.testing.assert_array_equal(message.points, POINTS)
     np.testing.assert_array_equal(message.offset_times, [0, 1000, 2000])
     assert message.header.frame_id == "livox_frame" and message.header.stamp.sec == 1700
-    with pytest.raises(ValueError, match=r"expected .* for 3 points"):
-        decoded(data[:-1], is_ros1=is_ros1)
-    for end, said in ((20, "expected a frame of"), (40, "expected a whole CustomMsg")):
+    for end, said in (
+        (20, "expected a frame of"),
+        (40, "expected a whole CustomMsg"),
+        (-1, "a whole Custom"),
+    ):
         with pytest.raises(ValueError, match=said):
             decoded(data[:end], is_ros1=is_ros1)
 

@@ -27,11 +27,10 @@ from ndtree.live.queue import Entry
 from ndtree.logs.core.rules import OneByOne, Selection
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.clock import Clock
-from ndtree.logs.ros.files.bag import Bag
-from ndtree.logs.ros.files.memory import bag_of
+from ndtree.logs.ros.files.bag import Bag, bag_of
 from ndtree.logs.ros.following import Follower
 from ndtree.logs.ros.messages.beams import SENSORS
-from ndtree.logs.ros.messages.head import head_of
+from ndtree.logs.ros.messages.foxglove import head_of
 from ndtree.logs.ros.options import BagOptions
 from ndtree.logs.ros.placement.placement import STILL, TRANSFORMS
 from ndtree.logs.ros.reading import Measured, MessageReader, OtherFrame

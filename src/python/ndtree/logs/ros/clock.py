@@ -3,15 +3,14 @@
 
 from __future__ import annotations
 
-import heapq
 from bisect import bisect_right
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from ndtree.logs.poses.following import FALL, LASTS
-from ndtree.logs.ros.messages.head import head_of
-from ndtree.logs.ros.storage import Raw
+from ndtree.logs.ros.messages.foxglove import head_of
+from ndtree.logs.ros.storage import Raw, in_order
 
 #: Streams that begin anew within this time of each other do so together [s].
 TOGETHER = 2.0
@@ -36,7 +35,10 @@ class Clock:
     """
 
     def __init__(self, streams: Mapping[Hashable, Stream]) -> None:
-        self._zero_is_time = {name: _begins_at_zero(stream) for name, stream in streams.items()}
+        self._zero_is_time: dict[Hashable, bool] = {}
+        for name, stream in streams.items():  # Whether some are 0 because a clock begins there.
+            others = [stamp for _, stamp in stream if stamp]
+            self._zero_is_time[name] = 0 < len(others) < len(stream) and 0 < min(others) < BEGINS
         self._zero_of_others = any(self._zero_is_time.values())
         for name, stream in streams.items():  # One message alone cannot tell.
             if len(stream) < 2:
@@ -85,13 +87,6 @@ class Clock:
         return bisect_right(self._own.get(name, self._usual), received)
 
 
-def _begins_at_zero(stream: Stream) -> bool:
-    """Whether some stamps are 0 because a clock begins there."""
-    stamps = [stamp for _, stamp in stream]
-    others = [stamp for stamp in stamps if stamp]
-    return bool(others) and len(others) < len(stamps) and 0 < min(others) < BEGINS
-
-
 def _falls(stream: Stream) -> list[float]:
     """When stamps fell, and stayed below what they had been [s]; some that are late are no fall."""
     found = []
@@ -110,18 +105,16 @@ def _falls(stream: Stream) -> list[float]:
 LATEST = 1.0
 
 
-def in_order(messages: Iterator[Raw], clock: Clock) -> Iterator[Raw]:
+def by_stamp(messages: Iterator[Raw], clock: Clock) -> Iterator[Raw]:
     """Messages of several sensors in the order of their stamps, as far as they come soon enough."""
-    waiting: list[tuple[float, int, Raw]] = []
-    latest = -np.inf
-    for number, raw in enumerate(messages):
-        head = head_of(raw)
-        received = 1e-9 * raw.received
-        stamp, frame = head if head is not None else (received, "")
-        stamp = clock.time((raw.connection.topic, frame), received, stamp)
-        latest = max(latest, stamp)
-        heapq.heappush(waiting, (stamp, number, raw))
-        while waiting[0][0] < latest - LATEST:
-            yield heapq.heappop(waiting)[2]
-    while waiting:
-        yield heapq.heappop(waiting)[2]
+
+    def rows() -> Iterator[tuple[float, float, Raw | None]]:
+        latest = -np.inf
+        for raw in messages:
+            head, received = head_of(raw), 1e-9 * raw.received
+            stamp, frame = head if head is not None else (received, "")
+            stamp = clock.time((raw.connection.topic, frame), received, stamp)
+            latest = max(latest, stamp)
+            yield stamp, latest - LATEST, raw
+
+    return in_order(rows())

@@ -47,20 +47,10 @@ class Follower:
             for edge in place.tree.moving(place.fixed_frame, place.observer or place.frame):
                 self._by_topic.setdefault(place.origin, []).append((tree, edge))
 
-    @property
-    def late(self) -> int:
-        """As of `FollowedTree`, of all."""
-        return sum(tree.late for tree in self._trees.values())
-
-    @property
-    def fallen(self) -> int:
-        """As of `FollowedTree`, of all."""
-        return sum(tree.fallen for tree in self._trees.values())
-
-    @property
-    def released(self) -> int:
-        """As of `FollowedTree`, of all."""
-        return sum(tree.released for tree in self._trees.values())
+    # As of `FollowedTree`, of all.
+    late = property(lambda self: sum(tree.late for tree in self._trees.values()))
+    fallen = property(lambda self: sum(tree.fallen for tree in self._trees.values()))
+    released = property(lambda self: sum(tree.released for tree in self._trees.values()))
 
     def add(self, raw: Raw) -> None:
         """Take note of a message with poses or transforms; one that is damaged is counted."""

@@ -3,26 +3,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ndtree._errors import WrongValue, key, marked
+from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.rules import MEASURED, Decision
 from ndtree.logs.core.source import WrongOption
 from ndtree.logs.poses.covariances import AUTO, IGNORE, REMEMBERED, USE, PoseCovariances
-from ndtree.logs.ros.choice import in_order as in_order_of_sight
-from ndtree.logs.ros.choice import poor, sights, understood
 from ndtree.logs.ros.clock import Clock
-from ndtree.logs.ros.files.bag import Bag
+from ndtree.logs.ros.files.bag import Bag, Topic
 from ndtree.logs.ros.messages.sweep import BY_WORD, Sweep
 from ndtree.logs.ros.options import BagOptions, Wanted, listed
-from ndtree.logs.ros.placement.advice import without_sensors
 from ndtree.logs.ros.placement.body import Body
-from ndtree.logs.ros.placement.placement import TRANSFORMS, Placement
-from ndtree.logs.ros.placement.placing import Placed, dimension_of, find_places
-from ndtree.logs.ros.sensors import Sensor, chosen, encodings_in, readable
-from ndtree.logs.ros.survey import Survey
+from ndtree.logs.ros.placement.placement import TRANSFORMS, Placement, placed, without_sensors
+from ndtree.logs.ros.sensors import Sensor, chosen, encodings_in, poor, readable, sights, understood
+from ndtree.logs.ros.sensors import in_order as in_order_of_sight
+from ndtree.logs.ros.survey import ODOMETRY, POSES, Survey
 
 #: Stamps and poses that are further apart are of two clocks [s].
 TWO_CLOCKS = 1.0
@@ -117,10 +116,8 @@ def _placed(bag: Bag, options: BagOptions) -> tuple[Placed, list[Wanted], list[s
         return Survey(bag, [one.name for one in topics], poses, options.time_offset)
 
     found = find_places(bag, surveyed, topics, asked, None if wanted else poor(seen))
-    notes = [
-        f"the clock begins again at {stamp:.3f} s: what follows is mapped as if it came later"
-        for stamp in found.survey.clock.falls
-    ]
+    again = "what follows is mapped as if it came later"
+    notes = [f"the clock begins again at {stamp:.3f} s: {again}" for stamp in found.survey.clock.falls]
     notes += found.notes
     left = [one for one in topics if one not in found.topics]
     if left:
@@ -194,7 +191,127 @@ def _clocks(sensor: Sensor, survey: Survey, spans: dict[str, tuple[float, float]
     apart = float(np.median(sensor.seen.lags) - np.median(survey.lags))
     if (scans[0] <= poses[1] and poses[0] <= scans[1]) or abs(apart) < TWO_CLOCKS:
         return ""
-    return (
-        "their stamps are of two clocks, which the times of recording bring together by "
-        f"{key('time_offset')} {apart:.3f}"
-    )
+    way = f"{key('time_offset')} {apart:.3f}"
+    return f"their stamps are of two clocks, which the times of recording bring together by {way}"
+
+
+#: Makes the survey of a bag with the poses of a topic, or without any.
+Surveyed = Callable[["str | None"], Survey]
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Sensors, and how the pose of each is found."""
+
+    topics: list[Topic]
+    places: dict[str, Placement]  # By topic.
+    survey: Survey  # That they are from.
+    notes: list[str] = field(default_factory=list)  # What was taken for granted.
+
+
+def find_places(
+    bag: Bag, surveyed: Surveyed, topics: list[Topic], asked: BagOptions, poor: set[str] | None
+) -> Placed:
+    """Where sensors are: all of them, or the first of which it is known where `poor` is not None.
+
+    `poor` has the names of those that make no map beside the others: they are not taken in the place of a
+    better one of which it is not known where it is.
+
+    Where nothing was said of poses and the transforms do not tell, a topic with Odometry counts whose
+    messages say of which frame they are, if the sensor is connected with that.
+
+    Raises ValueError if it is not known; of the first topic.
+    """
+    survey = surveyed(asked.poses)
+    try:
+        return _first_placed(bag, survey, topics, asked, poor)
+    except ValueError as error:
+        wrong = error
+    if not (asked.still or asked.poses or asked.trajectory or asked.fixed_frame):
+        sources = bag.of_type(ODOMETRY)
+        for source in sources:
+            other = surveyed(source.name)
+            if not (other.poses and (other.poses[0].child or asked.mount)):
+                continue
+            try:
+                found = _first_placed(bag, other, topics, replace(asked, poses=source.name), poor)
+            except ValueError:
+                continue
+            left = [one for one in sources if one is not source]
+            note = f"/tf does not say where the sensor is: poses are those of {key('odometry')} {source.name}"
+            found.notes.append(note + (f"; others are {listed(left)}" if left else ""))
+            return found
+    if unread := [*survey.ends, *survey.damaged]:
+        raise ValueError(f"{wrong}\nnot all of the bag could be read: {unread[0]}")
+    raise wrong
+
+
+def _first_placed(
+    bag: Bag, survey: Survey, topics: list[Topic], asked: BagOptions, poor: set[str] | None
+) -> Placed:
+    if poor is None:
+        return Placed(topics, _together(bag, survey, topics, asked), survey)
+    wrong: ValueError | None = None
+    registered: list[tuple[Topic, dict[str, Placement]]] = []
+    for topic in topics:
+        try:
+            places = _together(bag, survey, [topic], asked)
+        except ValueError as error:
+            wrong = wrong or error
+            continue
+        if places[topic.name].observer is None:
+            if wrong is not None and topic.name in poor:
+                raise WrongValue(f"{marked(wrong)}\n  {key('topic')} {topic.name}, which sees far less")
+            return Placed([topic], places, survey)
+        registered.append((topic, places))
+    if registered:  # Of clouds in a fixed frame the rare ones are whole maps.
+        topic, places = max(registered, key=lambda one: one[0].messages)
+        return Placed([topic], places, survey)
+    assert wrong is not None
+    raise wrong
+
+
+def _together(bag: Bag, survey: Survey, topics: list[Topic], asked: BagOptions) -> dict[str, Placement]:
+    """Where some sensors are, all of them in the frame of the first."""
+    others = {one.name: one.type.rpartition("/")[2] for one in bag.of_type(*POSES)}
+    places: dict[str, Placement] = {}
+    for topic in topics:
+        places[topic.name] = placed(bag.path, survey, topic, asked, others)
+        if asked.poses is None and asked.trajectory is None:
+            asked = replace(asked, fixed_frame=places[topic.name].fixed_frame)
+    return places
+
+
+#: A laser is planar if it tilts no more than this at half of the times, and than that at all but 5 % [rad],
+#: and keeps its height within PLANAR_HEIGHT [m]. PLANAR_LOOKS times are looked at.
+PLANAR_TILT, PLANAR_MOST_TILT, PLANAR_HEIGHT, PLANAR_LOOKS = 0.05, 0.09, 0.1, 5000
+
+
+def dimension_of(path: str, sensors: list[Sensor], places: dict[str, Placement], wanted: int | None) -> int:
+    """2 for lasers that stay in a level plane of their own, whichever side is up."""
+    for sensor in sensors:
+        if not sensor.is_planar:
+            if wanted == 2:
+                raise WrongValue(f"{path}: {sensor.topic.type} is 3-D, expected {key('dim')}=3")
+            return 3
+    if wanted is not None:
+        return wanted
+    return 2 if all(_is_level(places[one.topic.name]) for one in sensors) else 3
+
+
+def _is_level(place: Placement) -> bool:
+    stamps = place.tree.stamps(place.fixed_frame, place.frame)
+    looked_at = stamps[:: len(stamps) // PLANAR_LOOKS + 1] if len(stamps) else [0.0]
+    tilts, heights = [], []
+    for stamp in looked_at:
+        try:
+            pose = place.tree.pose_at(place.fixed_frame, place.frame, stamp)
+        except NoPose:
+            continue
+        tilts.append(np.arccos(min(abs(pose.rotation[2, 2]), 1.0)))
+        heights.append(pose.position[2])
+    if not heights:
+        return True
+    usual, most = np.percentile(tilts, (50, 95))
+    low, high = np.percentile(heights, (2.5, 97.5))
+    return bool(usual <= PLANAR_TILT and most <= PLANAR_MOST_TILT and high - low <= PLANAR_HEIGHT)

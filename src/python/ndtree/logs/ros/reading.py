@@ -17,7 +17,7 @@ from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.rules import NO_ECHO, Rules
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files.bag import Bag
-from ndtree.logs.ros.messages.beams import SENSOR_NAMES, SENSORS, SWAPPED, Beams, Floats, stamp_of
+from ndtree.logs.ros.messages.beams import SENSELESS, SENSOR_NAMES, SENSORS, Beams, Floats, stamp_of
 from ndtree.logs.ros.messages.laser import NoiseAtLimit
 from ndtree.logs.ros.placement.placement import Placement
 from ndtree.logs.ros.placement.standing import Standing
@@ -25,14 +25,9 @@ from ndtree.logs.ros.plan import BagPlan
 from ndtree.logs.ros.sensors import Sensor
 from ndtree.logs.ros.storage import Raw
 
-#: The note about messages with senseless times of beams, or a senseless largest range.
-_SENSELESS = "the times of beams make no sense, and all beams count as measured at the stamp"
 _LEAST_WAY = 0.1  # Of beams that tell how a sensor is turned [m].
 _TURNED_ALIKE = 0.3  # Beams of one message, at most apart [rad].
 _MOST_TURNED, _LEAST_SPREAD = 64, 1e-3  # Beams that tell of space; of their ways across each other.
-_UNLIMITED = "the largest range makes no sense, and counts as not given"
-_OTHER_NUMBER = "angles are for another number of ranges: angle_max does not count"
-_BEYOND = "all ranges are beyond the largest one, and are left out"
 
 
 class OtherFrame(ValueError):
@@ -100,8 +95,8 @@ class MessageReader:
             message = self._bag.decoded(raw)
             own = plain(message.header.frame_id)
             stamp = self._clock.stamp((name, own), 1e-9 * raw.received, stamp_of(message))
-            silent = (self._rules.no_return_range, self._rules.zero_is == NO_ECHO)
-            beams = sensor.beams(message, stamp, *silent, self._noise[name])
+            of_laser = {"zero_is_silent": self._rules.zero_is == NO_ECHO, "noise": self._noise[name]}
+            beams = sensor.beams(message, stamp, self._rules.no_return_range, **of_laser)
             beams = self._plan.sweeps[name].applied(beams)
         except ValueError as error:
             raise located(where, error) from None
@@ -135,16 +130,9 @@ class MessageReader:
             raise NoPose(f"{one.where}: {error}", error.where, error.seconds) from None
         self._endless += beams.endless
         self._own += own
-        if beams.senseless and self._plan.sweeps[one.topic].is_used and not place.stands:
-            self._tell(one, _SENSELESS, beams.senseless)
-        if beams.unlimited:
-            self._tell(one, _UNLIMITED, beams.unlimited)
-        if beams.other_number:
-            self._tell(one, _OTHER_NUMBER, beams.other_number)
-        if beams.beyond:
-            self._tell(one, _BEYOND, beams.beyond)
-        if beams.swapped:
-            self._tell(one, SWAPPED, f"{len(beams.points)} points")
+        for what, said in beams.odd.items():
+            if said and (what != SENSELESS or (self._plan.sweeps[one.topic].is_used and not place.stands)):
+                self._tell(one, what, said)
         self.zeros += beams.zeros
         if one.topic in self._watched:
             if place.stands:
@@ -154,17 +142,17 @@ class MessageReader:
         sigma = self._sensors[one.topic].sigma
         sigmas = None if sigma is None else np.full(len(ends), sigma)
         dim = self._plan.dim
-        said = (beams.points, ends, origins) if place.observer is None else None
+        turned = (beams.points, ends, origins) if place.observer is None else None
         return Scan(
             ends[:, :dim],
             origins[..., :dim],
             beams.returned,
             one.stamp,
             sigmas,
-            heading=heading_of(*said) if said and dim == 2 else None,
+            heading=heading_of(*turned) if turned and dim == 2 else None,
             pose_covariance=self._covariance(place, one, origins),
             layers=None if beams.colors is None else {COLOR: beams.colors},
-            rotation=rotation_of(*said) if said and dim == 3 else None,
+            rotation=rotation_of(*turned) if turned and dim == 3 else None,
         )
 
     def _covariance(self, place: Placement, one: Measured, origins: Floats) -> Floats | None:
@@ -194,15 +182,13 @@ class MessageReader:
             )
         if self._own:
             lines.append(f"{number_of(self._own, 'beam')} ended in the robot's own body: left out")
-        lines += [
-            f"{name}: readings within {noise.reach:.2g} m of range_max mean that nothing was hit"
-            for name, noise in self._noise.items()
-            if noise.reach
-        ]
+        for name, noise in self._noise.items():
+            if noise.reach:
+                said = f"readings within {noise.reach:.2g} m of range_max mean that nothing was hit"
+                lines.append(f"{name}: {said}")
         for (name, what), (count, first) in self._told.items():
-            lines.append(
-                f"{name}: in {count} of {self._numbers[name] + 1} messages {what}; the first: {first}"
-            )
+            some = f"{name}: in {count} of {self._numbers[name] + 1} messages"
+            lines.append(f"{some} {what}; the first: {first}")
         said = self._plan.covariances.note()
         lines += [said] if said else []
         for name, standing in self._watched.items():
@@ -221,9 +207,7 @@ def elsewhere_said(sensor: Sensor, others: list[str]) -> str:
     )
 
 
-def heading_of(
-    local: NDArray[np.floating[Any]], ends: NDArray[np.float64], origins: NDArray[np.float64]
-) -> float | None:
+def heading_of(local: NDArray[np.floating[Any]], ends: Floats, origins: Floats) -> float | None:
     """Yaw of a sensor [rad]: how far its beams are turned in the map; None if not all are turned alike.
 
     `local`, `ends` (n, 3): End points in the sensor's frame and in the map [m]; a sensor that turns fast may
@@ -240,9 +224,7 @@ def heading_of(
     return middle if float(apart.max()) < _TURNED_ALIKE else None
 
 
-def rotation_of(
-    local: NDArray[np.floating[Any]], ends: NDArray[np.float64], origins: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
+def rotation_of(local: NDArray[np.floating[Any]], ends: Floats, origins: Floats) -> Floats | None:
     """(3, 3) how the beams of a sensor are turned in the map, of arrays as for `heading_of`.
 
     The rotation that fits some of them best; None if they are in one line, or not all turned alike.
@@ -256,6 +238,6 @@ def rotation_of(
     left, sizes, right = np.linalg.svd(ways.T @ own)
     if not len(own) or sizes[1] < _LEAST_SPREAD * len(own):
         return None
-    rotation: NDArray[np.float64] = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    rotation: Floats = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
     apart = np.linalg.norm(ways - own @ rotation.T, axis=1)
     return rotation if float(apart.max()) < _TURNED_ALIKE else None

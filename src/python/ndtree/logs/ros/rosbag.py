@@ -3,25 +3,29 @@
 
 from __future__ import annotations
 
+import heapq
 import os
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import fields
+from itertools import islice
+from operator import attrgetter
 from typing import Any
 
 from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.log import SizedLog
-from ndtree.logs.core.rules import Decision, Rules
+from ndtree.logs.core.rules import Rules
 from ndtree.logs.core.source import Format, Source
-from ndtree.logs.ros.clock import in_order
+from ndtree.logs.ros.clock import by_stamp
 from ndtree.logs.ros.files.bag import ENDINGS, MAGICS, METADATA, METADATA_BEGINS, ZSTD_MAGIC, Bag, open_bag
-from ndtree.logs.ros.messages.beams import IMAGES
+from ndtree.logs.ros.messages.beams import CAMERA_INFO, IMAGES, SENSORS
 from ndtree.logs.ros.options import BagOptions
-from ndtree.logs.ros.outline import outline
-from ndtree.logs.ros.placement.placement import Placement
 from ndtree.logs.ros.plan import planned
 from ndtree.logs.ros.reading import MessageReader, OtherFrame, elsewhere_said
+from ndtree.logs.ros.sensors import encodings_in
+from ndtree.logs.ros.storage import OnDamage, Raw
+from ndtree.logs.ros.survey import POSES, TF, Survey
 
 
 class RosbagLog(SizedLog):
@@ -69,20 +73,9 @@ class RosbagLog(SizedLog):
     def __len__(self) -> int:
         return sum(sensor.topic.messages for sensor in self.sensors)
 
-    @property
-    def decisions(self) -> dict[str, Decision]:
-        """As of its plan."""
-        return self.plan.decisions
-
-    @property
-    def spans(self) -> dict[str, tuple[float, float]]:
-        """As of its plan."""
-        return self.plan.spans
-
-    @property
-    def place(self) -> Placement:
-        """How the first sensor's poses are found."""
-        return self.plan.place
+    decisions = property(attrgetter("plan.decisions"))
+    spans = property(attrgetter("plan.spans"))
+    place = property(attrgetter("plan.place"))  # How the first sensor's poses are found.
 
     def _opened(self) -> AbstractContextManager[Bag]:
         """The bag, open for as long as it is read."""
@@ -104,7 +97,7 @@ class RosbagLog(SizedLog):
         topics = [sensor.topic.name for sensor in self.sensors]
         messages = bag.messages(topics, on_damage=lambda error: self.skip("damaged bags", error))
         if len(topics) > 1:
-            messages = in_order(messages, self.plan.clock)
+            messages = by_stamp(messages, self.plan.clock)
         for raw in messages:
             nothing = self._passed_over()
             if nothing is not None:
@@ -161,3 +154,61 @@ ROSBAG = Format(
     contents=_contents,
     dim=None,
 )  # fmt: skip
+
+
+#: Number of transforms that are looked at, where not all are.
+_TRANSFORMS = 400
+
+
+class _Beginnings(Bag):
+    """A bag's first message of each topic, and its first transforms: enough to say what frames there are."""
+
+    def __init__(self, bag: Bag) -> None:
+        self.__dict__.update(bag.__dict__)
+
+    def messages(
+        self, topics: Collection[str], *, heads: Collection[str] = (), on_damage: OnDamage | None = None
+    ) -> Iterator[Raw]:
+        moving = {topic.name for topic in self.of_type(*TF)}
+
+        def first(name: str) -> list[Raw]:
+            most = _TRANSFORMS if name in moving else 1
+            whole, beginning = ([name], []) if name in topics else ([], [name])
+            rows = super(_Beginnings, self).messages(whole, heads=beginning, on_damage=on_damage)
+            return list(islice(rows, most))
+
+        rows = [first(name) for name in sorted({*topics, *heads})]
+        return heapq.merge(*rows, key=lambda raw: raw.received)
+
+
+def outline(bag: Bag, *, whole: bool = True) -> dict[str, Any]:
+    """Topics with their types, numbers and rates of messages and frames, when they were recorded, and /tf.
+
+    `whole`: Read all of it. Else what its index says, and the first messages: frames that appear later are
+        missing, and rates are over all of the recording.
+    Returns: "start" and "end" [s]; "topics", each with "topic", "type", "messages", "frame", "rate" [Hz] and
+    of images and of what cannot be read "encoding", None where it is not known; "frames", the lines of a
+    tree; "damage", lines about files that are not whole.
+    """
+    framed = [one.name for one in bag.topics if one.messages and one.type in (*SENSORS, *POSES, CAMERA_INFO)]
+    survey = Survey(bag if whole else _Beginnings(bag), framed)
+    span = bag.end - bag.start
+    topics = []
+    encodings = encodings_in(bag)
+    for topic in bag.topics:
+        seen = survey.seen.get(topic.name)
+        infos = survey.infos.get(topic.name)
+        frame = seen.frame if seen is not None and seen.frames else None
+        if infos:
+            frame = infos[0][1].header.frame_id.lstrip("/")
+        rate = None if seen is None else seen.rate
+        if not whole:  # Over all of the recording; of what is said once there is none.
+            is_once = topic.messages < 2 or topic.name.endswith("tf_static") or span <= 0
+            rate = None if is_once else (topic.messages - 1) / span
+        about = {"frame": frame, "rate": rate, "encoding": encodings.get(topic.name)}
+        topics.append({"topic": topic.name, "type": topic.type, "messages": topic.messages, **about})
+    for topic, packing in bag.unread:
+        about = {"messages": topic.messages, "frame": None, "rate": None, "encoding": packing}
+        topics.append({"topic": topic.name, "type": topic.type, **about})
+    when = {"start": bag.start, "end": bag.end}
+    return {**when, "topics": topics, "frames": survey.tree.lines(), "damage": bag.damage}

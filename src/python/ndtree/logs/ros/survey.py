@@ -16,7 +16,7 @@ from ndtree.logs.poses.transforms import TransformTree, is_transform, plain
 from ndtree.logs.ros.clock import Clock
 from ndtree.logs.ros.files.bag import Bag
 from ndtree.logs.ros.messages.beams import CAMERA_INFO, short, stamp_of
-from ndtree.logs.ros.messages.head import head_of
+from ndtree.logs.ros.messages.foxglove import head_of
 
 TF = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -161,9 +161,8 @@ class Survey:
             self.lags.append(received - self.clock.stamp(POSES_STREAM, received, row.stamp))
             self.poses.append(replace(row, stamp=self.clock.time(POSES_STREAM, received, row.stamp)))
         for edge, rows in self._moving.items():
-            self.lags += [
-                received - self.clock.stamp(edge, received, stamp) for received, stamp, _, _ in rows
-            ]
+            for received, stamp, *_ in rows:
+                self.lags.append(received - self.clock.stamp(edge, received, stamp))
         for topic, received, message in infos:
             stamp = self.clock.time(topic, received, stamp_of(message))
             self.infos.setdefault(topic, []).append((stamp, message))
@@ -199,15 +198,7 @@ class Survey:
         return tree
 
     def _note_transforms(self, topic: str, message: Any, received: int) -> None:
-        rows = list(transforms_in(message))
-        if len(rows) < len(message.transforms):
-            for one in message.transforms:
-                numbers = _numbers(one.transform.translation, one.transform.rotation)
-                if not is_transform(*numbers):
-                    self._refused[plain(one.child_frame_id)] = (
-                        f"{topic}: at {numbers[0]}, quaternion {numbers[1]}"
-                    )
-        for row in rows:
+        for row in transforms_in(message, self._refused, topic):
             if is_static(topic):
                 pose = Pose.from_quaternion(row.position, row.quaternion)
                 self._fixed.append((topic, row.parent, row.child, pose))
@@ -216,12 +207,17 @@ class Survey:
                 rows.append((1e-9 * received, row.stamp, row.position, row.quaternion))
 
 
-def transforms_in(message: Any) -> Iterator[PoseRow]:
-    """The transforms of a message of one of the types `TF`; those that are none are left out, as ROS does."""
+def transforms_in(message: Any, refused: dict[str, str] | None = None, topic: str = "") -> Iterator[PoseRow]:
+    """The transforms of a message of one of the types `TF`; those that are none are left out, as ROS does.
+
+    `refused`: Where these are noted, by their frames.
+    """
     for one in message.transforms:
         position, quaternion = _numbers(one.transform.translation, one.transform.rotation)
         if is_transform(position, quaternion):
             yield PoseRow(one.header.frame_id, one.child_frame_id, stamp_of(one), position, quaternion)
+        elif refused is not None:
+            refused[plain(one.child_frame_id)] = f"{topic}: at {position}, quaternion {quaternion}"
 
 
 def is_static(topic: str) -> bool:
@@ -254,10 +250,3 @@ def space_of(topic: str) -> str:
 
 def _numbers(position: Any, quaternion: Any) -> tuple[list[float], list[float]]:
     return ([position.x, position.y, position.z], [quaternion.x, quaternion.y, quaternion.z, quaternion.w])
-
-
-def share_within(stamps: NDArray[np.float64], span: tuple[float, float]) -> float:
-    """The share of times that lie in a span; 1 where there are none."""
-    if not len(stamps):
-        return 1.0
-    return float(np.mean((stamps >= span[0]) & (stamps <= span[1])))

@@ -8,9 +8,9 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -18,10 +18,9 @@ from ndtree._lazy import needs
 from ndtree.logs.core.plain_file import FREE_BYTES, MOST_PACKED
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files import mcap_file, ros1_file, sqlite_file
-from ndtree.logs.ros.files.chunks import Damaged, unpacked_message
-from ndtree.logs.ros.messages import foxglove, protobuf
+from ndtree.logs.ros.messages import foxglove
 from ndtree.logs.ros.messages.own import DECODERS
-from ndtree.logs.ros.storage import Connection, OnDamage, Raw, Storage, line_of
+from ndtree.logs.ros.storage import Connection, Damaged, OnDamage, Raw, Storage, line_of, unpacked_message
 
 METADATA, METADATA_BEGINS = "metadata.yaml", b"rosbag2_bagfile_information:"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -99,10 +98,8 @@ class Bag:
     def decoded(self, raw: Raw) -> Any:
         """A message of one of ROS's own types, or of a Livox lidar; ValueError if it is damaged."""
         one = raw.connection
-        if one.encoding == "json":
-            return foxglove.decoded(raw.data, one.type)
-        if one.encoding == "protobuf":
-            return foxglove.message_of(protobuf.fields_of(raw.data, one.name, one.schema), one.type)
+        if one.encoding in ("json", "protobuf"):
+            return foxglove.decoded(raw)
         if one.type in DECODERS:
             return DECODERS[one.type](raw.data, is_ros1=one.encoding == "ros1")
         if one.encoding not in self._stores:
@@ -116,11 +113,6 @@ class Bag:
             Exception
         ) as error:  # A library at the mercy of foreign bytes: it raises whatever it runs into.
             raise ValueError(f"no whole {one.type} ({type(error).__name__}: {line_of(error)})") from None
-
-    def whole(self, topics: Collection[str]) -> Iterator[tuple[Raw, Any]]:
-        """Messages of some topics that must all be whole, decoded."""
-        for raw in self.messages(topics):
-            yield raw, self.named(raw)
 
     def named(self, raw: Raw) -> Any:
         """As `decoded`; its errors have the names of the bag and the topic."""
@@ -185,9 +177,7 @@ def _store_of(definitions: tuple[tuple[str, str], ...], is_ros1: bool) -> Any:
 def _give_up_unknown(every: dict[str, Any], known: Any) -> None:
     """Take ROS's own definitions, or none, for those that name types that there are not."""
     while True:
-        unknown = [
-            name for name, (_, fields) in every.items() if any(not _is_known(of, every) for _, of in fields)
-        ]
+        unknown = [name for name, (_, of) in every.items() if not all(_is_known(one, every) for _, one in of)]
         if not unknown:
             return
         for name in unknown:
@@ -226,7 +216,8 @@ def open_bag(path: str) -> Iterator[Bag]:
 
 def _files_of(folder: str) -> list[str]:
     """The files of the recording in a folder, in their order."""
-    names = sorted((name for name in os.listdir(folder) if name.endswith(ENDINGS)), key=_natural)
+    names = [name for name in os.listdir(folder) if name.endswith(ENDINGS)]
+    names.sort(key=lambda name: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)])
     named = _named_by_metadata(folder)
     listed = [name for name in named if name in names]
     if listed:
@@ -257,11 +248,6 @@ def _named_by_metadata(folder: str) -> list[str]:
     return [os.path.basename(row.strip().strip("'\"")) for row in rows]
 
 
-def _natural(name: str) -> list[Any]:
-    """Sorts run_9 before run_10."""
-    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
-
-
 def _opened(name: str, stack: ExitStack) -> Storage:
     """One file, by its first bytes; what is packed as a whole is unpacked into a temporary one."""
     if not os.path.isfile(name):  # A pipe would wait for somebody to write.
@@ -272,7 +258,7 @@ def _opened(name: str, stack: ExitStack) -> Storage:
         head = _head(path)
         if not head:
             raise ValueError(f"{name}: cannot be unpacked (cut off), expected a whole file")
-    elif head.startswith(sqlite_file.MAGIC) and _has_content(name + sqlite_file.WAL):
+    elif head.startswith(sqlite_file.MAGIC) and _size_of(name + sqlite_file.WAL):
         path = _with_wal(name, stack)
     if head.startswith(ros1_file.MAGIC):
         return ros1_file.Ros1File(path, name)
@@ -289,8 +275,8 @@ def _head(path: str) -> bytes:
         return file.read(16)
 
 
-def _has_content(path: str) -> bool:
-    return os.path.isfile(path) and os.path.getsize(path) > 0
+def _size_of(path: str) -> int:
+    return os.path.getsize(path) if os.path.isfile(path) else 0
 
 
 def _with_wal(path: str, stack: ExitStack) -> str:
@@ -312,10 +298,8 @@ def _unpacked_file(path: str, stack: ExitStack) -> str:
             for part in zstandard.ZstdDecompressor().read_to_iter(packed):
                 left -= len(part)
                 if left < 0:
-                    raise ValueError(
-                        f"{path}: {os.path.getsize(path)} bytes unpack to more than {file.tell() >> 20} MiB, "
-                        f"expected at most {MOST_PACKED} for one"
-                    )
+                    said = f"unpacks to more than {file.tell() >> 20} MiB"
+                    raise ValueError(f"{path}: {said}, expected at most {MOST_PACKED} bytes for one")
                 file.write(part)
     except zstandard.ZstdError as error:
         raise ValueError(f"{path}: cannot be unpacked ({line_of(error)}), expected a whole file") from None
@@ -345,3 +329,35 @@ __all__ = [
     "ENDINGS", "MAGICS", "METADATA", "METADATA_BEGINS", "ZSTD_MAGIC",
     "Bag", "Connection", "Topic", "open_bag",
 ]  # fmt: skip
+
+
+class MemoryFile(Storage):
+    """Messages in the order of arrival."""
+
+    def __init__(self, name: str, messages: Sequence[Raw]) -> None:
+        super().__init__(name)
+        self._messages = messages
+        numbers: dict[tuple[str, str, str], int] = {}
+        self._ids = []
+        for raw in messages:
+            one = raw.connection
+            key = one.topic, one.type, one.encoding
+            if key not in numbers:
+                numbers[key] = len(numbers)
+                self.connections.append(replace(one, id=numbers[key]))
+            self._ids.append(numbers[key])
+            self._count(numbers[key], raw.received)
+
+    def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:
+        wanted = self._wanted(ids, heads)
+        for raw, number in zip(self._messages, self._ids):
+            if number in wanted:
+                yield Raw(wanted[number], raw.received, raw.data)
+
+    def close(self) -> None:
+        self._messages = ()
+
+
+def bag_of(name: str, messages: Sequence[Raw]) -> Bag:
+    """A bag of messages that are in memory already."""
+    return Bag(name, [MemoryFile(name, messages)])

@@ -8,9 +8,18 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ndtree._lazy import needs
-from ndtree.logs.ros.files.chunks import Damaged, in_order, unpacked
 from ndtree.logs.ros.messages import foxglove
-from ndtree.logs.ros.storage import Connection, FileStorage, OnDamage, Raw, line_of, ros2_type
+from ndtree.logs.ros.storage import (
+    Connection,
+    Damaged,
+    FileStorage,
+    OnDamage,
+    Raw,
+    line_of,
+    of_chunks,
+    ros2_type,
+    unpacked,
+)
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -51,13 +60,9 @@ class McapFile(FileStorage):
         # Without chunks all messages would have to be sorted in memory: they are taken as they come.
         if not self._chunks:
             return messages_of(self._every_record(), "")
-        chunks = [
-            one for one in self._chunks if not one.channels or not wanted.keys().isdisjoint(one.channels)
-        ]
-        return in_order(
-            chunks,
-            lambda one: messages_of(self._records_at(one.position), f"the chunk at byte {one.position} "),
-        )
+        chunks = [one for one in self._chunks if not one.channels or one.channels & wanted.keys()]
+        where = "the chunk at byte {0.position} "
+        return of_chunks(chunks, lambda one: messages_of(self._records_at(one.position), where.format(one)))
 
     def _open(self) -> None:
         self._chunks: list[_Chunk] = []
@@ -87,36 +92,23 @@ class McapFile(FileStorage):
 
     def _add(self, channel: Any, schema: Any) -> None:
         """Note a channel, and whether its messages are those of ROS or can be turned into such."""
-        encoding = channel.message_encoding
-        if any(one.id == channel.id for one in (*self.connections, *self.unread)):
+        id, topic, encoding = channel.id, channel.topic, channel.message_encoding
+        if any(one.id == id for one in (*self.connections, *self.unread)):
             return
         name = schema.name if schema is not None else ""
-        known = foxglove.type_of(name) if encoding in ("json", "protobuf") else ros2_type(name)
         packed = encoding == "protobuf"
+        known = foxglove.type_of(name) if encoding in ("json", "protobuf") else ros2_type(name)
         if packed and (schema is None or schema.encoding != "protobuf" or name not in foxglove.TYPES):
             known = None
         if encoding not in ("ros1", "cdr", "json", "protobuf") or not name or known is None:
-            self.unread.append(
-                Connection(channel.id, channel.topic, name or "no type", encoding or "nothing")
-            )
+            self.unread.append(Connection(id, topic, name or "no type", encoding or "nothing"))
             return
-        definition = (
-            schema.data.decode("utf-8", "replace") if schema.encoding in ("ros1msg", "ros2msg") else ""
-        )
-        topic = channel.topic
+        has_text = schema.encoding in ("ros1msg", "ros2msg")
+        definition = schema.data.decode("utf-8", "replace") if has_text else ""
         if topic.startswith("rt/") and "::" in name:  # DDS puts it before the name that ROS knows.
             topic = topic[2:]
-        self.connections.append(
-            Connection(
-                channel.id,
-                topic,
-                known,
-                encoding,
-                definition or None,
-                name,
-                bytes(schema.data) if packed else b"",
-            )
-        )
+        data = bytes(schema.data) if packed else b""
+        self.connections.append(Connection(id, topic, known, encoding, definition or None, name, data))
 
     def _read_summary(self) -> bool:
         """Connections, counts, span and chunks, as the end of the file has them; whether it does."""
@@ -156,9 +148,8 @@ class McapFile(FileStorage):
     def _records_from(self, position: int) -> Iterator[Any]:
         """Records, chunks as such: the library unpacks without bounds."""
         self._file.seek(position)
-        yield from self._stream.StreamReader(
-            self._file, skip_magic=position > 0, emit_chunks=True, record_size_limit=self._size
-        ).records
+        how = {"skip_magic": position > 0, "emit_chunks": True, "record_size_limit": self._size}
+        yield from self._stream.StreamReader(self._file, **how).records
 
     def _records_in(self, chunk: Any) -> list[Any]:
         data = unpacked(chunk.compression, chunk.data, chunk.uncompressed_size)

@@ -8,8 +8,17 @@ import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
-from ndtree.logs.ros.files.chunks import Damaged, in_order, unpacked
-from ndtree.logs.ros.storage import Connection, FileStorage, OnDamage, Raw, line_of, ros2_type
+from ndtree.logs.ros.storage import (
+    Connection,
+    Damaged,
+    FileStorage,
+    OnDamage,
+    Raw,
+    line_of,
+    of_chunks,
+    ros2_type,
+    unpacked,
+)
 
 MAGIC = b"#ROS"
 _VERSION = re.compile(rb"#ROS(?:BAG|RECORD) V(\d+)\.(\d+)[\r\n]")
@@ -48,7 +57,8 @@ class Ros1File(FileStorage):
 
         def messages_of(chunk: _Chunk) -> Iterator[Raw]:
             try:
-                for header, data in _records_in(self._data_of(chunk)):
+                self._file.seek(chunk.position)
+                for header, data in _records_in(_unpacked(*self._record())):
                     connection = wanted.get(_id(header)) if _op(header) == _MESSAGE else None
                     if connection is not None:
                         yield Raw(connection, _time(header, b"time"), data)
@@ -56,7 +66,7 @@ class Ros1File(FileStorage):
                 if not (self.damage and chunk is self._chunks[-1]):  # Known: there the file was cut off.
                     on_damage(self._unreadable(line_of(error), f"the chunk at byte {chunk.position} "))
 
-        return in_order(chunks, messages_of)
+        return of_chunks(chunks, messages_of)
 
     def _open(self) -> None:
         line = self._file.readline(64)
@@ -65,10 +75,8 @@ class Ros1File(FileStorage):
             raise ValueError(f"{self.path}: begins with {line[:24]!r}, expected a ROS bag: #ROSBAG V2.0")
         if version.groups() != (b"2", b"0"):
             number = b".".join(version.groups()).decode()
-            raise ValueError(
-                f"{self.path}: an old ROS bag, of version {number}, expected version 2.0; "
-                "ROS 1 writes it anew: rosbag filter OLD.bag NEW.bag True"
-            )
+            way = "ROS 1 writes it anew: rosbag filter OLD.bag NEW.bag True"
+            raise ValueError(f"{self.path}: a ROS bag of version {number}, expected version 2.0; {way}")
         self._chunks: list[_Chunk] = []
         try:
             header, _ = self._record()
@@ -163,11 +171,6 @@ class Ros1File(FileStorage):
                 about.get(b"message_definition", b"").decode("utf-8", "replace") or None,
             )
         )
-
-    def _data_of(self, chunk: _Chunk) -> bytes:
-        self._file.seek(chunk.position)
-        header, data = self._record()
-        return _unpacked(header, data)
 
     def _record(self, may_end: bool = False) -> tuple[Header, bytes] | None:
         """The record at the file's place, or None where the file ends there."""

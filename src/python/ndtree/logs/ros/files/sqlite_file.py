@@ -73,16 +73,12 @@ class SqliteFile(Storage):
             f"ELSE substr(data, 1, {HEAD_BYTES}) END FROM messages "
             f"WHERE topic_id IN ({among}) AND {_WHOLE} {order}"
         )
-        while True:
-            try:
-                row = next(rows, None)
-            except sqlite3.Error as error:
-                if not self.damage:  # Else it is known.
-                    on_damage(self._unreadable(line_of(error)))
-                return
-            if row is None:
-                return
-            yield Raw(wanted[row[0]], row[1], bytes(row[2]))
+        try:
+            for id, received, data in rows:
+                yield Raw(wanted[id], received, bytes(data))
+        except sqlite3.Error as error:
+            if not self.damage:  # Else it is known.
+                on_damage(self._unreadable(line_of(error)))
 
     def _definitions(self) -> dict[str, str]:
         """Texts of the types, which recorders since 2023 write."""
@@ -100,11 +96,7 @@ class SqliteFile(Storage):
         """What can be found in a file that is cut off or damaged."""
         self.counts, self.span = {}, None
         try:
-            rows = self._base.execute(f"SELECT topic_id, timestamp FROM messages WHERE {_WHOLE}")
-            while True:
-                row = next(rows, None)
-                if row is None:
-                    break
+            for row in self._base.execute(f"SELECT topic_id, timestamp FROM messages WHERE {_WHOLE}"):
                 self._count(*row)
         except sqlite3.Error:
             pass

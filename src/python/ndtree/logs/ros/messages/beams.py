@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,11 +17,7 @@ RANGE = "sensor_msgs/msg/Range"
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 PACKED_CLOUD = "point_cloud_interfaces/msg/CompressedPointCloud2"
 OLD_CLOUD = "sensor_msgs/msg/PointCloud"
-LIVOX = (
-    "livox_ros_driver/msg/CustomMsg",
-    "livox_ros_driver2/msg/CustomMsg",
-    "livox_interfaces/msg/CustomMsg",
-)
+LIVOX = tuple(f"livox_{one}/msg/CustomMsg" for one in ("ros_driver", "ros_driver2", "interfaces"))
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
@@ -43,6 +39,14 @@ SENSOR_NAMES = (
 )
 
 
+#: What is wrong with messages that are mapped in spite of it, and what is done.
+SENSELESS = "the times of beams make no sense, and all beams count as measured at the stamp"
+UNLIMITED = "the largest range makes no sense, and counts as not given"
+OTHER_NUMBER = "angles are for another number of ranges: angle_max does not count"
+BEYOND = "all ranges are beyond the largest one, and are left out"
+SWAPPED = "is_bigendian contradicts the data, which are read in the other order"
+
+
 @dataclass(frozen=True)
 class Beams:
     """What one message measured, in the sensor's frame.
@@ -53,12 +57,7 @@ class Beams:
         stamp.
     `is_guess`: The message does not say `times` but only how long the sweep may have taken: they count if the
         log bears them out.
-    `senseless`: What is wrong with the message's times of its beams, where they can be none: `times` is None
-        then.
-    `unlimited`: What is wrong with the message's largest range, where it can be none: it counts as not given.
-    `other_number`: The angles of a message that are for another number of ranges than it has: angle_max does
-        not count then.
-    `beyond`: The ranges of a message that are all larger than its largest one: they are invalid.
+    `odd`: What is wrong with the message though it is mapped, as one of the constants beside: what it says.
     `endless`: Beams that met nothing, but of which the message does not say up to where: they are invalid.
     """
 
@@ -67,13 +66,9 @@ class Beams:
     times: Floats | None = None
     endless: int = 0
     is_guess: bool = False
-    senseless: str = ""
-    unlimited: str = ""
-    other_number: str = ""
-    beyond: str = ""
     zeros: int = 0  # Beams with a range of 0.
-    swapped: bool = False  # The message's bytes are in the other order than it says.
     colors: NDArray[np.uint8] | None = None  # (n, 3), red, green and blue.
+    odd: dict[str, str] = field(default_factory=dict)
 
 
 def stamp_of(message: Any) -> float:
@@ -103,7 +98,6 @@ def pitch_of(said: int, rows: int, width: int, size: int) -> int:
     return said
 
 
-SWAPPED = "is_bigendian contradicts the data, which are read in the other order"
 #: Lengths that are not 0 are between these [m].
 _SHORTEST, _LONGEST = 1e-6, 1e5
 #: Of a message's numbers, fewer may be lengths where it is wrong, and more are in the other order.

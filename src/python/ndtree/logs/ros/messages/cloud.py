@@ -9,7 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.logs.core.silence import without_padding
-from ndtree.logs.ros.messages.beams import LONGEST_SWEEP, LOOKED_AT, Beams, Floats, is_swapped, pitch_of
+from ndtree.logs.ros.messages.beams import (
+    LONGEST_SWEEP,
+    LOOKED_AT,
+    SENSELESS,
+    SWAPPED,
+    Beams,
+    Floats,
+    is_swapped,
+    pitch_of,
+)  # fmt: skip
 
 _FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
@@ -37,10 +46,8 @@ def cloud_beams(message: Any, stamp: float, *, colored: bool = False) -> Beams:
     by_name = {field.name: field for field in message.fields}
     missing = [name for name in ("x", "y", "z") if name not in by_name]
     if missing:
-        raise ValueError(
-            f"the cloud has no field {' or '.join(missing)}, expected x, y and z, "
-            f"found {', '.join(by_name) or 'none'}"
-        )
+        said = f"the cloud has no field {' or '.join(missing)}"
+        raise ValueError(f"{said}, expected x, y and z, found {', '.join(by_name) or 'none'}")
     names = ["x", "y", "z", *(name for name in _TIMES if name in by_name)][:4]
     order = ">" if message.is_bigendian else "<"
     formats, offsets = [], []
@@ -54,15 +61,12 @@ def cloud_beams(message: Any, stamp: float, *, colored: bool = False) -> Beams:
     ends = [offset + np.dtype(kind).itemsize for offset, kind in zip(offsets, formats)]
     needed = (height - 1) * row_step + width * step
     if max(ends) > step or width * step > row_step or len(data) < needed:
-        raise ValueError(
-            f"the cloud has {len(data)} bytes, expected {needed} for {height} rows of {row_step} bytes "
-            f"and {width} points of {step}"
-        )
+        rows = f"{height} rows of {row_step} bytes and {width} points of {step}"
+        raise ValueError(f"the cloud has {len(data)} bytes, expected {needed} for {rows}")
     layout = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
     table = np.ndarray((height, width), layout, np.ascontiguousarray(data), strides=(row_step, step))
-    swapped = all(kind[1] == "f" for kind in formats[:3]) and is_swapped(
-        np.concatenate([table[axis].ravel()[:LOOKED_AT] for axis in "xyz"])
-    )
+    first = np.concatenate([table[axis].ravel()[:LOOKED_AT] for axis in "xyz"])
+    swapped = all(kind[1] == "f" for kind in formats[:3]) and is_swapped(first)
     if swapped:
         table = table.view(layout.newbyteorder())
     kind = np.float32 if all(kind[1:] == "f4" for kind in formats[:3]) else np.float64
@@ -73,21 +77,15 @@ def cloud_beams(message: Any, stamp: float, *, colored: bool = False) -> Beams:
     color = next((by_name[name] for name in _COLORS if name in by_name), None)
     colors = None
     if colored and color is not None and 0 <= color.offset <= step - 4:
-        table_of: Any = {
-            "names": ["rgb"],
-            "formats": [order + "u4"],
-            "offsets": [color.offset],
-            "itemsize": step,
-        }
-        packed = np.ndarray(
-            (height, width), np.dtype(table_of), np.ascontiguousarray(data), strides=(row_step, step)
-        )
-        colors = (packed["rgb"].reshape(-1, 1) >> np.array([16, 8, 0], np.uint32)).astype(np.uint8)
-    if len(names) < 4:
-        return Beams(flat, swapped=swapped, colors=colors)
-    times, wrong = times_of(table[names[3]].ravel(), stamp, np.isfinite(flat).all(axis=1))
-    senseless = f"{names[3]} {wrong}" if wrong else ""
-    return Beams(flat, times=times, senseless=senseless, swapped=swapped, colors=colors)
+        strides = (row_step, step)
+        packed = np.ndarray((height, width), order + "u4", np.ascontiguousarray(data), color.offset, strides)
+        colors = (packed.reshape(-1, 1) >> np.array([16, 8, 0], np.uint32)).astype(np.uint8)
+    odd = {SWAPPED: f"{len(flat)} points"} if swapped else {}
+    times = None
+    if len(names) > 3:
+        times, wrong = times_of(table[names[3]].ravel(), stamp, np.isfinite(flat).all(axis=1))
+        odd = {**odd, SENSELESS: f"{names[3]} {wrong}"} if wrong else odd
+    return Beams(flat, times=times, colors=colors, odd=odd)
 
 
 def times_of(values: NDArray[Any], stamp: float, measured: NDArray[np.bool_]) -> tuple[Floats | None, str]:

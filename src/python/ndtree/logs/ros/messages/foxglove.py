@@ -1,17 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Foxglove's messages in MCAP files, in JSON or packed by protobuf: turned into those of ROS."""
+"""Foxglove's messages in JSON or protobuf, turned into those of ROS; and the Header of all messages."""
 
 from __future__ import annotations
 
 import base64
 import json
+import struct
 from collections.abc import Callable
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from ndtree._lazy import needs
+from ndtree.logs.core.failures import one_line
+from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.messages.beams import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, LASER, POINT_CLOUD, RANGE
+from ndtree.logs.ros.storage import Raw, ros2_type
 
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -41,52 +47,50 @@ def type_of(name: str) -> str | None:
 
     Messages of ROS itself are read, too, with the names of their fields.
     """
-    package, _, type_ = name.rpartition("/")
-    ros = name if "/msg" in package else f"{package}/msg/{type_}"
+    ros = ros2_type(name)
     return ros if ros in _FIELDS else TYPES.get(name)
 
 
-def decoded(data: bytes, type: str) -> Any:
-    """The message of a type of ROS in some bytes of JSON; ValueError if it is none."""
-    try:
-        found = json.loads(data)
-        if not isinstance(found, dict):
-            raise ValueError("expected an object")
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"no whole {type} in JSON ({' '.join(str(error).split())[:200]})") from None
-    return message_of(found, type, "in JSON")
+def decoded(raw: Raw) -> Any:
+    """A message as that of ROS which says the same.
 
-
-def message_of(found: dict[str, Any], type: str, how: str = "packed by protobuf") -> Any:
-    """The message of a type of ROS by the fields of one that says the same; ValueError if it is none."""
+    Raises ImportError if a library is not there; ValueError if it is none, or its schema is damaged.
+    """
+    type = raw.connection.type
     try:
-        if _is_of_ros(found, type):
-            message = _made(_FIELDS[type], found)
-        else:
-            message = _made(_FIELDS[type], _MAKERS[type](found))
-        message.__msgtype__ = type
-        return message
-    except (KeyError, TypeError, AttributeError, ValueError, OverflowError, RecursionError) as error:
-        what = f"no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())[:200]
+        found = _fields(raw)
+        message = _made(_FIELDS[type], found if _is_of_ros(found, type) else _MAKERS[type](found))
+    except ImportError:
+        raise
+    except Exception as error:  # A library at the mercy of foreign bytes, and fields of any kind.
+        what = f"no {error}" if isinstance(error, KeyError) else one_line(error)
+        how = "in JSON" if raw.connection.encoding == "json" else "packed by protobuf"
         raise ValueError(f"no whole {type} {how} ({what})") from None
+    message.__msgtype__ = type
+    return message
 
 
-def head_of(data: bytes) -> tuple[float, str] | None:
-    """Stamp [s] and frame of a message; None where it has no header."""
+def _head(raw: Raw) -> tuple[float, str] | None:
     try:
-        return head_in(json.loads(data))
-    except (ValueError, RecursionError):
-        return None
-
-
-def head_in(found: Any) -> tuple[float, str] | None:
-    """As `head_of`, of a message's fields."""
-    try:
+        found = _fields(raw)
         header = found.get("header", found)
         stamp = _time(header["stamp" if "header" in found else "timestamp"])
-        return stamp.sec + 1e-9 * stamp.nanosec, str(header["frame_id"])
-    except (KeyError, TypeError, AttributeError, ValueError, OverflowError, RecursionError):
+        return stamp.sec + 1e-9 * stamp.nanosec, plain(str(header["frame_id"]))
+    except ImportError:
+        raise
+    except Exception:  # As above.
         return None
+
+
+def _fields(raw: Raw) -> dict[str, Any]:
+    """Fields of a message by their names, those of messages in it, too."""
+    one = raw.connection
+    if one.encoding == "protobuf":
+        return _unpacked(_decoder(one.name, one.schema)(raw.data))
+    found = json.loads(raw.data)
+    if not isinstance(found, dict):
+        raise ValueError("expected an object")
+    return found
 
 
 def _is_of_ros(message: dict[str, Any], type: str) -> bool:
@@ -148,11 +152,8 @@ _VECTOR = dict.fromkeys("xyz", float)
 _TURN = dict.fromkeys("xyzw", float)
 _POSE = {"position": _VECTOR, "orientation": _TURN}
 _POSE_STAMPED = {"header": _HEADER, "pose": _POSE}
-_TRANSFORM = {
-    "header": _HEADER,
-    "child_frame_id": _text,
-    "transform": {"translation": _VECTOR, "rotation": _TURN},
-}
+_MOVE = {"translation": _VECTOR, "rotation": _TURN}
+_TRANSFORM = {"header": _HEADER, "child_frame_id": _text, "transform": _MOVE}
 _FIELDS: dict[str, dict[str, Any]] = {
     LASER: {
         "header": _HEADER, "angle_min": float, "angle_max": float, "angle_increment": float,
@@ -189,7 +190,11 @@ def _header(message: dict[str, Any]) -> dict[str, Any]:
     position, turn = pose.get("position") or {}, pose.get("orientation") or {}
     if any(position.values()) or any(turn.get(axis, 0) for axis in "xyz"):
         raise ValueError("a pose of the sensor in its frame, expected none, but a frame of its own")
-    return {"stamp": message["timestamp"], "frame_id": message["frame_id"]}
+    return _stamped(message, "frame_id")
+
+
+def _stamped(message: dict[str, Any], frame: str) -> dict[str, Any]:
+    return {"stamp": message["timestamp"], "frame_id": message[frame]}
 
 
 def _laser(message: dict[str, Any]) -> dict[str, Any]:
@@ -206,15 +211,7 @@ def _cloud(message: dict[str, Any]) -> dict[str, Any]:
     data, step = _bytes(message["data"]), int(message["point_stride"])
     if step < 1 or len(data) % step:
         raise ValueError(f"{len(data)} bytes, expected a multiple of point_stride = {step}")
-    fields = [
-        {
-            "name": one["name"],
-            "offset": one["offset"],
-            "datatype": _FIELD_TYPES.get(one["type"], 0),
-            "count": 1,
-        }
-        for one in message["fields"]
-    ]
+    fields = [{**one, "datatype": _FIELD_TYPES.get(one["type"], 0), "count": 1} for one in message["fields"]]
     return {
         "header": _header(message), "height": 1, "width": len(data) // step, "fields": fields,
         "is_bigendian": False, "point_step": step, "row_step": len(data), "data": message["data"],
@@ -231,20 +228,8 @@ def _camera(message: dict[str, Any]) -> dict[str, Any]:
 
 def _transforms(message: dict[str, Any]) -> dict[str, Any]:
     rows = message["transforms"] if "transforms" in message else [message]
-    return {
-        "transforms": [
-            {
-                "header": {"stamp": row["timestamp"], "frame_id": row["parent_frame_id"]},
-                "child_frame_id": row["child_frame_id"],
-                "transform": row,
-            }
-            for row in rows
-        ]
-    }
-
-
-def _pose(message: dict[str, Any]) -> dict[str, Any]:
-    return {**message, "header": {"stamp": message["timestamp"], "frame_id": message["frame_id"]}}
+    made = [{**row, "header": _stamped(row, "parent_frame_id"), "transform": row} for row in rows]
+    return {"transforms": made}
 
 
 _MAKERS: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
@@ -254,5 +239,82 @@ _MAKERS: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
     COMPRESSED_IMAGE: _image,
     CAMERA_INFO: _camera,
     TRANSFORMS: _transforms,
-    POSE: _pose,
+    POSE: lambda message: {**message, "header": _stamped(message, "frame_id")},
 }
+
+
+# --- Messages packed by protobuf, as Foxglove's libraries write them: their fields as in JSON -------
+
+#: How Google calls its time, and its fields.
+_TIME, _DURATION = "google.protobuf.Timestamp", "google.protobuf.Duration"
+
+
+@lru_cache(maxsize=64)
+def _decoder(type: str, schema: bytes) -> Callable[[bytes], Any]:
+    with needs("messages packed by protobuf need mcap-protobuf-support", "ros"):
+        from mcap.records import Schema
+        from mcap_protobuf.decoder import DecoderFactory
+    known = Schema(id=1, data=schema, encoding="protobuf", name=type)
+    decoder = DecoderFactory().decoder_for("protobuf", known)
+    if decoder is None:
+        raise ValueError("no schema of protobuf")
+    return decoder  # type: ignore[no-any-return]
+
+
+def _unpacked(message: Any) -> dict[str, Any]:
+    if message.DESCRIPTOR.full_name in (_TIME, _DURATION):
+        return {"sec": message.seconds, "nsec": message.nanos}
+    found: dict[str, Any] = {}
+    for field in message.DESCRIPTOR.fields:
+        value = getattr(message, field.name)
+        if field.message_type is None:
+            found[field.name] = value
+        elif _is_list(field):
+            found[field.name] = [_unpacked(one) for one in value]
+        elif message.HasField(field.name):
+            found[field.name] = _unpacked(value)
+    return found
+
+
+def _is_list(field: Any) -> bool:
+    repeated = getattr(field, "is_repeated", None)  # Older libraries have a label.
+    return bool(field.label == field.LABEL_REPEATED if repeated is None else repeated)
+
+
+# --- The Header at the beginning of messages, from their bytes ----------------------------------------
+
+
+def order_of(data: bytes, is_ros1: bool) -> str:
+    """The order of a message's bytes, "<" or ">"."""
+    return "<" if is_ros1 or (len(data) > 1 and data[1] & 1) else ">"
+
+
+def header_of(data: bytes, is_ros1: bool) -> tuple[Message, int]:
+    """The Header that some bytes begin with, and where it ends.
+
+    In ROS 1 a Header begins with a number of 4 bytes, in ROS 2 a message begins with 4 bytes that say how it
+    is packed: all that follows stands in the same place.
+
+    Raises ValueError if they are too few.
+    """
+    if len(data) < 16:
+        raise ValueError(f"the message has {len(data)} bytes, expected a whole Header")
+    seconds, nanoseconds, length = struct.unpack_from(order_of(data, is_ros1) + "3I", data, 4)
+    if 16 + length > len(data):
+        raise ValueError(f"the message has {len(data)} bytes, expected a frame of {length} in it")
+    frame = data[16 : 16 + length].rstrip(b"\0").decode("utf-8", "replace")
+    return Message(stamp=Message(sec=seconds, nanosec=nanoseconds), frame_id=frame), 16 + length
+
+
+def head_of(raw: Raw) -> tuple[float, str] | None:
+    """Stamp [s] and frame of a message, from its first bytes; None where it is too short to have one.
+
+    The stamp is 0 where the message does not say when it was measured, or at the beginning of a clock.
+    """
+    if raw.connection.encoding in ("json", "protobuf"):
+        return _head(raw)
+    try:
+        header, _ = header_of(raw.data, raw.connection.encoding == "ros1")
+    except ValueError:
+        return None
+    return header.stamp.sec + 1e-9 * header.stamp.nanosec, plain(header.frame_id)

@@ -11,18 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree._lazy import needs
-from ndtree.logs.folders.depth_image import Camera, points_of
-from ndtree.logs.ros.messages import rvl
-from ndtree.logs.ros.messages.beams import COMPRESSED_IMAGE, Beams, is_swapped, pitch_of
+from ndtree.logs.folders.depth_image import Camera, png_pixels, points_of
+from ndtree.logs.ros.messages.beams import COMPRESSED_IMAGE, SWAPPED, Beams, is_swapped, pitch_of
 
 #: Images that hold depths: type of a pixel, and its values in a metre.
 DEPTH_ENCODINGS = {
-    "16UC1": ("u2", 1000.0),
-    "mono16": ("u2", 1000.0),
-    "Z16": ("u2", 1000.0),
-    "16SC1": ("i2", 1000.0),
-    "32FC1": ("f4", 1.0),
+    **dict.fromkeys(("16UC1", "mono16", "Z16"), ("u2", 1000.0)),
+    **{"16SC1": ("i2", 1000.0), "32FC1": ("f4", 1.0)},
 }
 _BY_LOWER_CASE = {name.lower(): name for name in DEPTH_ENCODINGS}
 #: What stands before the picture in compressedDepth: a number, and two of its quantisation.
@@ -35,7 +30,8 @@ _BITS, _GREY_OF_16_BITS = slice(24, 26), bytes([16, 0])
 def depth_beams(message: Any, camera: Camera, pixel_stride: int) -> Beams:
     """Points of a depth image; pixels without depth are no beams."""
     image, swapped = _pixels(message)
-    return Beams(points_of(image, camera, pixel_stride=pixel_stride), swapped=swapped)
+    points = points_of(image, camera, pixel_stride=pixel_stride)
+    return Beams(points, odd={SWAPPED: f"{len(points)} points"} if swapped else {})
 
 
 def encoding_of(message: Any) -> str:
@@ -54,9 +50,8 @@ def encoding_of(message: Any) -> str:
 
 def _is_grey_of_16_bits(data: Any) -> bool:
     head = np.asarray(data[:64], dtype=np.uint8).tobytes()
-    return any(
-        part.startswith(_PNG) and part[_BITS] == _GREY_OF_16_BITS for part in (head, head[_CONFIG.size :])
-    )
+    parts = [part for part in (head, head[_CONFIG.size :]) if part.startswith(_PNG)]
+    return any(part[_BITS] == _GREY_OF_16_BITS for part in parts)
 
 
 def is_integer(message: Any) -> bool:
@@ -102,10 +97,8 @@ def _pixels(message: Any) -> tuple[NDArray[Any], bool]:
         step = pitch_of(step, height, width * kind.itemsize, len(data))
     needed = (height - 1) * step + width * kind.itemsize if height and width else 0
     if step < width * kind.itemsize or len(data) < needed:
-        raise ValueError(
-            f"the image has {len(data)} bytes, expected {needed} for {height} rows of {step} bytes "
-            f"and {width} pixels of {kind.itemsize}"
-        )
+        rows = f"{height} rows of {step} bytes and {width} pixels of {kind.itemsize}"
+        raise ValueError(f"the image has {len(data)} bytes, expected {needed} for {rows}")
     image = np.ndarray((height, width), kind, data, strides=(step, kind.itemsize))
     swapped = is_swapped(image)
     if swapped:
@@ -115,23 +108,20 @@ def _pixels(message: Any) -> tuple[NDArray[Any], bool]:
 
 
 def _unpacked(message: Any) -> NDArray[Any]:
-    """The pixels of a CompressedImage: a PNG of 16 bits, or compressedDepth with one in it, or with RVL.
+    """The pixels of a CompressedImage: a PNG of 16 bits, or compressedDepth with one in it.
 
     compressedDepth of an image in metres holds their inverse, quantised: depth is a / (value - b).
     """
     data = np.asarray(message.data, dtype=np.uint8).tobytes()
     is_metres = encoding_of(message) == "32FC1"
     a = b = 0.0
-    is_rvl = "compresseddepth rvl" in " ".join(message.format.lower().split())
-    if (is_rvl and len(data) >= _CONFIG.size) or data[_CONFIG.size :].startswith(_PNG):
+    if data[_CONFIG.size :].startswith(_PNG):
         _, a, b = _CONFIG.unpack_from(data)
         data = data[_CONFIG.size :]
     elif not data.startswith(_PNG) or is_metres:
-        raise ValueError(
-            f"the image is packed as {message.format!r}, expected a PNG of 16 bits, "
-            "as compressedDepth or plain, or compressedDepth with RVL"
-        )
-    values = rvl.unpacked(data) if is_rvl else _png_pixels(data)
+        expected = "a PNG of 16 bits, as compressedDepth or plain; image_transport unpacks others"
+        raise ValueError(f"the image is packed as {message.format!r}, expected {expected}")
+    values = png_pixels(io.BytesIO(data), "the image")
     if not is_metres:
         return values
     depth = np.full(values.shape, np.nan, dtype=np.float32)
@@ -139,19 +129,6 @@ def _unpacked(message: Any) -> NDArray[Any]:
     with np.errstate(divide="ignore", invalid="ignore"):
         depth[known] = a / (values[known].astype(np.float64) - b)
     return depth
-
-
-def _png_pixels(data: bytes) -> NDArray[np.uint16]:
-    with needs("packed images need Pillow", "ros"):
-        from PIL import Image
-    try:
-        with Image.open(io.BytesIO(data)) as picture:
-            values = np.asarray(picture)
-    except (OSError, SyntaxError, ValueError) as error:
-        raise ValueError(f"the image cannot be unpacked ({error}), expected a whole PNG") from None
-    if values.ndim != 2:
-        raise ValueError(f"the image has {values.ndim} axes, expected rows and columns of depths")
-    return values.astype(np.uint16)
 
 
 def camera_of_info(message: Any, scale: float) -> Camera:

@@ -20,7 +20,15 @@ from ndtree.logs.core.silence import (
     noise_below,
     noise_below_alone,
 )
-from ndtree.logs.ros.messages.beams import LONGEST_SWEEP, Beams, Floats
+from ndtree.logs.ros.messages.beams import (
+    BEYOND,
+    LONGEST_SWEEP,
+    OTHER_NUMBER,
+    SENSELESS,
+    UNLIMITED,
+    Beams,
+    Floats,
+)  # fmt: skip
 
 #: A laser that turns this far [rad] looks all around.
 FULL_TURN = math.radians(350)
@@ -61,15 +69,10 @@ class NoiseAtLimit:
                 noise_below(self._below, self._there)
                 or noise_below(self._below, self._there + self._beyond)
                 or self._largest_below()
-                or self._noise_below_alone()
+                or (self._there < LEAST_NOISY // 2 and noise_below_alone(self._below, NOISE_REACH * limit))
+                or 0.0
             )
         return self.reach
-
-    def _noise_below_alone(self) -> float:
-        """How far it reaches if its other half is not here [m]."""
-        if self._there >= LEAST_NOISY // 2:
-            return 0.0
-        return noise_below_alone(self._below, NOISE_REACH * self._limit)
 
     def _largest_below(self) -> float:
         """How far below the limit the largest reading is, if it means that nothing was hit; else 0 [m]."""
@@ -133,7 +136,7 @@ def range_beams(message: Any, no_return_range: float | None = None) -> Beams:
         limits, said = _limits(*limits, "max_range")
     ranges = np.array([message.range], dtype=np.float32)
     beams = _measured(ranges, limits, np.array([[1.0, 0, 0]]), None, no_return_range, least_cut_off=1)
-    return replace(beams, unlimited=said)
+    return replace(beams, odd={**beams.odd, UNLIMITED: said})
 
 
 def _planar_beams(message: Any, ranges: NDArray[np.floating[Any]], no_return_range: float | None) -> Beams:
@@ -148,10 +151,10 @@ def _planar_beams(message: Any, ranges: NDArray[np.floating[Any]], no_return_ran
     limits, said = _limits(message.range_min, message.range_max, "range_max")
     beams = _measured(ranges, limits, ways, _times(message, n), no_return_range)
     step = float(message.time_increment)
-    senseless = f"time_increment = {step:g} s of {n} beams" if beams.times is None and step and n > 1 else ""
-    is_guess = beams.times is not None and step == 0
-    other = _another_number(message, n)
-    return replace(beams, is_guess=is_guess, senseless=senseless, unlimited=said, other_number=other)
+    odd = {**beams.odd, UNLIMITED: said, OTHER_NUMBER: _another_number(message, n)}
+    if beams.times is None and step and n > 1:
+        odd[SENSELESS] = f"time_increment = {step:g} s of {n} beams"
+    return replace(beams, is_guess=beams.times is not None and step == 0, odd=odd)
 
 
 def _another_number(message: Any, n: int) -> str:
@@ -200,7 +203,7 @@ def _measured(
         length[silent] = limit
     else:
         endless = int(np.count_nonzero(silent))
-    return Beams(length[:, None] * ways, returned, times, endless, beyond=said)
+    return Beams(length[:, None] * ways, returned, times, endless, odd={BEYOND: said})
 
 
 def _times(message: Any, n: int) -> Floats | None:

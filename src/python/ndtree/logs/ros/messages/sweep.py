@@ -236,9 +236,8 @@ def entropy(points: Floats, cell: float = CELL) -> float:
     found = []
     for i, angle in enumerate(GRIDS):
         c, s = np.cos(angle), np.sin(angle)
-        places = [
-            np.floor(one + i / len(GRIDS)).astype(np.int64) for one in (c * x - s * y, s * x + c * y, z)
-        ]
+        moved = (c * x - s * y, s * x + c * y, z)
+        places = [np.floor(one + i / len(GRIDS)).astype(np.int64) for one in moved]
         _, counts = np.unique(sum(factor * place for factor, place in zip(KEY, places)), return_counts=True)
         share = counts / counts.sum()
         found.append(float(-(share * np.log(share)).sum()))

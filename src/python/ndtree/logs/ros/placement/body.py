@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from ndtree._errors import WrongValue, key
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.messages.beams import Beams
-from ndtree.logs.ros.placement.advice import bases_in
-from ndtree.logs.ros.placement.placement import Placement
+from ndtree.logs.ros.placement.placement import Placement, bases_in
 
 Floats = NDArray[np.float64]
 
@@ -46,9 +45,8 @@ class Body:
         frame = self.frame or plain(base or "") or next(bases_in(connected), place.frame)
         if frame not in connected:
             some = ", ".join(connected[:12])
-            raise WrongValue(
-                f"{key('body')}: no transform between {place.frame} and {frame}, expected one of {some}"
-            )
+            said = f"no transform between {place.frame} and {frame}"
+            raise WrongValue(f"{key('body')}: {said}, expected one of {some}")
         return frame
 
     def left_out(
@@ -107,9 +105,8 @@ def _footprint(text: str, one: str, rest: str) -> Callable[[Floats], NDArray[np.
     """A polygon seen from above, of all heights or between two; as navigation has it: ``[[x, y], ...]``."""
     corners, _, heights = rest.translate(str.maketrans("", "", "[] ")).partition("/")
     try:
-        numbers, limits = (
-            [float(field) for field in part.split(",")] if part else [] for part in (corners, heights)
-        )
+        parts = (corners.split(",") if corners else [], heights.split(",") if heights else [])
+        numbers, limits = ([float(field) for field in part] for part in parts)
     except ValueError:
         numbers, limits = [], []
     is_finite = all(map(math.isfinite, (*numbers, *limits)))
@@ -117,9 +114,7 @@ def _footprint(text: str, one: str, rest: str) -> Callable[[Floats], NDArray[np.
         raise WrongValue(f"{key('body')} = {text!r}: {one!r}: {EXPECTED}")
     x, y = np.array(numbers).reshape(-1, 2).T
     if not abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) > 0:
-        raise WrongValue(
-            f"{key('body')} = {text!r}: {one!r}: its corners lie on a line, expected an area > 0"
-        )
+        raise WrongValue(f"{key('body')} = {text!r}: {one!r}: its corners lie on a line: must have an area")
     low, high = limits or (-math.inf, math.inf)
     if not low < high:
         raise WrongValue(f"{key('body')} = {text!r}: {one!r}: heights must be from low to high")

@@ -3,33 +3,25 @@
 
 from __future__ import annotations
 
+import posixpath
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ndtree._errors import WrongValue, key
-from ndtree.logs.core.failures import NowhereKnown
+from ndtree.logs.core.failures import NoPose, NowhereKnown
 from ndtree.logs.core.silence import without_zeros
+from ndtree.logs.poses.pose import mount_of
 from ndtree.logs.poses.trajectory import STAMP_TOLERANCE
 from ndtree.logs.poses.trajectory_files import read_trajectory
 from ndtree.logs.poses.transforms import TransformTree, plain
-from ndtree.logs.ros.files.bag import Topic
-from ndtree.logs.ros.messages.beams import CLOUDS, Beams, Floats
+from ndtree.logs.ros.files.bag import Bag, Topic
+from ndtree.logs.ros.messages.beams import CLOUDS, SENSOR_NAMES, Beams, Floats, short
+from ndtree.logs.ros.messages.image import DEPTH_ENCODINGS
 from ndtree.logs.ros.messages.sweep import in_map
 from ndtree.logs.ros.options import BagOptions
-from ndtree.logs.ros.placement.advice import (
-    HOW_TO_MOUNT,
-    MOUNT,
-    USUAL,
-    bases_in,
-    listed,
-    observer_of,
-    standing,
-    typed,
-    unconnected,
-)
-from ndtree.logs.ros.placement.mount import mount_of
-from ndtree.logs.ros.survey import PoseRow, Survey, share_within
+from ndtree.logs.ros.survey import Survey
 
 #: Where poses come from of a sensor that has but one.
 STILL = "standing still"
@@ -84,224 +76,331 @@ def placed(path: str, survey: Survey, topic: Topic, asked: BagOptions, others: d
     `others`: Topics with poses that the bag has and their types, for errors.
     Raises ValueError if there is none: which frames there are, and what to say.
     """
-    frame = _frame_of(survey, topic, asked)
+    finder = _Finder(path, survey, topic, asked, others)
     if asked.still:
-        return _still(path, survey, topic.name, frame, asked)
-    if _may_be_registered(topic, asked) and any(row.parent == frame != row.child for row in survey.poses[:1]):
-        return _registered(path, survey, topic.name, frame, asked)
+        return finder.still()
+    if finder.may_be_registered and any(row.parent == finder.frame != row.child for row in survey.poses[:1]):
+        return finder.registered()
     if asked.trajectory is not None or asked.poses is not None:
-        return _by_poses(path, survey, topic.name, frame, asked)
-    return _by_transforms(path, survey, topic, asked, others)
+        return finder.by_poses()
+    return finder.by_transforms()
 
 
-def _frame_of(survey: Survey, topic: Topic, asked: BagOptions) -> str:
-    """The sensor's."""
-    return survey.seen[topic.name].frame if asked.sensor_frame is None else plain(asked.sensor_frame)
+class _Finder:
+    """The ways from a topic's sensor to the map; for parameters see `placed`."""
 
+    def __init__(
+        self, path: str, survey: Survey, topic: Topic, asked: BagOptions, others: dict[str, str]
+    ) -> None:
+        self.path, self.asked, self.others, self.topic = path, asked, others, topic.name
+        self.poses, self.stamps = survey.poses, np.array(survey.seen[topic.name].own_stamps)
+        named = survey.seen[topic.name].frame
+        self.frame = named if asked.sensor_frame is None else plain(asked.sensor_frame)  # The sensor's.
+        self.tree = survey.tree_of(topic.name, self.frame)
+        self.is_said = asked.mount is None and asked.sensor_frame is None  # By messages alone.
+        self.may_be_registered = topic.type in CLOUDS and self.is_said  # Points in a fixed frame already.
 
-def _may_be_registered(topic: Topic, asked: BagOptions) -> bool:
-    """Whether points may be in the fixed frame already."""
-    return topic.type in CLOUDS and asked.mount is None and asked.sensor_frame is None
-
-
-def _still(path: str, survey: Survey, topic: str, frame: str, asked: BagOptions) -> Placement:
-    tree = survey.tree_of(topic, frame).fixed_only()
-    if asked.mount is not None:
-        base = plain(asked.base_frame or _BODY)
-        tree.add_fixed(base, _mounted(frame), mount_of(asked.mount))
-        return Placement(tree, base, _mounted(frame), False, STILL)
-    connected = tree.connected(frame)
-    wanted = asked.fixed_frame or asked.base_frame
-    if wanted is not None and plain(wanted) not in connected:
-        raise ValueError(
-            f"{path}: no fixed transform between {frame} and {wanted}, expected one of {', '.join(connected)}"
-        )
-    roots = tree.roots(frame, fixed=True)
-    fixed = plain(wanted) if wanted is not None else (roots[0] if roots else frame)
-    return Placement(tree, fixed, frame, asked.sensor_frame is None, STILL)
-
-
-def _registered(path: str, survey: Survey, topic: str, frame: str, asked: BagOptions) -> Placement:
-    """Points that are in the frame in which the poses of a topic are."""
-    assert asked.poses is not None
-    tree = TransformTree()
-    body = survey.poses[0].child or _BODY
-    fixed = _add_poses(path, tree, survey.poses, body, asked.poses)
-    return Placement(tree, fixed, frame, False, asked.poses, (_said(topic, frame, body),), body)
-
-
-def _said(topic: str, frame: str, observer: str) -> str:
-    return (
-        f"the points of {topic} are in the fixed frame {frame}: their beams are taken to come from "
-        f"{observer}, as by {key('base_frame')}"
-    )
-
-
-def _by_poses(path: str, survey: Survey, topic: str, frame: str, asked: BagOptions) -> Placement:
-    """Poses of a body, or of the sensor itself, from a trajectory or a topic."""
-    tree = survey.tree_of(topic, frame).fixed_only()
-    notes: list[str] = []
-    child = survey.poses[0].child if survey.poses else ""
-    body = plain(asked.base_frame or child)
-    sensor = frame
-    if asked.mount is not None:
-        body, sensor = body or _BODY, _mounted(frame)
-        tree.add_fixed(body, sensor, mount_of(asked.mount))
-    elif not body and asked.poses is not None:
+    def still(self) -> Placement:
+        """Of a sensor that stands."""
+        tree, frame, asked = self.tree.fixed_only(), self.frame, self.asked
+        if asked.mount is not None:
+            base = plain(asked.base_frame or _BODY)
+            return Placement(tree, base, _mounted(tree, base, frame, asked.mount), False, STILL)
+        connected = tree.connected(frame)
+        wanted = asked.fixed_frame or asked.base_frame
+        if wanted is not None and plain(wanted) not in connected:
+            some = listed(connected)
+            raise ValueError(f"{self.path}: {frame} is not fixed to {wanted}, expected one of {some}")
         roots = tree.roots(frame, fixed=True)
-        body = roots[0] if roots else frame
-    body = body or frame
-    if asked.trajectory is not None:
-        poses = read_trajectory(asked.trajectory)
-        if poses.is_numbered:
-            raise ValueError(
-                f"{asked.trajectory}: has no times, expected t x y z qx qy qz qw for the scans of a bag"
-            )
-        fixed, origin = _TRAJECTORY_FRAME, asked.trajectory
-        tree.add_trajectory(fixed, body, poses)
-    else:
-        assert asked.poses is not None
-        fixed, origin = _add_poses(path, tree, survey.poses, body, asked.poses), asked.poses
-    if sensor not in tree.connected(fixed):
-        raise WrongValue(
-            f"{path}: no transform between {frame}, the frame of {topic}, and {body}, of which {origin} has "
-            "the poses, expected one of:"
-            + typed(
-                f"{MOUNT}, where the sensor sits on it [m, rad or 90deg]",
-                f"ndtree calibrate {path} --find-mount, to measure that",
-                "--sensor-frame FRAME or --base-frame FRAME, of "
-                + listed([one for one in tree.connected(fixed) if one != fixed]),
-            )
-        )
-    if body == frame != child and asked.poses is not None and asked.mount is None:
-        notes.append(
-            f"{origin} is taken for the poses of the sensor itself; where it is on its body: {HOW_TO_MOUNT}"
-        )
-    # Messages of a sensor that is the body itself may call it by any name.
-    is_own = body != frame and asked.mount is None and asked.sensor_frame is None
-    return Placement(tree, fixed, sensor, is_own, origin, tuple(notes))
+        fixed = plain(wanted) if wanted is not None else (roots[0] if roots else frame)
+        return Placement(tree, fixed, frame, asked.sensor_frame is None, STILL)
 
+    def registered(self) -> Placement:
+        """Of points that are in the frame in which the poses of a topic are."""
+        assert self.asked.poses is not None
+        tree = TransformTree()
+        body = self.poses[0].child or _BODY
+        fixed = self._add_poses(tree, body)
+        return Placement(tree, fixed, self.frame, False, self.asked.poses, (self._said(body),), body)
 
-def _add_poses(path: str, tree: TransformTree, rows: list[PoseRow], body: str, topic: str) -> str:
-    """Put the poses of a topic into a tree; their fixed frame."""
-    if not rows:
-        raise ValueError(f"{path}: {topic}: no pose in it, expected some")
-    fixed = rows[0].parent or topic
-    if fixed == body:
-        fixed += " at the beginning"
-    for row in rows:
-        if (row.parent, row.child) != (rows[0].parent, rows[0].child):
-            raise ValueError(
-                f"{path}: {topic}: poses of {row.child or 'a body'} in {row.parent} follow those of "
-                f"{rows[0].child or 'a body'} in {rows[0].parent}, expected one of them"
-            )
-        tree.add(fixed, body, row.stamp, row.position, row.quaternion)
-    if len(rows) > 1 and len({row.stamp for row in rows}) == 1:
-        raise ValueError(f"{path}: {topic}: all {len(rows)} poses have the same time, expected their own")
-    return fixed
+    def _said(self, observer: str) -> str:
+        said = f"the points of {self.topic} are in the fixed frame {self.frame}"
+        return f"{said}: their beams are taken to come from {observer}, as by {key('base_frame')}"
 
-
-def _by_transforms(
-    path: str, survey: Survey, topic: Topic, asked: BagOptions, others: dict[str, str]
-) -> Placement:
-    frame = _frame_of(survey, topic, asked)
-    tree, sensor = survey.tree_of(topic.name, frame), frame
-    if asked.mount is not None and tree.frames():
-        base = _base(path, tree, asked)
-        sensor = _mounted(frame)
-        tree.add_fixed(base, sensor, mount_of(asked.mount))
-    connected = tree.connected(sensor)
-    if len(connected) == 1:
-        raise NowhereKnown(unconnected(path, tree, topic.name, frame, others))
-    stamps = np.array(survey.seen[topic.name].own_stamps)
-    notes: tuple[str, ...] = ()
-    observer = observer_of(tree, frame, asked.base_frame) if _may_be_registered(topic, asked) else None
-    if asked.base_frame is not None and asked.mount is None and plain(asked.base_frame) != observer:
-        below = "" if observer is None else f", or it as one of {listed(tree.below(frame))}"
-        raise WrongValue(
-            f"{path}: {key('base_frame')} = {asked.base_frame}: nothing is said of it, expected a mount on "
-            f"it, or poses of it{below}"
-        )
-    if observer is not None:
-        fixed = _fixed_frame(path, tree, observer, asked.fixed_frame, stamps, others)
-        return Placement(
-            tree, fixed, frame, False, TRANSFORMS, (_said(topic.name, frame, observer),), observer
-        )
-    fixed = _fixed_frame(path, tree, sensor, asked.fixed_frame, stamps, others)
-    if _share_known(tree, fixed, sensor, stamps) < ENOUGH:
-        # Transforms that were said only once in a while, though nothing moves in them.
-        constant = tree.fix_constant(fixed, sensor)
-        if constant:
-            which = ", ".join(constant)
-            notes = (f"/tf says little of {which}, but never changes it: it is taken for fixed",)
-            fixed = _fixed_frame(path, tree, sensor, asked.fixed_frame, stamps, others)
-    is_own = asked.mount is None and asked.sensor_frame is None
-    if asked.fixed_frame is None and fixed in USUAL:
-        for better in USUAL[: USUAL.index(fixed)]:
-            if better in connected:
-                share = _share_known(tree, better, sensor, stamps)
-                say = f"{better} is known for {100 * share:.0f} % of the scans: {key('fixed_frame')} {better}"
-                notes = (*notes, f"{say} takes those alone, and {fixed} is taken, which drifts")
-    return Placement(tree, fixed, sensor, is_own, TRANSFORMS, notes)
-
-
-def _base(path: str, tree: TransformTree, asked: BagOptions) -> str:
-    """The frame that a sensor is mounted on."""
-    frames = tree.frames()
-    if asked.base_frame is not None:
-        if plain(asked.base_frame) not in frames:
+    def by_poses(self) -> Placement:
+        """By the poses of a body, or of the sensor itself, from a trajectory or a topic."""
+        tree, frame, asked = self.tree.fixed_only(), self.frame, self.asked
+        notes: list[str] = []
+        child = self.poses[0].child if self.poses else ""
+        body = plain(asked.base_frame or child)
+        sensor = frame
+        if asked.mount is not None:
+            body = body or _BODY
+            sensor = _mounted(tree, body, frame, asked.mount)
+        elif not body and asked.poses is not None:
+            roots = tree.roots(frame, fixed=True)
+            body = roots[0] if roots else frame
+        body = body or frame
+        if asked.trajectory is not None:
+            poses = read_trajectory(asked.trajectory)
+            if poses.is_numbered:
+                expected = "expected t x y z qx qy qz qw for the scans of a bag"
+                raise ValueError(f"{asked.trajectory}: has no times, {expected}")
+            fixed, origin = _TRAJECTORY_FRAME, asked.trajectory
+            tree.add_trajectory(fixed, body, poses)
+        else:
+            assert asked.poses is not None
+            fixed, origin = self._add_poses(tree, body), asked.poses
+        if sensor not in tree.connected(fixed):
+            frames = f"{frame}, the frame of {self.topic}, and {body}, of which {origin} has the poses"
+            others = listed([one for one in tree.connected(fixed) if one != fixed])
             raise WrongValue(
-                f"{path}: {key('base_frame')} = {asked.base_frame}: not in /tf, "
-                f"expected one of {listed(frames)}"
+                f"{self.path}: no transform between {frames}, expected one of:"
+                + typed(
+                    f"{MOUNT}, where the sensor sits on it [m, rad or 90deg]",
+                    f"ndtree calibrate {self.path} --find-mount, to measure that",
+                    f"--sensor-frame FRAME or --base-frame FRAME, of {others}",
+                )
             )
-        return plain(asked.base_frame)
-    for base in bases_in(frames):
-        return base
-    raise WrongValue(
-        f"{path}: {key('mount')}: on which frame? Expected {key('base_frame')} as one of {listed(frames)}"
+        if body == frame != child and asked.poses is not None and asked.mount is None:
+            said = f"{origin} is taken for the poses of the sensor itself"
+            notes.append(f"{said}; where it is on its body: {HOW_TO_MOUNT}")
+        # Messages of a sensor that is the body itself may call it by any name.
+        return Placement(tree, fixed, sensor, body != frame and self.is_said, origin, tuple(notes))
+
+    def _add_poses(self, tree: TransformTree, body: str) -> str:
+        """Put the poses of a topic into a tree; their fixed frame."""
+        rows, where = self.poses, f"{self.path}: {self.asked.poses}"
+        if not rows:
+            raise ValueError(f"{where}: no pose in it, expected some")
+        fixed = rows[0].parent or str(self.asked.poses)
+        if fixed == body:
+            fixed += " at the beginning"
+        for row in rows:
+            if (row.parent, row.child) != (rows[0].parent, rows[0].child):
+                one, first = (f"{found.child or 'a body'} in {found.parent}" for found in (row, rows[0]))
+                raise ValueError(f"{where}: poses of {one} follow those of {first}, expected one of them")
+            tree.add(fixed, body, row.stamp, row.position, row.quaternion)
+        if len(rows) > 1 and len({row.stamp for row in rows}) == 1:
+            raise ValueError(f"{where}: all {len(rows)} poses have the same time, expected their own")
+        return fixed
+
+    def by_transforms(self) -> Placement:
+        """By /tf alone."""
+        tree, frame, asked = self.tree, self.frame, self.asked
+        sensor = frame
+        if asked.mount is not None and tree.frames():
+            sensor = _mounted(tree, self._base(), frame, asked.mount)
+        connected = tree.connected(sensor)
+        if len(connected) == 1:
+            raise NowhereKnown(unconnected(self.path, tree, self.topic, frame, self.others))
+        notes: tuple[str, ...] = ()
+        observer = observer_of(tree, frame, asked.base_frame) if self.may_be_registered else None
+        if asked.base_frame is not None and asked.mount is None and plain(asked.base_frame) != observer:
+            below = "" if observer is None else f", or it as one of {listed(tree.below(frame))}"
+            said = f"{key('base_frame')} = {asked.base_frame}: nothing is said of it"
+            raise WrongValue(f"{self.path}: {said}, expected a mount on it, or poses of it{below}")
+        if observer is not None:
+            fixed = self._fixed_frame(observer)
+            return Placement(tree, fixed, frame, False, TRANSFORMS, (self._said(observer),), observer)
+        fixed = self._fixed_frame(sensor)
+        if self._share_known(fixed, sensor) < ENOUGH:
+            # Transforms that were said only once in a while, though nothing moves in them.
+            constant = tree.fix_constant(fixed, sensor)
+            if constant:
+                which = ", ".join(constant)
+                notes = (f"/tf says little of {which}, but never changes it: it is taken for fixed",)
+                fixed = self._fixed_frame(sensor)
+        if asked.fixed_frame is None and fixed in USUAL:
+            for better in USUAL[: USUAL.index(fixed)]:
+                if better in connected:
+                    known = f"{100 * self._share_known(better, sensor):.0f} % of the scans"
+                    say = f"{better} is known for {known}: {key('fixed_frame')} {better}"
+                    notes = (*notes, f"{say} takes those alone, and {fixed} is taken, which drifts")
+        return Placement(tree, fixed, sensor, self.is_said, TRANSFORMS, notes)
+
+    def _base(self) -> str:
+        """The frame that a sensor is mounted on."""
+        frames, wanted = self.tree.frames(), self.asked.base_frame
+        expected = f"one of {listed(frames)}"
+        if wanted is not None:
+            if plain(wanted) not in frames:
+                said = f"{key('base_frame')} = {wanted}: not in /tf"
+                raise WrongValue(f"{self.path}: {said}, expected {expected}")
+            return plain(wanted)
+        for base in bases_in(frames):
+            return base
+        raise WrongValue(f"{self.path}: {key('mount')}: expected {key('base_frame')}, {expected}")
+
+    def _fixed_frame(self, sensor: str) -> str:
+        """The frame of the map: as asked; else the first that has poses for half of the scans, or the most.
+
+        Candidates are the usual ones, then the roots of the tree to which the sensor moves.
+        """
+        tree, wanted = self.tree, self.asked.fixed_frame
+        connected = tree.connected(sensor)
+        if wanted is not None:
+            if plain(wanted) not in connected:
+                expected = f"expected {key('fixed_frame')} as one of {listed(connected)}"
+                raise WrongValue(f"{self.path}: no transform between {sensor} and {wanted}, {expected}")
+            return plain(wanted)
+        candidates = [usual for usual in USUAL if usual in connected]
+        roots = (root for root in tree.roots(sensor) if root != sensor)
+        candidates += [root for root in roots if not tree.is_fixed(root, sensor)]
+        if not candidates:
+            raise NowhereKnown(standing(self.path, sensor, connected, USUAL, self.others))
+        shares = {candidate: self._share_known(candidate, sensor) for candidate in candidates}
+        enough = (candidate for candidate in candidates if shares[candidate] >= ENOUGH)
+        return next(enough, max(candidates, key=lambda one: shares[one]))
+
+    def _share_known(self, fixed: str, sensor: str) -> float:
+        """The share of the scans at whose time poses are known, but for gaps; 1 where there are none."""
+        first, last = self.tree.span(fixed, sensor)
+        known = (self.stamps >= first - STAMP_TOLERANCE) & (self.stamps <= last + STAMP_TOLERANCE)
+        return float(np.mean(known)) if len(known) else 1.0
+
+
+def _mounted(tree: TransformTree, base: str, frame: str, mount: str) -> str:
+    """A frame of its own for a sensor whose place was given by hand, whatever /tf says of it."""
+    sensor = f"{frame} as mounted"
+    tree.add_fixed(base, sensor, mount_of(mount))
+    return sensor
+
+
+#: Frames that do not move with a robot, and those that are one; the best first.
+USUAL = ("map", "odom", "world")
+BASES = ("base_link", "base_footprint", "base")
+#: What moves no further than this [m] in a frame is no robot on its way; LOOKS times are looked at.
+LEAST_WAY, LOOKS = 0.1, 200
+
+
+def observer_of(tree: TransformTree, frame: str, wanted: str | None) -> str | None:
+    """The frame whose place the points of a cloud were seen from, if the cloud's frame stands still itself.
+
+    SLAM publishes clouds that it has moved into the frame of its map, in which the robot drives: that frame
+    is no sensor's. It is a usual fixed one, or the root of the tree, and a frame below it moves about. Of
+    these the one that was asked for counts, else a robot's usual base, else the uppermost.
+
+    `frame`: Of the cloud.
+    `wanted`: Asked for.
+    Returns: None where the frame may be that of a sensor.
+    """
+    if posixpath.basename(frame) in BASES:
+        return None
+    roots = [root for root in tree.roots(frame) if tree.is_fixed(root, frame)]
+    if not roots and posixpath.basename(frame) not in USUAL:
+        return None
+    below = tree.below(frame)
+    if posixpath.basename(frame) not in USUAL and any(posixpath.basename(one) in USUAL for one in below):
+        return None  # The tree stands on its head.
+    below = [one for one in below if _moves_about(tree, frame, one)]
+    if not below:
+        return None
+    if wanted is not None and plain(wanted) in below:
+        return plain(wanted)
+    return next(bases_in(below), below[0])
+
+
+def bases_in(frames: list[str]) -> Iterator[str]:
+    """Those of some frames that are usual bases of robots, whatever stands before their names."""
+    for base in BASES:
+        for one in frames:
+            if posixpath.basename(one) == base:
+                yield one
+
+
+def _moves_about(tree: TransformTree, frame: str, other: str) -> bool:
+    stamps = tree.stamps(frame, other)
+    if len(stamps) < 2:
+        return False
+    positions = []
+    for stamp in stamps[:: len(stamps) // LOOKS + 1]:
+        try:
+            positions.append(tree.pose_at(frame, other, stamp).position)
+        except NoPose:
+            continue
+    return bool(positions) and float(np.linalg.norm(np.ptp(positions, axis=0))) > LEAST_WAY
+
+
+#: Types in which drivers record what lidars sent.
+PACKETS = tuple(
+    "VelodyneScan VelodynePacket PacketMsg PandarScan HesaiScan RslidarScan RslidarPacket".split()
+)
+#: What to type for a sensor whose place on its base is not known.
+MOUNT = f"{key('mount')} X,Y,Z,ROLL,PITCH,YAW"
+HOW_TO_MOUNT = f"{MOUNT} (metres, and radians or degrees as in 90deg; ndtree calibrate --find-mount finds it)"
+_TRAJECTORY = f"{key('trajectory')} FILE"
+_STILL = f"{key('still')}, if the sensor does not move"
+
+
+def unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: dict[str, str]) -> str:
+    """The error of a sensor whose frame hangs nowhere: what there is, and what to say."""
+    frames = tree.frames()
+    say = _sources(others)
+    what = f"no transform to {frame}, the frame of {topic}" if frame else f"{topic} names no frame of its own"
+    if frame in tree.refused:
+        what += f" ({tree.refused[frame]}, expected finite numbers, a quaternion of length 1)"
+    if not frames:
+        begin = f"{path}: {what}: there is no /tf"
+        if not say:
+            return f"{begin}, nor any other poses, expected one of:" + typed(_TRAJECTORY, _STILL)
+        sources = [f"{one}, and {MOUNT} unless the poses are those of the sensor" for one in say]
+        return f"{begin}, expected one of:" + typed(*sources, _TRAJECTORY, _STILL)
+    base = next(bases_in(frames), "FRAME")
+    frames_are = f"the frames of /tf are {listed(frames)}"
+    return f"{path}: {what}, expected one of:" + typed(
+        f"{key('base_frame')} {base} {MOUNT}, where the sensor sits [m, rad or 90deg]",
+        f"{key('sensor_frame')} FRAME, if it sits in one of these frames",
+        f"ndtree calibrate {path} --find-mount, to measure where it sits",
+        said=frames_are,
     )
 
 
-def _fixed_frame(
-    path: str,
-    tree: TransformTree,
-    sensor: str,
-    wanted: str | None,
-    stamps: np.ndarray,
-    others: dict[str, str],
+def without_sensors(bag: Bag, encodings: dict[str, str]) -> str:
+    """The error of a bag that has nothing to map; `encodings` are those of its images, by topic."""
+
+    def described(topic: Topic) -> str:
+        encoding = encodings.get(topic.name)
+        return f"{topic.name} ({short(topic.type)}{f' of {encoding}' if encoding else ''})"
+
+    held = ", ".join(described(one) for one in bag.topics[:12]) + (", ..." if len(bag.topics) > 12 else "")
+    packets = next((one.name for one in bag.topics if one.messages and short(one.type) in PACKETS), None)
+    remedy = (
+        ""
+        if packets is None
+        else f"; {packets} has a lidar's raw packets: its driver makes PointCloud2 of them"
+    )
+    if bag.unread:
+        some = ", ".join(f"{one.name} ({one.type} as {packing})" for one, packing in bag.unread[:6])
+        some += ", ..." if len(bag.unread) > 6 else ""
+        remedy += f"; not read: {some}; expected ros1, cdr, json of ROS's or Foxglove's types, "
+        remedy += "or protobuf of Foxglove's"
+    if encodings:
+        remedy += f"; images with depths are {', '.join(DEPTH_ENCODINGS)}, or PNG of 16 bits and one channel"
+    remedy = "; ".join([remedy, *bag.damage])
+    return f"{bag.path}: no {SENSOR_NAMES} in it, found {held or 'none'}{remedy}"
+
+
+def standing(
+    path: str, sensor: str, connected: list[str], usual: tuple[str, ...], others: dict[str, str]
 ) -> str:
-    """The frame of the map: as asked for; else the first that has poses for half of the scans, or the most.
-
-    Candidates are the usual ones, then the roots of the tree to which the sensor moves.
-    """
-    connected = tree.connected(sensor)
-    if wanted is not None:
-        if plain(wanted) not in connected:
-            raise WrongValue(
-                f"{path}: no transform between {sensor} and {wanted}, "
-                f"expected {key('fixed_frame')} as one of {listed(connected)}"
-            )
-        return plain(wanted)
-    candidates = [usual for usual in USUAL if usual in connected]
-    candidates += [root for root in tree.roots(sensor) if root != sensor and not tree.is_fixed(root, sensor)]
-    best, most = None, -1.0
-    for candidate in candidates:
-        share = _share_known(tree, candidate, sensor, stamps)
-        if share >= ENOUGH:
-            return candidate
-        if share > most:
-            best, most = candidate, share
-    if best is None:
-        raise NowhereKnown(standing(path, sensor, connected, USUAL, others))
-    return best
+    """The error of a sensor that is fixed to all that it is connected with."""
+    return (
+        f"{path}: {sensor} is connected to none of {', '.join(usual)}, nor to a frame in which it moves, "
+        "expected one of:"
+    ) + typed(*_sources(others), _TRAJECTORY, _STILL, f"{key('fixed_frame')} FRAME, of {listed(connected)}")
 
 
-def _share_known(tree: TransformTree, fixed: str, sensor: str, stamps: np.ndarray) -> float:
-    """The share of the scans at whose time poses are known, but for gaps."""
-    first, last = tree.span(fixed, sensor)
-    return share_within(stamps, (first - STAMP_TOLERANCE, last + STAMP_TOLERANCE))
+def _sources(others: dict[str, str]) -> list[str]:
+    """How to ask for the poses of each topic that has some."""
+    return [f"{key('odometry' if type == 'Odometry' else 'poses')} {name}" for name, type in others.items()]
 
 
-def _mounted(frame: str) -> str:
-    """A frame of its own for a sensor whose place was given by hand, whatever /tf says of it."""
-    return f"{frame} as mounted"
+def typed(*lines: str, said: str = "") -> str:
+    """What to type, each on a line of its own, to follow a message's first line; then what else is known."""
+    return "".join(f"\n  {line}" for line in lines) + (f"\n{said}" if said else "")
+
+
+def listed(frames: list[str]) -> str:
+    """Names for errors."""
+    return ", ".join(frames[:24] + ["..."] * (len(frames) > 24))
