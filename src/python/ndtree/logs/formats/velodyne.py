@@ -138,9 +138,6 @@ def _open(
     return VelodyneLog(source.path, poses, time_offset)
 
 
-_OPTIONS, _IS = ("trajectory", "time_offset", "still"), "packets of a Velodyne (.pcap)"
-VELODYNE = Format("velodyne", _IS, lambda source: source.head.startswith(MAGICS), _open, _OPTIONS)
-
 #: First bytes of pcap by order of bytes and unit of time [ticks a second], and of pcapng.
 _PCAP = {
     b"\xd4\xc3\xb2\xa1": ("<", 10**6),
@@ -300,3 +297,7 @@ def _udp(link: int, frame: bytes) -> tuple[int, bytes] | None:
         return None
     length = int.from_bytes(frame[at + 4 : at + 6], "big")
     return int.from_bytes(frame[at + 2 : at + 4], "big"), frame[at + 8 : at + max(length, 8)]
+
+
+_OPTIONS, _IS = ("trajectory", "time_offset", "still"), "packets of a Velodyne (.pcap)"
+VELODYNE = Format("velodyne", _IS, lambda source: source.head.startswith(MAGICS), _open, _OPTIONS)

@@ -331,8 +331,8 @@ def understood(
             sweeps[name] = sweep
             shown.append(sweep)
             if sweep is not base:
-                gained = f"({100 * (1 - gain):.0f} % fewer cells)"
-                lines.append(f"{name}: {sweep.name}; so scans agree better than by their messages {gained}")
+                said = "this way scans agree better than by their messages"
+                lines.append(f"{name}: {sweep.name}; {said} ({100 * (1 - gain):.0f} % fewer cells)")
     return sweeps, lines, shown[0] if len(set(shown)) == 1 and len(shown) == len(sensors) else None
 
 
