@@ -242,4 +242,5 @@ def _seconds(path: str, line: int, text: str) -> float:
 
 _OPTIONS = ("trajectory", "time_offset")
 KITTI = Format("kitti", "a KITTI odometry sequence", KittiLog.recognises, KittiLog, _OPTIONS, "folder")
-KITTI_RAW = Format("kitti_raw", "a raw KITTI drive", KittiRawLog.recognises, KittiRawLog, _OPTIONS, "folder")
+_RAW = "a drive of KITTI's raw data"
+KITTI_RAW = Format("kitti_raw", _RAW, KittiRawLog.recognises, KittiRawLog, _OPTIONS, "folder")
