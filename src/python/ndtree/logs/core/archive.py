@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ndtree.base.files import replaced
 from ndtree.base.scan import Scan
+from ndtree.logs.core.arrays import Bools, Floats
 
 
 def is_archive(path: str) -> bool:
@@ -38,9 +39,9 @@ def save_archive(
         raise ValueError(f"{os.fspath(path)}: the name must end in .npz")
     points: list[NDArray[Any]] = []
     origins: list[NDArray[Any]] = []
-    returned: list[NDArray[np.bool_]] = []
+    returned: list[Bools] = []
     stamps: list[float] = []
-    covariances: list[NDArray[np.float64] | None] = []
+    covariances: list[Floats | None] = []
     more: dict[str, list[NDArray[Any]]] = {}
     for i, scan in enumerate(scans):
         scan.require_sensor(f"archives as of {name}")

@@ -17,8 +17,8 @@ from contextlib import contextmanager
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.failures import one_line
 
 GZIP_MAGIC = b"\x1f\x8b"
@@ -231,7 +231,7 @@ def are_numbers(fields: list[str]) -> bool:
         return False
 
 
-def table_of(lines: Sequence[bytes], width: int) -> NDArray[np.float64] | None:
+def table_of(lines: Sequence[bytes], width: int) -> Floats | None:
     """(n, width) numbers of some lines; None where they are others."""
     if not any(line.strip() for line in lines):
         return None

@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ndtree._errors import WrongValue, key
 from ndtree.base.scan import Scan
+from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.silence import CutOff
 
 NO_ECHO, INVALID = "no-echo", "invalid"
@@ -54,9 +55,6 @@ class Decision:
     value: Any
     source: str = GIVEN
     why: str = ""
-
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

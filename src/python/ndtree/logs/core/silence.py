@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ndtree._native._core import points_within
 from ndtree.base.scan import Scan
+from ndtree.logs.core.arrays import Bools, Floats, Points
 
 #: This many readings of one scan at the largest range of all are cut off there, not measured.
 LEAST_CUT_OFF = 2
@@ -35,7 +35,7 @@ _KOLMOGOROV, _BESIDE = 1.36, 0.1
 MOST_NOISY = 20_000
 
 
-def noise_below(below: NDArray[np.floating[Any]], there: int) -> float:
+def noise_below(below: Points, there: int) -> float:
     """How far noise reaches below a limit at which `there` readings are, its other half [m]; 0 if none does.
 
     `below` (ndarray, (n,)): Distances of other readings from the limit, up to `NOISE_REACH` of it [m].
@@ -51,7 +51,7 @@ def noise_below(below: NDArray[np.floating[Any]], there: int) -> float:
     return _reach_of_half_a_bell(noisy, _BESIDE)
 
 
-def noise_below_alone(below: NDArray[np.floating[Any]], farthest: float) -> float:
+def noise_below_alone(below: Points, farthest: float) -> float:
     """How far noise reaches below a limit at which no readings are: they fell out, or were not let there.
 
     Half a bell from the limit on tells it from surfaces, of which there are the more the farther away.
@@ -68,7 +68,7 @@ def noise_below_alone(below: NDArray[np.floating[Any]], farthest: float) -> floa
     return _reach_of_half_a_bell(below[:n], _BESIDE / 2)
 
 
-def noise_around(below: NDArray[np.float64]) -> tuple[float, float]:
+def noise_around(below: Floats) -> tuple[float, float]:
     """Where a bell around a largest range ends, and its standard deviation [m]; 0 and 0 if there is none.
 
     Nothing is just below it. A surface that stays as far away makes one, too.
@@ -97,7 +97,7 @@ def noise_around(below: NDArray[np.float64]) -> tuple[float, float]:
     return (middle + _ALL * sigma, sigma) if is_bell else (0.0, 0.0)
 
 
-def _reach_of_half_a_bell(noisy: NDArray[np.float64], beside: float) -> float:
+def _reach_of_half_a_bell(noisy: Floats, beside: float) -> float:
     """How far sorted distances reach if they are half a bell [m], but for shares of `beside`; else 0."""
     n = len(noisy)
     sigma = float(noisy[n // 2]) / _HALF
@@ -178,7 +178,7 @@ class CutOffSearch:
         return CutOff(self._largest, self._tolerance) if self._there > self._below else None
 
 
-def ranges_of(scan: Scan) -> NDArray[np.float64]:
+def ranges_of(scan: Scan) -> Floats:
     """Of the beams that returned [m]; -1 for the others."""
     way = scan.endpoints - scan.origin
     ranges = np.sqrt(np.einsum("ij,ij->i", way, way, dtype=np.float64))
@@ -204,8 +204,6 @@ def _exact(scan: Scan) -> float:
 
 #: No sensor measures a surface that is nearer than this [m].
 NEAREST = 1e-3
-
-Points = NDArray[np.floating[Any]]
 
 
 def without_padding(points: Points, origin: ArrayLike | None = None) -> Points:
@@ -233,7 +231,7 @@ def without_zeros(points: Points) -> Points:
     A program that moves points to a fixed frame may leave padding as it was. What is measured does not come
     twice to the last bit.
     """
-    zero: NDArray[np.bool_] = (points == 0).all(axis=1)
+    zero: Bools = (points == 0).all(axis=1)
     if np.count_nonzero(zero) < 2:
         return points
     points = points.copy()

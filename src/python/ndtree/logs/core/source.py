@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ndtree._errors import WrongValue, key
 from ndtree.base.scan import Scan
+from ndtree.logs.core.arrays import Floats, Points
 from ndtree.logs.core.failures import NotALog, WrongOption
 from ndtree.logs.core.log import Log
 from ndtree.logs.core.plain_file import open_plain
@@ -122,7 +122,7 @@ class Unplaced:
     `origin` (3,) float64 or None: Where all were measured from [m], in the frame of the points.
     """
 
-    origin: NDArray[np.float64] | None = None
+    origin: Floats | None = None
     points_only: bool = False  # There was no sensor. If not, and without an origin, poses have to be found.
 
     def __bool__(self) -> bool:
@@ -145,7 +145,7 @@ class Unplaced:
             return Unplaced(None, bool(points_only))
         return Unplaced(point_of(origin_of_scan), False)
 
-    def scan(self, points: NDArray[np.floating[Any]], stamp: float = 0.0) -> Scan:
+    def scan(self, points: Points, stamp: float = 0.0) -> Scan:
         """Points in the map frame (n, 3), as a scan."""
         if self.points_only:
             return Scan(points, points, stamp=stamp, points_only=True)
@@ -153,7 +153,7 @@ class Unplaced:
         return Scan(points, self.origin, stamp=stamp)
 
 
-def point_of(value: str | Sequence[float]) -> NDArray[np.float64]:
+def point_of(value: str | Sequence[float]) -> Floats:
     """The place that `origin_of_scan` names [m]. @raises WrongValue"""
     try:
         fields = value.split(",") if isinstance(value, str) else list(value)

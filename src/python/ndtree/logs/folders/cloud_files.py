@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.logs.core.arrays import Floats, Points
 from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import open_regular
 from ndtree.logs.folders import text_clouds
@@ -101,14 +102,11 @@ _CLEARLY = 0.1
 _SURE = 2.5
 
 
-def _spread(sample: NDArray[np.float64], width: int) -> float:
+def _spread(sample: Floats, width: int) -> float:
     """Mean logarithm of the columns' standard deviations; that of a constant one is 0.001 of the sample's."""
     table = sample[: len(sample) // width * width].reshape(-1, width)
     floor = max(1e-3 * float(sample.std()), 1e-12)
     return float(np.log(np.maximum(table.std(axis=0), floor)).mean())
-
-
-Points = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.logs.core.arrays import Bools
 from ndtree.logs.core.plain_file import open_regular
 from ndtree.logs.folders import pcd_files, ply_files
 from ndtree.logs.folders.cloud_files import kind_of_name
 
-Bools = NDArray[np.bool_]
 Numbers = NDArray[np.float32]
 #: Of the types of columns, as all who read PLY call them.
 _NAMES = {ply_files._TYPES[name]: name for name in "float double char uchar short ushort int uint".split()}

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ndtree._errors import key
+from ndtree.logs.core.arrays import Points
 from ndtree.logs.core.failures import NotALog, at_place, one_line
 from ndtree.logs.core.plain_file import open_regular, text_lines, wrong_line
 from ndtree.logs.core.source import Format, Source
@@ -77,7 +77,7 @@ class DepthLog(FolderLog):
             said = f"depths are taken for {known.scale:g} a metre"
             self._decided.append(f"{said}; a fifth number in {key('camera')} sets another")
 
-    def _points(self, i: int) -> NDArray[np.floating]:
+    def _points(self, i: int) -> Points:
         image = load_png(self._files[i])
         return points_of(image, self._camera, pixel_stride=self._pixel_stride, no_depth=self.no_depth)
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ndtree._errors import WrongValue, key
 from ndtree._lazy import needs
 from ndtree._native._core import depth_points
+from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.plain_file import open_regular
 
 ENDINGS = (".png", ".pgm")
@@ -65,7 +66,7 @@ def camera_of(text: str, *, scale: float) -> Camera:
 
 def points_of(
     image: NDArray[Any], camera: Camera, *, pixel_stride: int = 1, no_depth: tuple[int, ...] = ()
-) -> NDArray[np.float64]:
+) -> Floats:
     """Points that a depth image measured.
 
     `image` (ndarray, (rows, columns)): Integers or floats, ``camera.scale`` a metre. Zero, negative and not
@@ -88,9 +89,7 @@ def check_stride(pixel_stride: int) -> None:
 
 
 @lru_cache(maxsize=4)
-def _rays(
-    camera: Camera, shape: tuple[int, int], pixel_stride: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _rays(camera: Camera, shape: tuple[int, int], pixel_stride: int) -> tuple[Floats, Floats]:
     """x of columns and y of rows at a depth of one image value [m]."""
     first = pixel_stride // 2
     v, u = (np.arange(first, n, pixel_stride).astype(np.float64) for n in shape)

@@ -11,10 +11,10 @@ from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
+from ndtree.logs.core.arrays import Floats, Points
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.silence import CutOff, CutOffSearch
@@ -95,19 +95,19 @@ class FolderLog(SizedLog):
         return self._poses.pose(i)
 
     @abstractmethod
-    def _points(self, i: int) -> NDArray[np.floating]:
+    def _points(self, i: int) -> Points:
         """(n, 3): what a scan measured [m]."""
 
     def _stamp(self, i: int) -> float:
         """Time of a scan [s]; 0 where there is none."""
         return 0.0 if self._poses is None else self._poses.stamp(i)
 
-    def _scan(self, i: int, points: NDArray[np.floating], T_map_sensor: Pose) -> Scan:
+    def _scan(self, i: int, points: Points, T_map_sensor: Pose) -> Scan:
         """Points of a scan, moved to the map."""
         ends, stamp = self._in_map(points, T_map_sensor), self._stamp(i)
         return Scan(ends, T_map_sensor.position, stamp=stamp, rotation=T_map_sensor.rotation)
 
-    def _in_map(self, points: NDArray[np.floating], T_map_sensor: Pose) -> NDArray[np.floating]:
+    def _in_map(self, points: Points, T_map_sensor: Pose) -> Points:
         return T_map_sensor.apply(points)
 
 
@@ -231,7 +231,7 @@ class PosesOfFiles:
         return read_trajectory(self._path)
 
     @cached_property
-    def _times(self) -> NDArray[np.float64] | None:
+    def _times(self) -> Floats | None:
         return None if self._times_path is None else read_times(self._times_path)
 
 

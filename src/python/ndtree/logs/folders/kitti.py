@@ -10,8 +10,8 @@ import shlex
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ndtree.logs.core.arrays import Floats, Points
 from ndtree.logs.core.failures import NotALog, at_place
 from ndtree.logs.core.plain_file import text_lines, wrong_line
 from ndtree.logs.core.source import Format, Source
@@ -45,7 +45,7 @@ class VelodyneFolderLog(FolderLog):
             raise ValueError(f"{folder}: no scans, expected 000000.bin and so on")
         super().__init__(source.path, [os.path.join(folder, name) for name in names])
 
-    def _points(self, i: int) -> NDArray[np.floating]:
+    def _points(self, i: int) -> Points:
         return bin_points(self._files[i], self._width)
 
     @cached_property
@@ -208,7 +208,7 @@ def _read_pose(path: str) -> list[float]:
     return values
 
 
-def _on_plane(latitude: float, longitude: float, altitude: float, scale: float) -> NDArray[np.float64]:
+def _on_plane(latitude: float, longitude: float, altitude: float, scale: float) -> Floats:
     x = scale * _EARTH * math.radians(longitude)
     y = scale * _EARTH * math.log(math.tan(math.radians(90 + latitude) / 2))
     return np.array([x, y, altitude])

@@ -12,10 +12,10 @@ from contextlib import contextmanager
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ndtree._errors import WrongValue
 from ndtree._lazy import install_of, needs
+from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.failures import readable
 from ndtree.logs.core.plain_file import open_regular
 
@@ -33,7 +33,7 @@ _STEP_OF_DEGREES = 1e-6
 _DOUBLES = 34736  # The record with GeoTIFF's numbers of floating point.
 
 
-def las_points(path: str) -> NDArray[np.float64]:
+def las_points(path: str) -> Floats:
     """Points of a LAS or LAZ [m]: its integers times its scale, plus its offset.
 
     Raises ValueError also if its coordinate system has another unit than metres.

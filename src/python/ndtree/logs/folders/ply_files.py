@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.failures import shown
 from ndtree.logs.core.plain_file import open_regular
 
@@ -66,7 +67,7 @@ def ply_columns(path: str) -> list[NDArray[Any]]:
     return _columns(path, (order, elements), data, "vertex", tuple("xyz"))
 
 
-def ply_camera(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+def ply_camera(path: str) -> tuple[Floats, Floats] | None:
     """Position (3,) and rotation (3, 3) of the sensor in the map, from the element camera that PCL writes.
 
     None where the file has none. Its rows are what PCL calls axes.

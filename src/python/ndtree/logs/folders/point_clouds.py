@@ -11,11 +11,11 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ndtree._errors import WrongValue
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
+from ndtree.logs.core.arrays import Points
 from ndtree.logs.core.silence import without_zeros
 from ndtree.logs.core.source import Format, Source, Unplaced, source_of, without_sensor
 from ndtree.logs.folders.cloud_files import (
@@ -186,7 +186,7 @@ class PointCloudLog(FolderLog):
             raise ValueError(f"{self._files[i]}: no pose beside it as others have, expected {wanted}")
         return read_pose(beside)
 
-    def _points(self, i: int) -> NDArray[np.floating]:
+    def _points(self, i: int) -> Points:
         if self._kind is BIN_CLOUD:
             return bin_points(self._files[i], self._width)
         return points_of_file(self._files[i], self._kind)
@@ -198,7 +198,7 @@ class PointCloudLog(FolderLog):
         self._decided.append(f"{width} numbers a point in .bin, as the content tells: {WIDTHS[width]}")
         return width
 
-    def _scan(self, i: int, points: NDArray[np.floating], T_map_sensor: Pose) -> Scan:
+    def _scan(self, i: int, points: Points, T_map_sensor: Pose) -> Scan:
         if self._unplaced:
             return self._unplaced.scan(points, self._stamp(i))
         return super()._scan(i, points, T_map_sensor)
@@ -206,7 +206,7 @@ class PointCloudLog(FolderLog):
     def _stamp(self, i: int) -> float:
         return self._trajectory.stamp(i) if self._trajectory else self._stamps[i] or 0.0
 
-    def _in_map(self, points: NDArray[np.floating], T_map_sensor: Pose) -> NDArray[np.floating]:
+    def _in_map(self, points: Points, T_map_sensor: Pose) -> Points:
         return T_map_sensor.apply(points) if self._points_in == "sensor" else without_zeros(points)
 
 

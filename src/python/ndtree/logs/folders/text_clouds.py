@@ -17,12 +17,10 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.plain_file import open_plain, separator_of, wrong_line
 from ndtree.logs.core.source import Source
-
-Floats = NDArray[np.float64]
 
 #: Endings of files that hold nothing else; others (.csv, .txt) may be points, too, if they look like them.
 ENDINGS = (".xyz", ".pts", ".asc", ".xyzi", ".xyzrgb", ".xyzn")

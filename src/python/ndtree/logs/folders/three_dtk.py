@@ -8,8 +8,8 @@ import os
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ndtree.logs.core.arrays import Floats, Points
 from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import text_lines
 from ndtree.logs.core.source import Format, Source
@@ -49,11 +49,11 @@ class ThreeDtkLog(FolderLog):
         turned = _MAP_FROM_3DTK @ rotation @ _MAP_FROM_3DTK.T
         return Pose(turned, _METRES * (_MAP_FROM_3DTK @ position))
 
-    def _points(self, i: int) -> NDArray[np.floating]:
+    def _points(self, i: int) -> Points:
         return _METRES * (text_points(self._files[i]) @ _MAP_FROM_3DTK.T)
 
 
-def _pose_in(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _pose_in(path: str) -> tuple[Floats, Floats]:
     rows = [line.split() for _, line in text_lines(path) if line.strip()]
     with at_place(path, "a line with the position [cm], and one with three angles [deg]"):
         position, degrees = ([float(field) for field in row] for row in rows)
@@ -63,7 +63,7 @@ def _pose_in(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return about_x @ about_y @ about_z, np.array(position)
 
 
-def _frames_in(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _frames_in(path: str) -> tuple[Floats, Floats]:
     """The last matrix of the file: 16 numbers, column by column, and a number of its colour."""
     last: list[str] = []
     for _, line in text_lines(path):

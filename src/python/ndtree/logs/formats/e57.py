@@ -9,11 +9,11 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ndtree._lazy import needs
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
+from ndtree.logs.core.arrays import Points
 from ndtree.logs.core.failures import readable
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.plain_file import open_regular
@@ -111,7 +111,7 @@ def _opened(path: str) -> Iterator[Any]:
         opened.close()
 
 
-def _points(path: str, file: Any, header: Any) -> NDArray[np.floating[Any]]:
+def _points(path: str, file: Any, header: Any) -> Points:
     """(n, 3) points of a scan that were measured, in the frame that its pose is of."""
     count = int(header.point_count)
     most = _BITS * os.path.getsize(path)

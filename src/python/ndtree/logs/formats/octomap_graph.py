@@ -7,9 +7,9 @@ import struct
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ndtree.base.scan import Scan
+from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.plain_file import DamagedStream, PlainFile, open_plain
@@ -66,7 +66,7 @@ class OctomapGraphLog(SizedLog):
             pose = Pose.from_quaternion((x, y, z), (qx, qy, qz, qw))
         return Scan(pose.apply(points), pose.position, rotation=pose.rotation)
 
-    def _points(self, file: PlainFile, count: int, where: str) -> NDArray[np.float64]:
+    def _points(self, file: PlainFile, count: int, where: str) -> Floats:
         parts = [np.empty((0, 3))]
         while count:
             some = min(count, _POINTS_AT_ONCE)

@@ -7,16 +7,14 @@ from collections.abc import Iterator
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ndtree.base.scan import Scan
+from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.log import LineLog
 from ndtree.logs.core.plain_file import PlainFile, open_plain, table_of, wrong_line
 from ndtree.logs.core.source import Format, Source
 from ndtree.logs.poses.pose import Pose
-
-Floats = NDArray[np.float64]
 
 #: Lines before the points of a scan: columns, rows, position, three axes, and a matrix of four rows.
 _HEADER = (1, 1, 3, 3, 3, 3, 4, 4, 4, 4)

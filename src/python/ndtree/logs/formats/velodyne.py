@@ -12,11 +12,11 @@ from itertools import islice
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ndtree._errors import key
 from ndtree._lazy import needs
 from ndtree.base.scan import Scan
+from ndtree.logs.core.arrays import Floats, Points
 from ndtree.logs.core.failures import NoPose, NotALog, one_line
 from ndtree.logs.core.log import Log
 from ndtree.logs.core.plain_file import open_regular
@@ -25,8 +25,6 @@ from ndtree.logs.core.source import Format, Source, WrongOption
 from ndtree.logs.poses.pose import matrices_of, rotated
 from ndtree.logs.poses.trajectory import Trajectory
 from ndtree.logs.poses.trajectory_files import read_trajectory
-
-Floats = NDArray[np.float64]
 
 #: What helps with packets of other lidars.
 _OF_OTHERS = {
@@ -69,7 +67,7 @@ class VelodyneLog(Log):
             turned = rotated(matrices_of(quaternions), points.astype(np.float64))
             yield Scan(turned + positions, positions, stamp=stamp)
 
-    def _turns(self) -> Iterator[tuple[float, NDArray[np.floating[Any]], Floats]]:
+    def _turns(self) -> Iterator[tuple[float, Points, Floats]]:
         """Of each turn its time [s], its points in the sensor's frame, and their times since then [s]."""
         decoder = _decoder(self.path)
         try:
@@ -84,7 +82,7 @@ class VelodyneLog(Log):
         if turn is not None:
             yield turn
 
-    def _decoded(self, decode: Callable[[], Any]) -> tuple[float, NDArray[np.floating[Any]], Floats] | None:
+    def _decoded(self, decode: Callable[[], Any]) -> tuple[float, Points, Floats] | None:
         try:
             result = decode()
         except Exception as error:  # A library at the mercy of foreign bytes.

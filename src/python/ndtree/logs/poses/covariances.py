@@ -8,12 +8,11 @@ import math
 from collections import deque
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ndtree._errors import key
 from ndtree.base.scan import require_covariance
-
-Floats = NDArray[np.float64]
+from ndtree.logs.core.arrays import Floats
 
 #: What is done with covariances: taken if they are no driver's default, never, always.
 USES = AUTO, IGNORE, USE = ("auto", "ignore", "use")

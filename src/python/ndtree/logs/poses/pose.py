@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ndtree._errors import WrongValue, key
 from ndtree._native._core import moved_points
-
-Floats = NDArray[np.float64]
+from ndtree.logs.core.arrays import Bools, Floats
 
 #: Larger departures from a rotation are mistakes, smaller ones rounding.
 ROTATION_TOLERANCE = 0.02
@@ -146,7 +145,7 @@ def _finite(position: Floats) -> Floats:
     return position
 
 
-def _pose(i: int, among: NDArray[np.bool_]) -> str:
+def _pose(i: int, among: Bools) -> str:
     return f"pose {i}: " if len(among) > 1 else ""
 
 

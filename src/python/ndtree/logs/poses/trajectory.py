@@ -6,8 +6,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ndtree.logs.core.arrays import Bools, Floats
 from ndtree.logs.core.failures import NoPose, at_place
 from ndtree.logs.poses.pose import (
     STRAIGHT,
@@ -18,8 +19,6 @@ from ndtree.logs.poses.pose import (
     slerp,
     unit_quaternions,
 )
-
-Floats = NDArray[np.float64]
 
 #: Stamps so far outside a trajectory still get its first or last pose [s].
 STAMP_TOLERANCE = 0.01
@@ -138,7 +137,7 @@ class Trajectory:
         positions = start + share[:, None] * (end - start)
         return positions, slerp(self.quaternions[before], self.quaternions[after], share)
 
-    def _found_gaps(self) -> NDArray[np.bool_] | None:
+    def _found_gaps(self) -> Bools | None:
         """Which of the intervals between poses are gaps; None if there are none."""
         if self.is_numbered or len(self) < 3:
             return None

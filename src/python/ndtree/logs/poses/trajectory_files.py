@@ -11,15 +11,13 @@ from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import are_numbers, floats_of, text_lines, with_points
 from ndtree.logs.poses.pose import ROTATION_TOLERANCE, Pose, matrices_of
 from ndtree.logs.poses.pose_columns import TUM, PoseColumns, columns_named, order_in_doubt, seconds_of
 from ndtree.logs.poses.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
 
 EXPECTED = "expected 8 numbers a line (t x y z qx qy qz qw), or 12 or 16 (3x4 or 4x4 matrix)"
 #: Vertices of g2o with a pose, and how many numbers follow their id.

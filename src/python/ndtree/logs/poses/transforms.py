@@ -7,12 +7,11 @@ from collections import deque
 from collections.abc import Collection
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ndtree.logs.core.arrays import Floats
 from ndtree.logs.poses.pose import Pose, matrices_of, multiplied, rotated, unit_quaternions
 from ndtree.logs.poses.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
 
 #: The latest of transforms that come in any order is among this many.
 NEWEST = 100

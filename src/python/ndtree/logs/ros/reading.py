@@ -5,14 +5,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ndtree._errors import key, located
 from ndtree.base.scan import COLOR, Scan
 from ndtree.base.words import number_of
+from ndtree.logs.core.arrays import Points
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.rules import NO_ECHO, Rules
 from ndtree.logs.poses.transforms import plain
@@ -207,7 +206,7 @@ def elsewhere_said(sensor: Sensor, others: list[str]) -> str:
     )
 
 
-def heading_of(local: NDArray[np.floating[Any]], ends: Floats, origins: Floats) -> float | None:
+def heading_of(local: Points, ends: Floats, origins: Floats) -> float | None:
     """Yaw of a sensor [rad]: how far its beams are turned in the map; None if not all are turned alike.
 
     `local`, `ends` (n, 3): End points in the sensor's frame and in the map [m]; a sensor that turns fast may
@@ -224,7 +223,7 @@ def heading_of(local: NDArray[np.floating[Any]], ends: Floats, origins: Floats) 
     return middle if float(apart.max()) < _TURNED_ALIKE else None
 
 
-def rotation_of(local: NDArray[np.floating[Any]], ends: Floats, origins: Floats) -> Floats | None:
+def rotation_of(local: Points, ends: Floats, origins: Floats) -> Floats | None:
     """(3, 3) how the beams of a sensor are turned in the map, of arrays as for `heading_of`.
 
     The rotation that fits some of them best; None if they are in one line, or not all turned alike.

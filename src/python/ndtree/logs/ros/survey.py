@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ndtree.logs.core.arrays import Floats
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.transforms import TransformTree, is_transform, plain
 from ndtree.logs.ros.clock import Clock
@@ -85,7 +85,7 @@ class PoseRow:
     stamp: float
     position: list[float]
     quaternion: list[float]
-    covariance: NDArray[np.float64] | None = None
+    covariance: Floats | None = None
 
 
 class Survey:

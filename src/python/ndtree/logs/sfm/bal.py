@@ -9,6 +9,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.plain_file import PlainFile, open_plain, table_of
 from ndtree.logs.core.source import Format, Source
 from ndtree.logs.sfm.triangulation import Model, ModelLog
@@ -16,7 +17,6 @@ from ndtree.logs.sfm.triangulation import Model, ModelLog
 LINES_AT_ONCE = 1 << 15
 CAMERA_NUMBERS = 9  # Turn as axis times angle, translation, focal length, two of distortion.
 
-Floats = NDArray[np.float64]
 Lines = Iterator[tuple[int, bytes]]
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.base.scan import Scan
+from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import open_regular, text_lines
 from ndtree.logs.core.source import Format, Source
@@ -48,7 +49,6 @@ _NAMES = {number: name for name, (number, _, _) in CAMERA_MODELS.items()}
 #: Of the smallest image in a binary file.
 IMAGE_BYTES = 73
 
-Floats = NDArray[np.float64]
 Identities = NDArray[np.int64]
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ndtree._errors import WrongValue
 from ndtree.base.scan import Scan
+from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.log import SizedLog, Skipped
 from ndtree.logs.core.source import Source
 
@@ -23,7 +24,6 @@ LARGEST_RELATIVE_SIGMA = 1 / 3
 #: How ``Log.skipped`` calls them.
 UNSURE = "observations of unsure range"
 
-Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 

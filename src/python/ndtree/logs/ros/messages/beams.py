@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from ndtree.logs.core.arrays import Bools, Floats, Points
 
 LASER = "sensor_msgs/msg/LaserScan"
 MULTI_ECHO_LASER = "sensor_msgs/msg/MultiEchoLaserScan"
@@ -61,8 +61,8 @@ class Beams:
     `endless`: Beams that met nothing, but of which the message does not say up to where: they are invalid.
     """
 
-    points: NDArray[np.floating[Any]]
-    returned: NDArray[np.bool_] | None = None
+    points: Points
+    returned: Bools | None = None
     times: Floats | None = None
     endless: int = 0
     is_guess: bool = False
@@ -125,7 +125,7 @@ def is_swapped(values: NDArray[Any]) -> bool:
     return rough[0] > _ROUGHER * max(rough[1], 1.0)
 
 
-def _sense(values: NDArray[np.float64]) -> float:
+def _sense(values: Floats) -> float:
     """Share of what may be lengths, of finite values but 0, which is the same in both orders."""
     known = values[np.isfinite(values) & (values != 0)]
     return float(np.mean((np.abs(known) > _SHORTEST) & (np.abs(known) < _LONGEST))) if len(known) else 1.0

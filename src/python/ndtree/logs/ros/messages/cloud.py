@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.logs.core.arrays import Bools
 from ndtree.logs.core.silence import without_padding
 from ndtree.logs.ros.messages.beams import (
     LONGEST_SWEEP,
@@ -88,7 +89,7 @@ def cloud_beams(message: Any, stamp: float, *, colored: bool = False) -> Beams:
     return Beams(flat, times=times, colors=colors, odd=odd)
 
 
-def times_of(values: NDArray[Any], stamp: float, measured: NDArray[np.bool_]) -> tuple[Floats | None, str]:
+def times_of(values: NDArray[Any], stamp: float, measured: Bools) -> tuple[Floats | None, str]:
     """Times of points since the message's stamp [s], whatever their unit and their beginning.
 
     The unit is the one of s, ms, us and ns in which they last between 1 ms and 1 s: there is only one. They
@@ -107,9 +108,7 @@ def times_of(values: NDArray[Any], stamp: float, measured: NDArray[np.bool_]) ->
     return None, wrong
 
 
-def _times_of_known(
-    values: NDArray[Any], stamp: float, known: NDArray[np.bool_]
-) -> tuple[Floats | None, str]:
+def _times_of_known(values: NDArray[Any], stamp: float, known: Bools) -> tuple[Floats | None, str]:
     if not known.any():
         return None, ""
     times = values.astype(np.float64)

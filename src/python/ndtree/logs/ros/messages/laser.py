@@ -9,8 +9,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ndtree.logs.core.arrays import Points
 from ndtree.logs.core.silence import (
     LEAST_CUT_OFF,
     LEAST_NOISY,
@@ -51,7 +51,7 @@ class NoiseAtLimit:
         self._below, self._has_shorter = np.empty(0), False
         self.reach = 0.0  # How far it reaches to both sides of range_max [m].
 
-    def add(self, ranges: NDArray[np.floating[Any]], limit: float) -> float:
+    def add(self, ranges: Points, limit: float) -> float:
         """Look at the next message's ranges, up to a largest one [m]; how far noise reaches."""
         if not 0 < limit < math.inf:
             return 0.0
@@ -139,7 +139,7 @@ def range_beams(message: Any, no_return_range: float | None = None) -> Beams:
     return replace(beams, odd={**beams.odd, UNLIMITED: said})
 
 
-def _planar_beams(message: Any, ranges: NDArray[np.floating[Any]], no_return_range: float | None) -> Beams:
+def _planar_beams(message: Any, ranges: Points, no_return_range: float | None) -> Beams:
     n = len(ranges)
     turn = float(message.angle_increment)
     if n > 1 and not (math.isfinite(turn) and turn != 0):
@@ -180,7 +180,7 @@ def _limits(nearest: float, farthest: float, name: str) -> tuple[tuple[float, fl
 
 
 def _measured(
-    ranges: NDArray[np.floating[Any]],
+    ranges: Points,
     limits: tuple[float, float],
     ways: Floats,
     times: Floats | None,

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.logs.core.arrays import Floats, Points
 from ndtree.logs.poses.transforms import TransformTree
 from ndtree.logs.ros.messages.beams import Beams
 
@@ -53,7 +53,7 @@ def _between(
     positions: Floats,
     before: NDArray[np.int64],
     share: Floats,
-    points: NDArray[np.floating[Any]],
+    points: Points,
 ) -> Floats:
     """Points (n, 3) moved by the pose before each and by the one after, and interpolated.
 
@@ -83,8 +83,6 @@ def _between(
                 ends[block, axis] = (1 - part) * now + part * later
     return ends
 
-
-Floats = NDArray[np.float64]
 
 #: Scans that overlap well, looked at together, and the GROUPS such groups in which the sensor turns most.
 GROUP, GROUPS = 8, 12

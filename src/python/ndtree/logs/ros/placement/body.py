@@ -8,14 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ndtree._errors import WrongValue, key
+from ndtree.logs.core.arrays import Bools, Floats
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.messages.beams import Beams
 from ndtree.logs.ros.placement.placement import Placement, bases_in
-
-Floats = NDArray[np.float64]
 
 EXPECTED = (
     "expected box:LX,LY,LZ[,X,Y,Z], sphere:R[,X,Y,Z], capsule:R,X,Y,Z,X,Y,Z or "
@@ -30,7 +28,7 @@ class Body:
     `parts`: Each says which points (n, 3) are in it [m]; its border is in it.
     """
 
-    parts: tuple[Callable[[Floats], NDArray[np.bool_]], ...]
+    parts: tuple[Callable[[Floats], Bools], ...]
     frame: str  # "" for the robot's base.
 
     @staticmethod
@@ -73,7 +71,7 @@ class Body:
         return replace(beams, points=ends), count
 
 
-def _part(text: str, one: str) -> Callable[[Floats], NDArray[np.bool_]]:
+def _part(text: str, one: str) -> Callable[[Floats], Bools]:
     kind, _, rest = one.partition(":")
     if kind == "footprint":
         return _footprint(text, one, rest)
@@ -94,14 +92,14 @@ def _part(text: str, one: str) -> Callable[[Floats], NDArray[np.bool_]]:
     way = np.array(numbers[4:]) - begin if kind == "capsule" else np.zeros(3)
     square = float(way @ way)
 
-    def is_near(points: Floats) -> NDArray[np.bool_]:
+    def is_near(points: Floats) -> Bools:
         share = np.clip((points - begin) @ way / square, 0, 1) if square else np.zeros(len(points))
         return np.linalg.norm(points - begin - share[:, None] * way, axis=1) <= radius
 
     return is_near
 
 
-def _footprint(text: str, one: str, rest: str) -> Callable[[Floats], NDArray[np.bool_]]:
+def _footprint(text: str, one: str, rest: str) -> Callable[[Floats], Bools]:
     """A polygon seen from above, of all heights or between two; as navigation has it: ``[[x, y], ...]``."""
     corners, _, heights = rest.translate(str.maketrans("", "", "[] ")).partition("/")
     try:
@@ -120,7 +118,7 @@ def _footprint(text: str, one: str, rest: str) -> Callable[[Floats], NDArray[np.
         raise WrongValue(f"{key('body')} = {text!r}: {one!r}: heights must be from low to high")
     edges = [((x[i - 1], y[i - 1]), (x[i], y[i])) for i in range(len(x))]
 
-    def is_in(points: Floats) -> NDArray[np.bool_]:
+    def is_in(points: Floats) -> Bools:
         px, py, pz = points.T
         inside, border = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
         for (x0, y0), (x1, y1) in edges:
