@@ -258,14 +258,30 @@ POSES_OF_IMAGES = {
 }
 
 
-def test_depth_images_in_pgm_are_refused_with_what_to_do(tmp_path: Path) -> None:
-    rooms.depth_images(tmp_path, SCANS)
+def test_depth_images_may_be_pgm_of_16_bits(tmp_path: Path) -> None:
+    """Their values are as they are, whatever the header says is the largest."""
+    image_module = pytest.importorskip("PIL.Image")
+    measured = rooms.depth_images(tmp_path, SCANS)
     POSES_OF_IMAGES["poses.txt"](tmp_path / "poses.txt", SCANS)
+    rooms.camera_json(tmp_path / "camera.json")
     for image in sorted((tmp_path / "depth").glob("*.png")):
-        image.with_suffix(".pgm").write_bytes(b"P5\n4 4\n65535\n" + bytes(32))
+        values = np.asarray(image_module.open(image)).astype(">u2")
+        header = f"P5\n# of a camera\n{values.shape[1]} {values.shape[0]}\n65535\n".encode()
+        image.with_suffix(".pgm").write_bytes(header + values.tobytes())
         image.unlink()
-    with pytest.raises(ValueError, match=r"00000\.pgm: not a PNG, expected .*16 bits \(mogrify -format png"):
-        list(read(tmp_path))
+    assert_same(list(read(tmp_path)), measured, 1e-9)
+    first = tmp_path / "depth" / "00000.pgm"
+    first.write_bytes(first.read_bytes().replace(b"65535", b"12000"))
+    assert_same(list(read(tmp_path)), measured, 1e-9)
+    for content, message in (
+        (b"P5 4 4 255\n" + bytes(16), "values up to 255, expected one of 16 bits"),
+        (b"P5 4 4 65535\n" + bytes(31), "is cut off, expected 4 x 4 pixels"),
+        (b"P2 4 4 65535\n" + bytes(32), "not a binary PGM"),
+        (b"P5 13000 13000 65535\n", "13000 x 13000 pixels, expected at most"),
+    ):
+        first.write_bytes(content)
+        with pytest.raises(ValueError, match=rf"00000\.pgm: .*{message}"):
+            list(read(tmp_path))
 
 
 def test_images_of_more_pixels_than_a_camera_has_are_refused(tmp_path: Path) -> None:

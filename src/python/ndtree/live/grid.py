@@ -31,8 +31,8 @@ _VALUES[[254, 0]] = FREE, OCCUPIED
 class GridFollower:
     """A pixel is occupied if some occupied cell overlaps it, else free if some free one does, else unknown.
 
-    Free cells that hold something thin (`Leaves.thin`) are occupied, too, in a 2-D map if they touch no occupied pixel. So
-    `OccupancyMap.map_server_image` has it; the grid may be larger, and is unknown there.
+    Free cells that hold something thin (`Leaves.thin`) are occupied, too, in a 2-D map if they touch no
+    occupied pixel. So `OccupancyMap.map_server_image` has it; the grid may be larger, and is unknown there.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ from ndtree.logs.core.arrays import Points
 from ndtree.logs.core.failures import NotALog, at_place, one_line
 from ndtree.logs.core.plain_file import open_regular, text_lines, wrong_line
 from ndtree.logs.core.source import Format, Source
-from ndtree.logs.folders.depth_image import ENDINGS, Camera, camera_of, check_stride, load_png, points_of
+from ndtree.logs.folders.depth_image import ENDINGS, Camera, camera_of, check_stride, load_depth, points_of
 from ndtree.logs.folders.folder import FolderLog, PosesOfFiles, number_in, stem_of
 from ndtree.logs.folders.scan_folder import only_trajectory
 from ndtree.logs.poses.pose import Pose
@@ -78,7 +78,7 @@ class DepthLog(FolderLog):
             self._decided.append(f"{said}; a fifth number in {key('camera')} sets another")
 
     def _points(self, i: int) -> Points:
-        image = load_png(self._files[i])
+        image = load_depth(self._files[i])
         return points_of(image, self._camera, pixel_stride=self._pixel_stride, no_depth=self.no_depth)
 
 
@@ -128,7 +128,7 @@ class TumRgbdLog(DepthLog):
 
 
 class DepthFolderLog(DepthLog):
-    """``depth/*.png`` in millimetres, and ``trajectory.log``.
+    """``depth/*.png`` or ``.pgm`` in millimetres, and ``trajectory.log``.
 
     Times of images are their names, or in a list ``associations.txt``. The camera is `camera`, else the
     intrinsic matrix in a JSON of the folder, as Open3D writes it, else Open3D's default, with a note.

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import IO, Any
@@ -20,7 +21,10 @@ from ndtree.logs.core.plain_file import open_regular
 ENDINGS = (".png", ".pgm")
 #: More pixels are no depth camera's.
 _MOST_PIXELS = 1 << 25
+_PGM_HEADER = 1 << 12
 _PNG = b"\x89PNG\r\n\x1a\n"
+_GAP = rb"(?:\s|#[^\n]*\n)+"
+_PGM = re.compile(rb"P5" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})\s")
 
 
 @dataclass(frozen=True)
@@ -97,10 +101,32 @@ def _rays(camera: Camera, shape: tuple[int, int], pixel_stride: int) -> tuple[Fl
     return x / camera.scale, y / camera.scale
 
 
-def load_png(path: str) -> NDArray[np.uint16]:
-    """The depth image in a file, as of `png_pixels`."""
+def load_depth(path: str) -> NDArray[np.uint16]:
+    """The depth image in a file, PNG or binary PGM, of one channel of 16 bits."""
     with open_regular(path) as file:
-        return png_pixels(file, path)
+        return _pgm_pixels(file, path) if path.lower().endswith(".pgm") else png_pixels(file, path)
+
+
+def _pgm_pixels(file: IO[bytes], where: str) -> NDArray[np.uint16]:
+    """A binary PGM's own values, whatever the largest is said to be."""
+    content = file.read(2 * _MOST_PIXELS + _PGM_HEADER)
+    header = _PGM.match(content[:_PGM_HEADER])
+    if header is None:
+        raise ValueError(f"{where}: not a binary PGM, expected one of 16 bits")
+    columns, rows, largest = (int(number) for number in header.groups())
+    _check_size(where, columns, rows)
+    if not 255 < largest < 65536:
+        raise ValueError(f"{where}: found a PGM of values up to {largest}, expected one of 16 bits")
+    if len(content) - header.end() < 2 * rows * columns:
+        raise ValueError(f"{where}: the PGM is cut off, expected {columns} x {rows} pixels")
+    values = np.frombuffer(content, ">u2", rows * columns, header.end())
+    return values.reshape(rows, columns).astype(np.uint16)
+
+
+def _check_size(where: str, columns: int, rows: int) -> None:
+    """Refuses images that no depth camera makes, and whose points would take gigabytes."""
+    if columns * rows > _MOST_PIXELS:
+        raise ValueError(f"{where}: {columns} x {rows} pixels, expected at most {_MOST_PIXELS}")
 
 
 def png_pixels(file: IO[bytes], where: str) -> NDArray[np.uint16]:
@@ -114,12 +140,10 @@ def png_pixels(file: IO[bytes], where: str) -> NDArray[np.uint16]:
     expected = "expected a PNG of one channel of 16 bits"
     try:
         if file.read(len(_PNG)) != _PNG:
-            raise ValueError(f"{where}: not a PNG, {expected} (mogrify -format png makes them)")
+            raise ValueError(f"{where}: not a PNG, {expected}")
         file.seek(0)
         with PngImageFile(file) as image:
-            columns, rows = image.size
-            if columns * rows > _MOST_PIXELS:  # Its points would take gigabytes.
-                raise ValueError(f"{where}: {columns} x {rows} pixels, expected at most {_MOST_PIXELS}")
+            _check_size(where, *image.size)
             # Pillow names 16 bits "I;16", and before version 10.3 widened them to "I".
             if image.mode not in ("I;16", "I;16B", "I"):
                 raise ValueError(f"{where}: found an image of mode {image.mode}, {expected}")

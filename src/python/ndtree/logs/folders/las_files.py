@@ -3,21 +3,18 @@
 
 from __future__ import annotations
 
-import math
 import os
-import re
 import struct
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ndtree._errors import WrongValue
 from ndtree._lazy import install_of, needs
-from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.failures import readable
 from ndtree.logs.core.plain_file import open_regular
+from ndtree.logs.folders.coordinate_system import METRES, Units, units_of_keys, units_of_wkt
 
 _POINTS_AT_ONCE = 1 << 20
 #: The first point of each chunk of a LAZ is not compressed, and no point is smaller.
@@ -33,84 +30,83 @@ _STEP_OF_DEGREES = 1e-6
 _DOUBLES = 34736  # The record with GeoTIFF's numbers of floating point.
 
 
-def las_points(path: str) -> Floats:
-    """Points of a LAS or LAZ [m]: its integers times its scale, plus its offset.
+def las_points(path: str) -> NDArray[np.float64]:
+    """Points of a LAS or LAZ [m]: its integers times its scale, plus its offset, in the unit that it names.
 
-    Raises ValueError also if its coordinate system has another unit than metres.
+    Raises ValueError also if they are degrees.
     """
     with needs("LAS and LAZ files need laspy", "clouds"):
         import laspy
-    with readable(path, "cannot be read as LAS", foreign=True), _opened(path) as (file, reader):
-        if reader.header.are_points_compressed:
-            if not laspy.LazBackend.detect_available():
-                raise ImportError(f"LAZ files need lazrs; install it with:\n  {install_of('clouds')}")
-            if reader.header.point_count:
-                largest = _checked_chunks(path, file, reader.header)
-                if largest > _LARGE_CHUNK:  # Threads would make room for several at once.
-                    reader.laz_backend = laspy.LazBackend.Lazrs
-        _note_of_unit(path, reader)
-        expected = reader.header.point_count
-        parts = [np.empty((0, 3))]
-        for points in reader.chunk_iterator(_POINTS_AT_ONCE):
-            if not len(points):
-                break
-            parts.append(np.column_stack([np.asarray(getattr(points, axis)) for axis in "xyz"]))
+    with open_regular(path) as file, readable(path, "cannot be read as LAS", foreign=True):
+        _check_header(path, file)
+        with laspy.open(file, closefd=False) as reader:
+            if reader.header.are_points_compressed:
+                if not laspy.LazBackend.detect_available():
+                    raise ImportError(f"LAZ files need lazrs; install it with:\n  {install_of('clouds')}")
+                if reader.header.point_count:
+                    largest = _checked_chunks(path, file, reader.header)
+                    if largest > _LARGE_CHUNK:  # Threads would make room for several at once.
+                        reader.laz_backend = laspy.LazBackend.Lazrs
+            units = _units(reader)
+            if units.are_degrees:
+                raise WrongValue(
+                    f"{path}: coordinates are degrees of longitude and latitude, expected metres, as of UTM: "
+                    "pdal translate IN OUT reprojection --filters.reprojection.out_srs=EPSG:CODE"
+                )
+            expected = reader.header.point_count
+            parts = [np.empty((0, 3))]
+            for points in reader.chunk_iterator(_POINTS_AT_ONCE):
+                if not len(points):
+                    break
+                parts.append(np.column_stack([np.asarray(getattr(points, axis)) for axis in "xyz"]))
     found = np.concatenate(parts)
     if len(found) != expected:
         raise ValueError(f"{path}: found {len(found)} points, expected {expected} as its header says")
-    return found.astype(np.float64, copy=False)
+    found = found.astype(np.float64, copy=False)
+    is_metric = (units.across, units.height) == (1.0, 1.0)
+    return found if is_metric else found * (units.across, units.across, units.height)
 
 
 def las_note(path: str) -> str:
     """What a user should know of the unit of a LAS or LAZ, in one line, or nothing."""
     try:
-        with readable(path, "cannot be read as LAS", foreign=True), _opened(path) as (_, reader):
-            return _note_of_unit(path, reader)
+        import laspy
     except ImportError:
         return ""
-
-
-@contextmanager
-def _opened(path: str) -> Iterator[tuple[IO[bytes], Any]]:
-    """A file and its reader, once the numbers in its header were looked at."""
-    import laspy
-
-    with open_regular(path) as file:
+    with open_regular(path) as file, readable(path, "cannot be read as LAS", foreign=True):
         _check_header(path, file)
         with laspy.open(file, closefd=False) as reader:
-            yield file, reader
+            return _units(reader).note
 
 
-def _note_of_unit(path: str, reader: Any) -> str:
-    """What a user should know of the unit of coordinates; WrongValue if they are surely no metres."""
+def _units(reader: Any) -> Units:
+    """Of a file's coordinates, by the records of its coordinate system."""
     header = reader.header
-    by_kind = {type(record).__name__: record for record in (*header.vlrs, *(reader.evlrs or ()))}
+    records = [*header.vlrs, *(reader.evlrs or ())]
+    by_kind = {type(record).__name__: record for record in records}
     wkt, keys = by_kind.get("WktCoordinateSystemVlr"), by_kind.get("GeoKeyDirectoryVlr")
-    said = "its coordinate system"
     if wkt is not None and wkt.string.strip("\0 ") and (header.global_encoding.wkt or keys is None):
-        unit = unit_of_wkt(wkt.string)
+        try:
+            found = units_of_wkt(wkt.string)
+        except ValueError:
+            found = Units(unknown="its coordinate system")
     elif keys is not None:
-        unit = unit_of_keys(_values(keys, by_kind.get("GeoDoubleParamsVlr")))
+        found = units_of_keys(_values(keys, by_kind.get("GeoDoubleParamsVlr")))
     elif _are_finer_across(header):
-        unit, said = "", "a file with finer steps of x and y than of heights, as of degrees,"
+        return Units(unknown="a file with finer steps of x and y than of heights, as of degrees,")
     else:
-        return ""
-    if unit == DEGREES and not (_within(header, 0, 360) and _within(header, 1, 90)):
-        unit, said = "", "a coordinate system of degrees, which its coordinates are not,"
-    if not unit:
-        return f"{said} does not say the unit of its coordinates: they are taken for metres"
-    if unit != METRES:
-        way = "pdal translate IN OUT reprojection --filters.reprojection.out_srs=EPSG:CODE"
-        raise WrongValue(f"{path}: coordinates are {unit}, expected metres, as of UTM: {way}")
-    return ""
+        return METRES
+    if found.are_degrees and not (_within(header, 0, 360) and _within(header, 1, 90)):
+        return Units(unknown="a coordinate system of degrees, which its coordinates are not,")
+    return found
 
 
 def _are_finer_across(header: Any) -> bool:
     """Whether x and y may be degrees, in steps that would be micrometres, and heights are in coarser ones."""
     x, y, z = header.scales
-    if max(x, y) > _STEP_OF_DEGREES or z < 10 * max(x, y):
-        return False
-    return _within(header, 0, 360) and _within(header, 1, 90)
+    return bool(max(x, y) <= _STEP_OF_DEGREES and z >= 10 * max(x, y)) and (
+        _within(header, 0, 360) and _within(header, 1, 90)
+    )
 
 
 def _within(header: Any, axis: int, largest: float) -> bool:
@@ -139,15 +135,22 @@ def _check_header(path: str, file: IO[bytes]) -> None:
     header = file.read(247)
     file.seek(0)
     if len(header) < 227:
-        raise ValueError(f"{path}: the LAS header is cut off, expected at least 227 bytes of it")
+        raise ValueError(
+            f"{path}: the LAS header is cut off, expected at least 227 bytes, found {len(header)}"
+        )
     header_size, first_point, records = struct.unpack_from("<HII", header, 94)
     if not header_size + 54 * records <= first_point <= size:
-        said = f"{records} records, and points from byte {first_point} of {size}"
-        raise ValueError(f"{path}: the LAS header of {header_size} bytes says {said}, expected that they fit")
+        raise ValueError(
+            f"{path}: the LAS header of {header_size} bytes says {records} records and points from byte "
+            f"{first_point} of {size}, expected that they fit"
+        )
     if header[25] >= 4 and len(header) == 247:  # Version 1.4 may have more records behind the points.
         start, records = struct.unpack_from("<QI", header, 235)
         if records and start + 60 * records > size:
-            raise ValueError(f"{path}: {records} records from byte {start} of {size}, expected that they fit")
+            raise ValueError(
+                f"{path}: the LAS header says {records} records from byte {start} of {size}, "
+                "expected that they fit"
+            )
 
 
 def _checked_chunks(path: str, file: IO[bytes], header: Any) -> int:
@@ -217,55 +220,3 @@ def _number(path: str, file: IO[bytes], at: int, layout: str) -> int:
     if len(content) != struct.calcsize(layout):
         raise ValueError(f"{path}: cut off at byte {at}, expected the table of its chunks")
     return int(struct.unpack(layout, content)[0])
-
-
-#: Units of coordinates; another is described, and "" is one that is not known.
-METRES, DEGREES = "metres", "degrees of longitude and latitude"
-#: Relative difference of factors that are written with few digits.
-_ROUNDED = 4e-7
-#: Factors of units of angles [rad]: WKT's first version calls them as it calls those of lengths.
-_ANGLES = (math.pi / 180, math.pi / 200, 1.0 / 3600 * math.pi / 180)
-_QUOTED = re.compile(r'"(?:[^"]|"")*"')
-_UNIT = re.compile(r'\b(?:LENGTH)?UNIT\s*[\[(]\s*""\s*,\s*(\d+\.?\d*(?:E[-+]?\d+)?)')
-_IN_PLANE = re.compile(r"\b(?:PROJ\w*|LOCAL_CS|ENG\w*CRS|GEOCCS|CARTESIAN)\b")
-#: Keys of GeoTIFF: kind of system, its code as one of degrees and as one in the plane, its unit; of heights.
-_MODEL, _DEGREES, _PROJECTED, _LENGTH, _LENGTH_SIZE = 1024, 2048, 3072, 3076, 3077
-_UPRIGHT, _HEIGHT = 4096, 4099
-_GEOGRAPHIC, _METRE, _OTHERS = 2, 9001, 32767  # The last is what has no code.
-#: Systems by their codes in EPSG's register: UTM of several datums, heights in feet, and in metres.
-_UTM = ((25828, 25838), (26901, 26923), (32201, 32260), (32301, 32360), (32401, 32760), (6328, 6348))
-_HEIGHTS_IN_FEET = (8228, 8050, 6360, 5702, 8052)
-_HEIGHTS = (5703, 5701, 5709, 5711, 5773, 5798, 3855, 5783, 7837, 5705, 5714, 6695)
-
-
-def unit_of_wkt(text: str) -> str:
-    """By a coordinate system as WKT of either version; one in feet may have metric heights."""
-    plain = _QUOTED.sub('""', text).upper()
-    if not _IN_PLANE.search(plain):
-        return DEGREES if re.search(r"\bGEO\w*(?:CS|CRS)\b", plain) else ""
-    sizes = [float(size) for size in _UNIT.findall(plain)]
-    lengths = [size for size in sizes if not any(math.isclose(size, one, rel_tol=1e-6) for one in _ANGLES)]
-    other = next((size for size in lengths if abs(size - 1) > _ROUNDED), None)
-    if other is not None:
-        return f"in units of {other:.9g} m"
-    return METRES if lengths else ""
-
-
-def unit_of_keys(keys: Mapping[int, float]) -> str:
-    """By keys of GeoTIFF and their values."""
-    if keys.get(_MODEL) == _GEOGRAPHIC or (_DEGREES in keys and not {_MODEL, _PROJECTED} & keys.keys()):
-        return DEGREES
-    for key in (_LENGTH, _HEIGHT):
-        code = int(keys.get(key, _METRE))
-        if code == _OTHERS and keys.get(_LENGTH_SIZE, 1.0) != 1.0:
-            return f"in units of {keys[_LENGTH_SIZE]:g} m"
-        if code not in (_METRE, _OTHERS):
-            return f"in the unit EPSG:{code}"
-    system, upright = int(keys.get(_PROJECTED, 0)), int(keys.get(_UPRIGHT, 0))
-    if _HEIGHT not in keys and upright in _HEIGHTS_IN_FEET:
-        return "in feet along z"
-    is_known = system in (0, _OTHERS) or any(low <= system <= high for low, high in _UTM)
-    is_datum = upright in (0, _OTHERS) or 5000 <= upright < 5300  # Old codes: as the others.
-    if (is_known or _LENGTH in keys) and (is_datum or upright in _HEIGHTS or _HEIGHT in keys):
-        return METRES
-    return ""

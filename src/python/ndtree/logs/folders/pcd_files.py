@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import codecs
+import itertools
 import struct
 from dataclasses import dataclass
 from importlib import import_module
@@ -49,7 +50,7 @@ def pcd_columns(path: str) -> list[NDArray[Any]]:
     """x, y and z of the points, each in the type that the file has.
 
     VERSION, COUNT, HEIGHT, VIEWPOINT and, in old files, SIZE and TYPE may be missing. A field of COUNT 0 has
-    no values, or one where only that fits the data.
+    no values, or one where only that fits the data. Beside such fields, padding (``_``) may be missing.
 
     Raises ValueError if the header is not one, or there are more or fewer points than it says.
     """
@@ -174,12 +175,23 @@ def binary_table(path: str, header: PcdHeader, data: bytes) -> NDArray[Any]:
 
 
 def _layout(header: PcdHeader, size: int) -> np.dtype[Any]:
-    """A point's layout: as the header says, or with one value for fields of COUNT 0 where that fits."""
+    """A point's layout: as the header says, or what its fields of COUNT 0 leave open and the size fits."""
     said = header.dtype(0)
     if 0 not in header.counts or not header.points or size == header.points * said.itemsize:
         return said
-    one = header.dtype(1)
-    return one if size == header.points * one.itemsize else said
+    padding = [i for i, name in enumerate(header.fields) if name == "_" and header.counts[i]][:8]
+    fitting: dict[tuple[int, ...], np.dtype[Any]] = {}
+    for zero_is in (1, 0):
+        layout = header.dtype(zero_is)
+        for missing in itertools.chain.from_iterable(
+            itertools.combinations(padding, n) for n in range(len(padding) + 1)
+        ):
+            kept = [name for name in layout.names or () if int(name) not in missing]
+            dtype = np.dtype([(name, layout[name]) for name in kept])
+            if size == header.points * dtype.itemsize:
+                offsets = [dtype.fields[f"{header.fields.index(axis)}"][1] for axis in "xyz"]  # type: ignore[index]
+                fitting.setdefault(tuple(offsets), dtype)
+    return next(iter(fitting.values())) if len(fitting) == 1 else said
 
 
 def unpacked(path: str, header: PcdHeader, data: bytes) -> tuple[np.dtype[Any], list[NDArray[Any]]]:

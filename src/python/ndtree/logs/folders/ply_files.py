@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.failures import shown
 from ndtree.logs.core.plain_file import open_regular
 
@@ -46,15 +45,6 @@ class _Element:
     count: int
     properties: list[_Property] = field(default_factory=list)
 
-    @property
-    def has_lists(self) -> bool:
-        """Whether instances may differ in length."""
-        return any(one.count for one in self.properties)
-
-    def dtype(self, order: str) -> np.dtype[Any]:
-        """Layout of an instance without lists in binary data; fields are called by their numbers."""
-        return np.dtype([(f"{i}", order + one.kind) for i, one in enumerate(self.properties)])
-
 
 def ply_columns(path: str) -> list[NDArray[Any]]:
     """x, y and z of the vertices, each in the type that the file has.
@@ -67,7 +57,7 @@ def ply_columns(path: str) -> list[NDArray[Any]]:
     return _columns(path, (order, elements), data, "vertex", tuple("xyz"))
 
 
-def ply_camera(path: str) -> tuple[Floats, Floats] | None:
+def ply_camera(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Position (3,) and rotation (3, 3) of the sensor in the map, from the element camera that PCL writes.
 
     None where the file has none. Its rows are what PCL calls axes.
@@ -89,29 +79,17 @@ def _columns(
     found = [one for one in elements if one.name == name]
     if len(found) != 1:
         raise _damaged(path, f"{len(found)} elements {name!r}, expected one")
-    (element,) = found
-    names = [one.name.lower() if one.count is None else "" for one in element.properties]
+    names = [one.name.lower() if one.count is None else "" for one in found[0].properties]
     missing = [axis for axis in wanted if names.count(axis) != 1]
     if missing:
-        some = ", ".join(filter(None, names))
-        raise ValueError(f"{path}: no property {' or '.join(missing)} of {_PLURALS[name]}, found {some}")
-    before = [one for one in elements[: elements.index(element)] if one.count]
-    with_lists = next((one for one in (*before * bool(order), element) if one.has_lists), None)
-    if with_lists is not None:
         raise ValueError(
-            f"{path}: lists in element {with_lists.name}, expected {_PLURALS[name]} of single values before "
-            "others: CloudCompare saves them so"
+            f"{path}: no property {' or '.join(missing)} of {_PLURALS[name]}, "
+            f"found {', '.join(filter(None, names))}"
         )
     axes = [names.index(axis) for axis in wanted]
-    if not order:
-        lines = [line for line in data.splitlines() if line.strip()]
-        return _of_text(path, element, lines[sum(one.count for one in before) :], axes)
-    data = data[sum(one.count * one.dtype(order).itemsize for one in before) :]
-    dtype = element.dtype(order)
-    if len(data) // dtype.itemsize < element.count:
-        raise _fewer(path, element, len(data) // dtype.itemsize)
-    table = np.frombuffer(data, dtype, count=element.count)
-    return [table[f"{axis}"] for axis in axes]
+    if order:
+        return _of_binary(path, (order, elements), data, name, axes)
+    return _of_text(path, elements, data, name, axes)
 
 
 def _header(path: str, file: Any) -> tuple[str, list[_Element]]:
@@ -154,27 +132,126 @@ def _header(path: str, file: Any) -> tuple[str, list[_Element]]:
     raise _damaged(path, "no line end_header")
 
 
-def _of_text(path: str, element: _Element, lines: list[bytes], axes: list[int]) -> list[NDArray[Any]]:
+def _of_text(
+    path: str, elements: list[_Element], data: bytes, name: str, axes: list[int]
+) -> list[NDArray[Any]]:
     """An instance a line."""
-    lines = lines[: element.count]
-    if len(lines) < element.count:
-        raise _fewer(path, element, len(lines))
-    rows = [line.split() for line in lines]
-    width = len(element.properties)
-    for i, row in enumerate(rows):
-        if len(row) != width:
-            raise _damaged(path, f"{element.name} {i} has {len(row)} values, expected {width}")
-    columns = []
-    for axis in axes:
-        kind = np.dtype(element.properties[axis].kind)
-        column = np.array([row[axis] for row in rows], dtype="S")
+    lines = [line for line in data.splitlines() if line.strip()]
+    start, found = 0, None
+    for one in elements:
+        part = lines[start : start + one.count]
+        start += one.count
+        if len(part) < one.count:
+            raise _fewer(path, one, len(part))
+        if one.name == name:
+            found = _columns_of(path, one, part, axes)
+    assert found is not None
+    return found
+
+
+def _columns_of(path: str, vertex: _Element, lines: list[bytes], axes: list[int]) -> list[NDArray[Any]]:
+    has_lists = any(one.count for one in vertex.properties)
+    columns: list[list[bytes]] = [[] for _ in axes]
+    for i, line in enumerate(lines):
+        values, places = line.split(), axes
         try:
-            columns.append(column.astype(np.float64).astype(kind if kind.kind == "f" else np.float64))
-        except ValueError:
-            wrong = next((row[axis] for row in rows if not _is_number(row[axis])), b"")
-            said = shown(wrong.decode(errors="replace"))
-            raise _damaged(path, f"found {said!r}, expected a number") from None
-    return columns
+            if has_lists:
+                at, starts = 0, []
+                for one in vertex.properties:
+                    starts.append(at)
+                    length = int(values[at]) if one.count else 0
+                    if length < 0:
+                        raise ValueError
+                    at += 1 + length
+                places = [starts[axis] for axis in axes]
+            else:
+                at = len(vertex.properties)
+        except (ValueError, IndexError):
+            at = -1
+        if at != len(values):
+            wanted = "as many as its lists say" if has_lists else str(len(vertex.properties))
+            raise _damaged(path, f"{vertex.name} {i} has {len(values)} values, expected {wanted}")
+        for column, place in zip(columns, places):
+            column.append(values[place])
+    kinds = [np.dtype(vertex.properties[axis].kind) for axis in axes]
+    try:
+        return [
+            np.array(column, dtype="S").astype(np.float64).astype(kind if kind.kind == "f" else np.float64)
+            if column
+            else np.zeros(0, np.float32)
+            for column, kind in zip(columns, kinds)
+        ]
+    except ValueError:
+        wrong = next((value for column in columns for value in column if not _is_number(value)), b"")
+        raise _damaged(path, f"found {shown(wrong.decode(errors='replace'))!r}, expected a number") from None
+
+
+def _of_binary(
+    path: str, header: tuple[str, list[_Element]], data: bytes, name: str, axes: list[int]
+) -> list[NDArray[Any]]:
+    order, elements = header
+    at, found = 0, None
+    for one in elements:
+        if all(p.count is None for p in one.properties):
+            columns, at = _fixed(path, order, one, data, at)
+        else:
+            columns, at = _with_lists(path, order, one, data, at)
+        if one.name == name:
+            found = [columns(axis) for axis in axes]
+    assert found is not None
+    return found
+
+
+def _fixed(path: str, order: str, one: _Element, data: bytes, at: int) -> tuple[Any, int]:
+    """The columns of an element without lists, and where the next begins."""
+    dtype = np.dtype([(f"{i}", order + p.kind) for i, p in enumerate(one.properties)])
+    if not one.properties:
+        return None, at
+    if (len(data) - at) // dtype.itemsize < one.count:
+        raise _fewer(path, one, (len(data) - at) // dtype.itemsize)
+    table = np.frombuffer(data, dtype, count=one.count, offset=at)
+    return lambda axis: table[f"{axis}"], at + one.count * dtype.itemsize
+
+
+def _with_lists(path: str, order: str, one: _Element, data: bytes, at: int) -> tuple[Any, int]:
+    """As `_fixed`, of an element whose instances differ in length; runs of equal ones are read at once."""
+    counts = [None if p.count is None else np.dtype(order + p.count) for p in one.properties]
+    kinds = [np.dtype(order + p.kind) for p in one.properties]
+    keeps = one.name in _PLURALS
+    parts: list[list[NDArray[Any]]] = [[] for _ in kinds]
+    done, run = 0, 1
+    while done < one.count:
+        columns: list[Any] = []
+        size = 0
+        for i, (count, kind) in enumerate(zip(counts, kinds)):
+            length = 1
+            if count is not None:
+                if at + size + count.itemsize > len(data):
+                    raise _fewer(path, one, done)
+                length = int(np.frombuffer(data, count, 1, at + size)[0])
+                columns.append((f"n{i}", count))
+                size += count.itemsize
+                if not 0 <= length <= len(data):
+                    raise _damaged(path, f"{one.name} {done}: a list of {length} values")
+            columns.append((f"{i}", kind, (length,)))
+            size += kind.itemsize * length
+        fitting = (len(data) - at) // size
+        if fitting == 0:
+            raise _fewer(path, one, done)
+        table = np.frombuffer(data, np.dtype(columns), min(run, fitting, one.count - done), at)
+        same = np.ones(len(table), bool)
+        for i, count in enumerate(counts):
+            if count is not None:
+                same &= table[f"n{i}"] == table[f"n{i}"][0]
+        equal = len(table) if same.all() else int(same.argmin())
+        if keeps:
+            for i, count in enumerate(counts):
+                if count is None:
+                    parts[i].append(table[f"{i}"][:equal, 0])
+        done += equal
+        at += equal * size
+        run = run * 4 if equal == len(table) else max(1, run // 4)
+    return lambda axis: np.concatenate(parts[axis]) if parts[axis] else np.zeros(0, np.float32), at
 
 
 def _is_number(value: bytes) -> bool:
