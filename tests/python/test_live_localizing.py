@@ -19,6 +19,7 @@ from calling import cli
 
 import ndtree
 from ndtree.live import FramesIntake, LiveMapper, Localizer, Reading, Transform, Window
+from ndtree.live.following import inverse, matrix_of
 from ndtree.live.hypotheses import (
     NOT_HERE,
     SECTORS,
@@ -29,7 +30,7 @@ from ndtree.live.hypotheses import (
     Viewpoint,
     leads,
 )
-from ndtree.live.localizing import FINDS, LOSES, VIEWPOINTS, inverse, matrix_of, place_of, quaternion_of
+from ndtree.live.localizing import FINDS, LOSES, VIEWPOINTS, place_of, quaternion_of
 from ndtree.tuning.config import Config
 
 N = 160
@@ -135,7 +136,8 @@ def test_elsewhere_it_stays_lost(world: World) -> None:
         ways = generator.uniform(-math.pi, math.pi, 200)
         points = generator.uniform(1, 8, (200, 1)) * np.stack([np.cos(ways), np.sin(ways)], axis=1)
         found = localizer.track(points, np.zeros(3), float(i))
-        assert found.is_lost == (i >= LOSES - 1)
+        assert found.is_lost, "no pose is told before a scan fits the guess"
+        assert localizer.times_lost == (i >= LOSES - 1)
     for nothing in (np.zeros((0, 2)), np.full((50, 2), np.nan)):
         assert localizer.track(nothing, np.zeros(3)).score == 0.0
     assert localizer.is_lost
@@ -456,8 +458,8 @@ def test_the_command_writes_where_it_was(world: World, tmp_path: Path) -> None:
 
 
 def test_wrong_calls_are_said(world: World, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="dim = 3: must be 2"):
-        Localizer(ndtree.AdaptiveMap(dim=3))
+    with pytest.raises(ValueError, match="dim = 4: must be 2 or 3"):
+        Localizer(ndtree.AdaptiveMap(dim=4))
     with pytest.raises(ValueError, match="without occupied cells"):
         Localizer(ndtree.AdaptiveMap(dim=2))
     with pytest.raises(ValueError, match=r"shape \(2,\)"):

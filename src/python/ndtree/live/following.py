@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ndtree._native._core import Matcher, OccupancyMap, pose_matrix
-from ndtree.live.hypotheses import Evidence, Floats, Hypothesis, Prior, ScanEvidence, motion_between
+from ndtree._native._core import pose_matrix
+from ndtree.live.hypotheses import Evidence, Floats, Hypothesis, Prior, lengths_of, motion_between
+from ndtree.live.surroundings import ALIKE, Surroundings
 
-#: Standard deviations of a guess of where it is [m, m, rad].
-GUESS = 0.3, 0.3, 0.15
+#: Standard deviations of a guess of where it is [m, rad].
+GUESS = 0.3, 0.15
 #: Window around the predicted pose, at least [m, rad]; else this number of its standard deviations, and at
 #: most.
 LEAST, SIGMAS, WIDEST = (0.15, 0.06), 3.0, (1.0, 0.5)
@@ -27,9 +28,8 @@ STILL, WALK, SHARE = (0.005, 0.003), (0.06, 0.03), 0.1
 JUMP, JUMPS_BY, STEPS_BEFORE = 2.0, 0.2, 10
 #: A pose of the window's grid is taken instead of the predicted one if its score is larger by this factor.
 CLEARLY = 1.03
-#: A scan says nothing of a way along which its modes spread by more than this [m], if it may be as far away
-#: as this from where it fits best [m]; they are looked for with this number of points.
-SPREAD, ALIKE, MODES_OF = 0.1, 1.0, 150
+#: A scan says nothing of a way along which its modes spread by more than this [m].
+SPREAD = 0.1
 #: A scan that narrows a standard deviation of more than this [m] by this factor may fit elsewhere, too.
 OPEN, NARROWS = 0.35, 0.2
 
@@ -37,15 +37,13 @@ OPEN, NARROWS = 0.35, 0.2
 class Follower:
     """Moves hypotheses with odometry, to where scans have them.
 
-    `m`: 2-D; it is not changed.
     Attributes:
-    `before` (3, 3) float64, optional: Odometry of the last scan.
+    `before`, optional: Odometry of the last scan.
     `jumped`: How far odometry jumped since a scan fitted [m].
     """
 
-    def __init__(self, m: OccupancyMap) -> None:
-        self.matcher: Matcher = m.matcher()
-        self.evidence = ScanEvidence(m)
+    def __init__(self, around: Surroundings) -> None:
+        self._around = around
         self.before: Floats | None = None
         self.jumped = 0.0
         self._steps: deque[float] = deque(maxlen=STEPS_BEFORE)  # Of odometry [m].
@@ -53,7 +51,7 @@ class Follower:
     def note(self, at: Floats) -> None:
         """Remember how far odometry moved, and whether it jumped."""
         if self.before is not None:
-            step = float(np.hypot(*(inverse(self.before) @ at)[:2, 2]))
+            step = lengths_of(motion_between(self.before, at))[0]
             if self._steps and step > JUMP * max(self._steps) + JUMPS_BY:
                 self.jumped += step
             else:
@@ -69,10 +67,8 @@ class Follower:
         ----------
         one : Hypothesis
             It is changed.
-        ends : (n, 2) float64
-            End points in the sensor's frame [m].
-        at : (3, 3) float64
-            Odometry.
+        ends, at : ndarray
+            End points and odometry, as `Surroundings` has them.
         fits : callable
             Whether evidence is that of a right pose.
 
@@ -81,20 +77,20 @@ class Follower:
         Match, Evidence, bool
             The last is true if the scan narrowed what odometry left open, so that other poses may fit, too.
         """
-        guess = one.map_odometry @ at
-        prior = np.diag(np.square(GUESS)) if one.matched is None else self.predicted(one, at)
+        guess, around = one.map_odometry @ at, self._around
+        prior = self.predicted(one, at)
         sigmas = np.sqrt(np.diag(prior))
-        near = max(LEAST[0], SIGMAS * max(sigmas[:2])), max(LEAST[1], SIGMAS * sigmas[2])
-        match = self.match(ends, guess, (0.0, 0.0), prior)
-        found = self.match(ends, guess, (min(near[0], WIDEST[0]), min(near[1], WIDEST[1])), prior)
+        near = max(LEAST[0], SIGMAS * max(sigmas[:2])), max(LEAST[1], SIGMAS * sigmas[-1])
+        match = around.match(ends, guess, (0.0, 0.0), prior)
+        found = around.match(ends, guess, (min(near[0], WIDEST[0]), min(near[1], WIDEST[1])), prior)
         # Of flat likelihoods, the search gives any: it counts where it is clearly the better one.
-        if self.matcher.score(ends, found.pose) > CLEARLY * self.matcher.score(ends, match.pose):
+        if around.score(ends, found.pose) > CLEARLY * around.score(ends, match.pose):
             match = found
         ways = self._ways_alike(ends, match.pose)
-        pose, covariance = told_by(guess, prior, match.pose, match.covariance, ways)
+        pose, covariance = told_by(guess, prior, match.pose, around.covariance(match), ways)
         one.slides(len(ways))
         before, after = (math.sqrt(np.linalg.eigvalsh(c[:2, :2])[1]) for c in (prior, covariance))
-        evidence = self.evidence.of(pose, ends)
+        evidence = around.evidence(pose, ends)
         if fits(evidence):
             one.map_odometry, one.covariance = pose @ inverse(at), covariance
             one.matched, one.failed = at, 0
@@ -102,43 +98,31 @@ class Follower:
             one.failed += 1
         return match, evidence, before > OPEN and after < NARROWS * before
 
-    def match(
-        self, ends: Floats, guess: Floats, window: tuple[float, float], prior: Floats | None = None
-    ) -> Any:
-        """The best pose of a small window, by the covariance of its middle if there is one."""
-        if prior is None:  # Anywhere in the window.
-            prior = np.diag([window[0] ** 2 / 3, window[0] ** 2 / 3, window[1] ** 2 / 3])
-        information = np.linalg.inv(prior)
-        information = 0.5 * (information + information.T)
-        return self.matcher.match(
-            ends, guess, window=(window[0], window[0], window[1]), information=information, second=False
-        )
-
     def _ways_alike(self, ends: Floats, pose: Floats) -> list[Floats]:
         """Unit motions along which a scan fits elsewhere as well: corridors, fences, rows of the same."""
-        few = ends[:: max(len(ends) // MODES_OF, 1)]
-        modes = self.matcher.match(few, pose, window=(ALIKE, ALIKE, 0.0), second=False)
-        variances, axes = np.linalg.eigh(modes.covariance[:2, :2])
-        return [np.append(way, 0.0) for way in axes.T[variances > SPREAD**2]]
+        variances, axes = np.linalg.eigh(self._around.alike(ends, pose))
+        rest = np.zeros(self._around.dim - 1)
+        return [np.append(way, rest) for way in axes.T[variances > SPREAD**2]]
 
     def prior(self, one: Hypothesis, extent: Floats, at: Floats) -> Prior:
         """Where a hypothesis may be before a scan, in a map of an extent [m]."""
-        spread = np.diag(np.square(GUESS)) if one.matched is None else self.predicted(one, at)
-        return Prior(one.map_odometry, spread, extent, 1 + one.untold)
+        return Prior(one.map_odometry, self.predicted(one, at), extent, 1 + one.untold)
 
     def predicted(self, one: Hypothesis, at: Floats) -> Floats:
         """The covariance of where odometry has the sensor, by that of the last match."""
-        assert one.matched is not None
-        moved = inverse(one.matched) @ at
-        step, turn = float(np.hypot(*moved[:2, 2])), abs(math.atan2(moved[1, 0], moved[0, 0]))
-        way = (one.map_odometry @ at - one.map_odometry @ one.matched)[:2, 2]
-        lever = np.eye(3)
-        lever[:2, 2] = -way[1], way[0]
+        if one.matched is None:
+            return one.covariance
+        moved = motion_between(one.map_odometry @ one.matched, one.map_odometry @ at)
+        step, turn = lengths_of(moved)
+        way = moved[:-1]
+        lever = np.eye(len(moved))
+        lever[:2, -1] = -way[1], way[0]
         place = STILL[0] ** 2 + WALK[0] ** 2 * step + (SHARE * step) ** 2 + self.jumped**2
         yaw = STILL[1] ** 2 + WALK[1] ** 2 * (step + turn) + (SHARE * turn) ** 2
-        predicted: Floats = lever @ one.covariance @ lever.T + np.diag([place, place, yaw])
+        noise = [place, place, place - self.jumped**2, yaw] if len(moved) == 4 else [place, place, yaw]
+        predicted: Floats = lever @ one.covariance @ lever.T + np.diag(noise)
         if step > 0.0:  # The scale of wheels is wrong alike in all steps: along the way, deviations add up.
-            ahead = np.array([way[0], way[1], 0.0]) / step
+            ahead = np.append(way, 0.0) / step
             before = math.sqrt(max(0.0, float(ahead @ one.covariance @ ahead)))
             predicted += 2.0 * before * SHARE * step * np.outer(ahead, ahead)
         return predicted
@@ -153,9 +137,9 @@ def told_by(
     directions in which one scan leaves more than half of the prior's variance keep the prior's mean and
     variance. Along ways on which it fits elsewhere, too, it may have slid by ALIKE: that is marginalised.
 
-    `guess`, `prior` (3, 3) float64: The pose and its covariance before the scan.
-    `pose`, `covariance` (3, 3) float64: The same with it.
-    `ways` (list of (3,) float64): Motions x, y and yaw.
+    `guess`, `prior`: The pose and its covariance before the scan.
+    `pose`, `covariance`: The same with it.
+    `ways`: Motions.
     """
     root = np.linalg.cholesky(prior)
     inward = np.linalg.inv(root)
@@ -177,11 +161,11 @@ def told_by(
 
 
 def shifted(pose: Floats, motion: Floats) -> Floats:
-    """A pose moved by x, y and turned by yaw, along and about the map's axes."""
-    c, s = math.cos(motion[2]), math.sin(motion[2])
+    """A pose moved by x, y, z in space, and turned by yaw, along and about the map's axes."""
+    c, s = math.cos(motion[-1]), math.sin(motion[-1])
     result = pose.copy()
-    result[:2, :2] = np.array([[c, -s], [s, c]]) @ pose[:2, :2]
-    result[:2, 2] += motion[:2]
+    result[:2, :-1] = np.array([[c, -s], [s, c]]) @ pose[:2, :-1]
+    result[:-1, -1] += motion[:-1]
     return result
 
 
@@ -191,8 +175,8 @@ def matrix_of(pose: ArrayLike) -> Floats:
 
 
 def inverse(pose: Floats) -> Floats:
-    """Of a rigid motion of the plane."""
-    back = np.eye(3)
-    back[:2, :2] = pose[:2, :2].T
-    back[:2, 2] = -pose[:2, :2].T @ pose[:2, 2]
+    """Of a rigid motion."""
+    back = np.eye(len(pose))
+    back[:-1, :-1] = pose[:-1, :-1].T
+    back[:-1, -1] = -pose[:-1, :-1].T @ pose[:-1, -1]
     return back

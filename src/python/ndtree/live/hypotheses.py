@@ -35,8 +35,8 @@ APART = 0.5, 0.35
 #: How often, in a scan, odometry slips or a robot is carried; and what a normal distribution has beyond three
 #: standard deviations.
 SLIPS, CARRIED, BEYOND = math.exp(-7.5), math.exp(-9.0), 0.0027
-#: Standard deviations of one pose that is found twice, from the grid's steps [m, m, rad].
-SAME = 0.02, 0.02, 0.015
+#: Standard deviations of one pose that is found twice, from the grid's steps [m, rad].
+SAME = 0.02, 0.015
 
 
 @dataclass(frozen=True)
@@ -99,31 +99,44 @@ class ScanEvidence:
         least = np.where(before > 0.0, BEFORE, THROUGH)
         likely = least + (1.0 - least) * near
         likely = np.where(is_known, likely, np.minimum(likely, UNKNOWN))
-        sectors = np.floor((bearings + math.pi) * (SECTORS / (2.0 * math.pi))).astype(np.int64) % SECTORS
-        pieces = pieces_of(ends)
-        by_bearing = np.bincount(sectors, np.log(likely), SECTORS) * (pieces / len(ends))
-        return Evidence(by_bearing, pieces, float(is_known.mean()))
+        return evidence_by(ends, np.log(likely), is_known)
+
+
+def evidence_by(ends: Floats, likely: Floats, is_known: NDArray[np.bool_]) -> Evidence:
+    """By beams' end points (n, dim), log-likelihoods, and whether the map ends them on a surface."""
+    if not len(ends):
+        return Evidence(np.zeros(SECTORS), 0, 0.0)
+    bearings = np.arctan2(ends[:, 1], ends[:, 0])
+    sectors = np.floor((bearings + math.pi) * (SECTORS / (2.0 * math.pi))).astype(np.int64) % SECTORS
+    pieces = pieces_of(ends)
+    by_bearing = np.bincount(sectors, likely, SECTORS) * (pieces / len(ends))
+    return Evidence(by_bearing, pieces, float(is_known.mean()))
 
 
 def pieces_of(ends: Floats) -> int:
-    """How many pieces of surface end points (n, 2) are on."""
-    x, y = np.floor(ends / PIECE).astype(np.int64).T
+    """How many pieces of surface end points (n, dim) are on, seen from above."""
+    x, y = np.floor(ends[:, :2] / PIECE).astype(np.int64).T
     return len(np.unique(x * 1_000_003 + y))
 
 
 def motion_between(one: Floats, other: Floats) -> Floats:
-    """(3,): x, y and yaw from one (3, 3) pose to another, along and about the map's axes."""
+    """(dim + 1,): along the map's axes and yaw, from one pose to another that is as upright."""
     turn = other[:2, :2] @ one[:2, :2].T
-    return np.array([*(other - one)[:2, 2], math.atan2(turn[1, 0], turn[0, 0])])
+    return np.array([*(other - one)[:-1, -1], math.atan2(turn[1, 0], turn[0, 0])])
+
+
+def lengths_of(motion: Floats) -> tuple[float, float]:
+    """How far a motion goes [m], and turns [rad]."""
+    return float(np.linalg.norm(motion[:-1])), abs(float(motion[-1]))
 
 
 @dataclass(frozen=True)
 class Prior:
     """Where a robot that was tracked may be: as odometry says; or it slipped, or was carried anywhere.
 
-    `map_odometry` (3, 3) float64: Of the pose that odometry says, with
-    `covariance` (3, 3) float64: of x, y and yaw in the map.
-    `extent` (2,) float64: Of the map [m].
+    `map_odometry`: Of the pose that odometry says, with
+    `covariance`: of its freedoms in the map.
+    `extent` (dim,) float64: Of the map [m].
     `scans`: In which it may have been carried unseen.
     """
 
@@ -136,13 +149,13 @@ class Prior:
         """Logarithm for the place that another odometry's frame in the map is of, with odometry at a pose."""
         away = motion_between(self.map_odometry @ at, other @ at)
         told = math.exp(-0.5 * float(away @ np.linalg.solve(self.covariance, away)))
-        slipped = SLIPS / _places(2.0 * np.abs(away[:2]), 2.0 * abs(away[2]))
+        slipped = SLIPS / _places(2.0 * np.abs(away[:-1]), 2.0 * abs(away[-1]))
         carried = CARRIED / _places(self.extent, 2.0 * math.pi)
         return math.log(told + self.scans * (slipped + carried))
 
 
 def _places(extent: Floats, turn: float) -> float:
-    """How many different places there are in a box of an extent (2,) [m] and a range of yaws [rad]."""
+    """How many different places there are in a box of an extent [m] and a range of yaws [rad]."""
     return float(np.prod(np.maximum(extent / APART[0], 1.0))) * max(turn / APART[1], 1.0)
 
 
@@ -150,8 +163,8 @@ def _places(extent: Floats, turn: float) -> float:
 class Viewpoint:
     """Scans from about one place, which say the same: they count as one.
 
-    `odometry` (3, 3) float64: Of the first of them.
-    `ends` (n, 2) float64: Its end points.
+    `odometry`: Of the first of them.
+    `ends`: Its end points.
     `pieces`: Of surface that it sees.
     """
 
@@ -164,9 +177,10 @@ class Viewpoint:
 class Hypothesis:
     """Where the robot may be.
 
-    `map_odometry` (3, 3) float64: The odometry's frame in the map.
-    `covariance` (3, 3) float64: Of x, y and yaw of the sensor in the map at the last match.
-    `matched` (3, 3) float64, optional: Odometry of that.
+    `map_odometry` (dim + 1, dim + 1) float64: The odometry's frame in the map.
+    `covariance` (dim + 1, dim + 1) float64: Of x, y, z in space, and yaw of the sensor in the map at the
+    last match.
+    `matched`, optional: Odometry of that.
     `prior`: Logarithm, before all viewpoints.
     `failed`: Scans in a row that did not fit.
     `seen` list of (SECTORS,) float64: The mean evidence of the scans of each viewpoint, by bearing.
@@ -219,24 +233,25 @@ class Hypothesis:
         """A covariance of the pose, that of the last match by default, and of what no scan would have told.
 
         Along ways of which scans tell nothing, odometry that slips or a robot that is carried goes unseen:
-        then it may be anywhere in the map, `extent` (2,) [m] large. Three standard deviations hold as much
+        then it may be anywhere in the map, `extent` [m] large. Three standard deviations hold as much
         of that as of a normal distribution.
         """
         unseen = -math.expm1(-self.untold * SLIPS)
         half = 0.5 * max(0.0, 1.0 - BEYOND / unseen) if self.untold else 0.0
         told = (self.covariance if covariance is None else covariance).copy()
         for way in np.linalg.eigh(self.covariance[:2, :2])[1].T[2 - self.ways :]:  # Where it is least sure.
-            told[:2, :2] += (half * float(np.abs(way) @ extent) / 3.0) ** 2 * np.outer(way, way)
+            told[:2, :2] += (half * float(np.abs(way) @ extent[:2]) / 3.0) ** 2 * np.outer(way, way)
         return told
 
     def away(self, other: Hypothesis, at: Floats) -> Floats:
-        """(3,): from this one's pose to another one's, with odometry at a pose; along the map's axes."""
+        """From this one's pose to another one's, with odometry at a pose: as `motion_between`."""
         return motion_between(self.map_odometry @ at, other.map_odometry @ at)
 
     def tells(self, other: Hypothesis, at: Floats, extent: Floats) -> bool:
         """Whether another one is within three standard deviations of what is told, or near, unfit."""
         away = self.away(other, at)
-        if other.failed and math.hypot(away[0], away[1]) < APART[0] and abs(away[2]) < APART[1]:
+        way, turn = lengths_of(away)
+        if other.failed and way < APART[0] and turn < APART[1]:
             return True
         return _is_within(away, self.told_covariance(extent) + other.covariance)
 
@@ -246,8 +261,8 @@ class Hypothesis:
 
 
 def _is_within(away: Floats, covariance: Floats) -> bool:
-    """Whether a pose that is away by (3,) is within three standard deviations, and those of `SAME`."""
-    both = covariance + np.diag(np.square(SAME))
+    """Whether a pose that is away by a motion is within three standard deviations, and those of `SAME`."""
+    both = covariance + np.diag(np.square([SAME[0]] * (len(away) - 1) + [SAME[1]]))
     return float(away @ np.linalg.solve(both, away)) < 9.0
 
 

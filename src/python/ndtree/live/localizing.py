@@ -3,7 +3,7 @@
 
 Strategy: hypotheses, each a normal distribution of the pose. Odometry moves them and widens them by its
 noise; `Matcher` searches a window around each, and gives the next posterior: what scans do not tell, as the
-way along a corridor, keeps odometry's mean, and a variance that grows with the way. `ScanEvidence` compares
+way along a corridor, keeps odometry's mean, and a variance that grows with the way. `Surroundings` compares
 the beams with where the map ends them, and `leads` weighs hypotheses by that and by how a robot moves. While
 one is left, and scans fit it as those before did, that is where the robot is. A scan that fits clearly worse,
 or tells a place that odometry had left open, asks for others: near, and in all of the map. A pose is told
@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ndtree._native._core import Matcher, OccupancyMap
-from ndtree.live.following import GUESS, LEAST, WIDEST, Follower, inverse, matrix_of
+from ndtree._native._core import OccupancyMap
+from ndtree.live.following import GUESS, LEAST, WIDEST, Follower, inverse
 from ndtree.live.hypotheses import (
     NOT_HERE,
     Evidence,
@@ -33,8 +33,11 @@ from ndtree.live.hypotheses import (
     Prior,
     Viewpoint,
     leads,
-    pieces_of,
+    lengths_of,
+    motion_between,
 )
+from ndtree.live.surroundings import MOST, InSpace, Surroundings
+from ndtree.logs.poses.pose import quaternions_of
 
 #: A hypothesis, a scan's match near it, and what the scan says for it.
 _Said = tuple[Hypothesis, Any, Evidence]
@@ -45,11 +48,6 @@ _LEAST_POINTS = 10
 
 #: Scans in a row that do not fit: then it is lost. And that fit: then it is found.
 LOSES, FINDS = 5, 4
-#: Points that are matched at most, of a scan while it is tracked, and in all of the map.
-TRACKED, LOST = 400, 90
-#: All of the map is searched on a grid this much coarser than its smallest cells; then on the fine one, in
-#: a window of this number of the coarse grid's steps, and turned by this [rad]; of this number of poses.
-COARSER, STEPS, TURN, MOST = 4.0, 2.0, 0.15, 8
 #: A scan fits that is likelier in the map than out of it, or whose mean log-likelihood is no more than
 #: this below the median of the last scans that fitted, at most this number of them.
 WORSE, REMEMBERED = 0.3, 30
@@ -79,14 +77,14 @@ class Localization:
         Of the scan [s].
     is_lost : bool
         Nothing is known then, and the rest is the last that was.
-    pose : (3, 3) float64
+    pose : (dim + 1, dim + 1) float64
         Of the sensor in the map.
-    body : (3, 3) float64
+    body : (dim + 1, dim + 1) float64
         Of the robot in the map, as far as it was told where the sensor is on it; else the sensor's.
-    map_odometry : (3, 3) float64
+    map_odometry : (dim + 1, dim + 1) float64
         The odometry's frame in the map: what a robot publishes.
-    covariance : (3, 3) float64
-        Of x, y and yaw of the pose [m, rad].
+    covariance : (dim + 1, dim + 1) float64
+        Of x, y, in space z, and yaw of the pose [m, rad].
     score, inliers : float
         As of `Match`; of a scan that was not matched 0.
     """
@@ -107,44 +105,46 @@ class Localizer:
     Parameters
     ----------
     m : OccupancyMap
-        2-D; it is not changed.
-    guess : array_like, (3,), optional
-        Where the sensor is at the first scan: x, y and yaw; left out, it is looked for in all of the map.
+        2-D, or 3-D with -z along gravity; it is not changed.
+    guess : array_like, (3,) or (4,), optional
+        Where the sensor is at the first scan: x, y and yaw, or x, y, z and yaw; left out, it is looked for in
+        all of the map. In a 3-D map without z, at all heights.
 
     Attributes
     ----------
+    dim : int
+        Of the map.
     is_lost : bool
+        Also until a scan is likelier at the guess than out of the map.
     scans, fitting, times_lost : int
         Scans that came, that fitted, and how often the robot was lost.
 
     Raises
     ------
     ValueError
-        If the map is not 2-D or has no occupied cells.
+        If the map is neither 2-D nor 3-D, or has no occupied cells.
     """
 
     def __init__(self, m: OccupancyMap, guess: ArrayLike | None = None) -> None:
-        if m.dim != 2:
-            raise ValueError(f"a map with dim = {m.dim}: must be 2 to be localised in")
-        surface = m.leaves(states=("occupied",))
-        if not len(surface.size):
-            raise ValueError("a map without occupied cells: there is nothing to be localised by")
-        bounds = surface.lower.min(axis=0), (surface.lower + surface.size[:, None]).max(axis=0)
-        self._center = 0.5 * (bounds[0] + bounds[1])
-        self._extent = bounds[1] - bounds[0]
-        self._half = 0.5 * float(np.max(self._extent))
-        self._follower = Follower(m)
-        self._coarse: Matcher = m.matcher(cell_size=COARSER * m.min_cell_size)
-        self._step = COARSER * m.min_cell_size
-        self.is_lost = guess is None
+        if m.dim not in (2, 3):
+            raise ValueError(f"a map with dim = {m.dim}: must be 2 or 3 to be localised in")
+        self.dim = m.dim
+        self._around = Surroundings(m) if m.dim == 2 else InSpace(m)
+        self._extent = self._around.extent
+        self._follower = Follower(self._around)
+        self._is_lost, self._is_doubted = guess is None, guess is not None
         self.scans = self.fitting = self.times_lost = 0
-        self._guess = None if guess is None else matrix_of(guess)
-        self._told = Hypothesis(np.eye(3), np.diag(np.square(GUESS)))  # The last that was likeliest.
-        self._hypotheses: list[Hypothesis] = [] if guess is None else [self._told]
+        self._guess = None if guess is None else self._around.guess_of(guess)
+        self._told = self._guessed(np.eye(m.dim + 1))  # The last that was likeliest.
+        self._hypotheses: list[Hypothesis] = []
         self._viewpoints: list[Viewpoint] = []  # Since it is not sure which.
         self._prior: Prior | None = None  # Where it may have been when it was not sure; None: anywhere.
         self._usual: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)  # Means and scores that fitted.
         self._rests = self._rested = 0  # Scans until others may be asked for.
+
+    @property
+    def is_lost(self) -> bool:
+        return self._is_lost or self._is_doubted
 
     def track(
         self, points: ArrayLike, odometry: ArrayLike, stamp: float = 0.0, *, body: ArrayLike | None = None
@@ -153,28 +153,31 @@ class Localizer:
 
         Parameters
         ----------
-        points : (n, 2)
+        points : (n, dim)
             End points on surfaces, in the sensor's frame [m]; those that are not finite say nothing.
-        odometry : (3,) or (3, 3)
-            The sensor in the odometry's frame: x, y and yaw, or a matrix.
+        odometry : (3,) or (3, 3); in space (4,) or (4, 4)
+            The sensor in the odometry's frame, whose z is up in space: x, y, there z, and yaw, or a matrix.
         stamp : float
             [s]
-        body : (3,) or (3, 3), optional
+        body : the same, optional
             The robot in the odometry's frame; else the sensor.
 
         Returns
         -------
         Localization
         """
-        ends = np.asarray(points, dtype=np.float64).reshape(-1, 2)
-        ends = ends[np.isfinite(ends).all(axis=1)]
-        at = matrix_of(odometry)
+        around, sensor = self._around, self._around.matrix_of(odometry)
+        at, ends = around.level(sensor), around.ends(points, sensor)
         if self._guess is not None:
-            self._told.map_odometry, self._guess = self._guess @ inverse(at), None
+            poses, self._guess = around.heights(ends, self._guess), None
+            self._hypotheses = [self._guessed(pose @ inverse(at)) for pose in poses]
+            if self._hypotheses:
+                self._told = self._hypotheses[0]
+            else:
+                self._lose()
         self.scans += 1
         self._follower.note(at)
-        few = ends[:: _stride(ends, TRACKED)]
-        match = self._weigh(few, at) if len(few) >= _LEAST_POINTS else None
+        match = self._weigh(ends, at) if len(ends) >= _LEAST_POINTS else None
         if match is None:
             self._miss()
         told, here = self._told, self._told.map_odometry
@@ -183,26 +186,30 @@ class Localizer:
         return Localization(
             stamp,
             self.is_lost,
-            here @ at,
-            here @ (at if body is None else matrix_of(body)),
+            here @ sensor,
+            here @ (sensor if body is None else around.matrix_of(body)),
             here.copy(),
             told.told_covariance(self._extent, covariance),
             0.0 if match is None else float(match.score),
             0.0 if match is None else float(match.inliers),
         )
 
+    def _guessed(self, map_odometry: Floats) -> Hypothesis:
+        dim = len(map_odometry) - 1
+        return Hypothesis(map_odometry, np.diag(np.square([GUESS[0]] * dim + [GUESS[1]])))
+
     def _weigh(self, ends: Floats, at: Floats) -> Any:
         """Move all hypotheses to where the scan has them, look for others, judge; the likeliest's match."""
         said: list[_Said] = []
         narrowed = False
-        if not self.is_lost and not self._viewpoints:
+        if not self._is_lost and not self._viewpoints:
             self._prior = self._follower.prior(self._told, self._extent, at)
         for one in self._hypotheses:
             match, evidence, was_open = self._follower.follow(one, ends, at, self._fits)
             said.append((one, match, evidence))
             narrowed = narrowed or (was_open and one is self._told)
         said = _apart(said, at)
-        if self.is_lost or self._viewpoints:
+        if self._is_lost or self._viewpoints:
             self._see(ends, at, [(one, evidence) for one, _, evidence in said])
         elif said and (narrowed or self._is_odd(said[0][2], said[0][1].score)):
             self._viewpoints = [Viewpoint(at, ends, said[0][2].pieces)]
@@ -226,7 +233,9 @@ class Localizer:
         lead = min(elsewhere, default=math.inf)
         self._hypotheses = [one for (one, _, _), by in zip(said, likelier[first]) if by <= FORGETS]
         self._judge(best, lead, self._is_odd(evidence, match.score))
-        if best.failed == 0 and not self.is_lost and lead >= CERTAIN and best is self._told:
+        if self._is_lost or (best.failed == 0 and evidence.mean >= NOT_HERE):
+            self._is_doubted = False
+        if best.failed == 0 and not self._is_lost and lead >= CERTAIN and best is self._told:
             self._usual.append((evidence.mean, match.score))
         return match
 
@@ -235,10 +244,10 @@ class Localizer:
         if best.failed == 0:
             self.fitting += 1
             self._follower.jumped = 0.0
-        if self.is_lost:
+        if self._is_lost:
             self._told = best
             if lead >= CERTAIN and self._is_found(best):
-                self.is_lost = False
+                self._is_lost = False
                 self._settle(best)
         elif lead < DOUBTS:
             self._lose()
@@ -256,8 +265,8 @@ class Localizer:
     def _is_near(self, one: Hypothesis) -> bool:
         """Whether the robot may have moved there by itself."""
         assert self._follower.before is not None
-        away = self._told.away(one, self._follower.before)
-        return math.hypot(away[0], away[1]) < WIDEST[0] and abs(away[2]) < WIDEST[1]
+        way, turn = lengths_of(self._told.away(one, self._follower.before))
+        return way < WIDEST[0] and turn < WIDEST[1]
 
     def _is_found(self, one: Hypothesis) -> bool:
         """Whether enough was seen from where a hypothesis has the lost robot."""
@@ -280,7 +289,7 @@ class Localizer:
         self._told = one
 
     def _lose(self) -> None:
-        self.is_lost = True
+        self._is_lost = True
         self.times_lost += 1
         self._rests = self._rested = 0
 
@@ -288,7 +297,7 @@ class Localizer:
         """A scan that fits no hypothesis, or says nothing."""
         for one in self._hypotheses:
             one.failed += 1
-        if not self.is_lost and all(one.failed >= LOSES for one in self._hypotheses):
+        if not self._is_lost and all(one.failed >= LOSES for one in self._hypotheses):
             self._lose()
 
     def _is_odd(self, evidence: Evidence, score: float) -> bool:
@@ -308,12 +317,11 @@ class Localizer:
 
     def _see(self, ends: Floats, at: Floats, said: list[tuple[Hypothesis, Evidence]]) -> None:
         """Note what was seen, at the last viewpoint or a new one."""
-        step = inverse(self._viewpoints[-1].odometry) @ at if self._viewpoints else np.eye(3)
-        turn = abs(math.atan2(step[1, 0], step[0, 0]))
-        is_new = not self._viewpoints or math.hypot(*step[:2, 2]) > ANEW[0] or turn > ANEW[1]
+        step, turn = lengths_of(motion_between(self._viewpoints[-1].odometry if self._viewpoints else at, at))
+        is_new = not self._viewpoints or step > ANEW[0] or turn > ANEW[1]
         if is_new:
-            self._viewpoints.append(Viewpoint(at, ends, pieces_of(ends)))
-            self._rests = 0 if self.is_lost else self._rests
+            self._viewpoints.append(Viewpoint(at, ends, self._around.pieces(ends)))
+            self._rests = 0 if self._is_lost else self._rests
         for one, evidence in said:
             one.see(evidence, is_new=is_new)
         if len(self._viewpoints) > MOST:
@@ -333,17 +341,18 @@ class Localizer:
         new: list[_Said] = []
         others = self._near(ends, at) if self._hypotheses and (is_due or slipped) else []
         nearby = len(others)
-        others += self._anywhere(ends) if is_due else []
+        others += self._around.anywhere(ends) if is_due else []
         for i, match in enumerate(others):
-            one = Hypothesis(match.pose @ inverse(at), np.asarray(match.covariance), at, untold=1)
+            pose = self._around.level(match.pose)
+            one = Hypothesis(pose @ inverse(at), self._around.covariance(match), at, untold=1)
             known = [other for other in self._hypotheses if not other.failed] + [other for other, _, _ in new]
             if any(other.is_same(one, at) for other in known):
                 continue
-            evidence = self._follower.evidence.of(match.pose, ends)
+            evidence = self._around.evidence(pose, ends)
             if not self._fits(evidence) or evidence.known < LEAST_KNOWN:
                 continue
             for view in self._viewpoints[:-1]:
-                before = self._follower.evidence.of(one.map_odometry @ view.odometry, view.ends)
+                before = self._around.evidence(one.map_odometry @ view.odometry, view.ends)
                 one.see(before, is_new=True)
             one.prior = self._prior_of(one, at)
             if slipped is not None and i < nearby:  # Just now, or before all viewpoints.
@@ -353,42 +362,33 @@ class Localizer:
         if not is_due:
             return new
         self._rested = min(2 * self._rested + 1, RESTS) if not new else 1
-        self._rests = LOSES if self.is_lost else self._rested
+        self._rests = LOSES if self._is_lost else self._rested
         return new
 
     def _near(self, ends: Floats, at: Floats) -> list[Any]:
         """Matches near the last pose."""
-        near = self._told.map_odometry @ at
-        window = (2.0 * WIDEST[0], 2.0 * WIDEST[0], WIDEST[1])
-        modes = self._follower.matcher.modes(ends[:: _stride(ends, LOST)], near, window=window, most=MOST)
-        found = [self._follower.match(ends, near, WIDEST)]
-        return found + [self._follower.match(ends, np.asarray(mode.pose), LEAST) for mode in modes]
-
-    def _anywhere(self, ends: Floats) -> list[Any]:
-        """Matches in all of the map."""
-        everywhere = np.eye(3)
-        everywhere[:2, 2] = self._center
-        window = (self._half, self._half, math.pi)
-        few = ends[:: _stride(ends, LOST)]
-        modes = self._coarse.modes(few, everywhere, window=window, apart=2.0 * self._step, most=MOST)
-        near = STEPS * self._step, TURN
-        return [self._follower.match(ends, np.asarray(mode.pose), near) for mode in modes]
+        near, around = self._told.map_odometry @ at, self._around
+        poses = around.near(ends, near, 2.0 * WIDEST[0], WIDEST[1])
+        return [around.match(ends, near, WIDEST), *(around.match(ends, pose, LEAST) for pose in poses)]
 
 
 def place_of(text: str) -> Floats:
-    """Of X,Y,YAW; ValueError says what is wrong."""
+    """Of X,Y,YAW or X,Y,Z,YAW; ValueError says what is wrong."""
     try:
         place = np.array([float(one) for one in text.split(",")])
     except ValueError:
         place = np.zeros(0)
-    if place.shape != (3,) or not np.isfinite(place).all():
-        raise ValueError(f"guess = {text}: must be X,Y,YAW in m and rad")
+    if len(place) not in (3, 4) or not np.isfinite(place).all():
+        raise ValueError(f"guess = {text}: must be X,Y,YAW or X,Y,Z,YAW in m and rad")
     return place
 
 
 def quaternion_of(pose: Floats) -> tuple[float, float, float, float]:
-    """x, y, z and w of the turn of a (3, 3) pose in the plane."""
-    return quaternion_of_yaw(math.atan2(pose[1, 0], pose[0, 0]))
+    """x, y, z and w of the turn of a pose in the plane or in space."""
+    if len(pose) == 3:
+        return quaternion_of_yaw(math.atan2(pose[1, 0], pose[0, 0]))
+    x, y, z, w = quaternions_of(pose[None, :3, :3])[0].tolist()
+    return x, y, z, w
 
 
 def quaternion_of_yaw(yaw: float) -> tuple[float, float, float, float]:
@@ -403,7 +403,3 @@ def _apart(said: list[_Said], at: Floats) -> list[_Said]:
         if not any(other.is_same(one[0], at) for other, _, _ in kept):
             kept.append(one)
     return kept
-
-
-def _stride(ends: Floats, most: int) -> int:
-    return max(-(-len(ends) // most), 1)

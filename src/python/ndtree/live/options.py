@@ -63,12 +63,14 @@ class LiveOptions(SimpleNamespace):
         if file is None:
             return given, None
         begun = Session.load(scans_beside(file)) if self.slam else load(Path(file))
-        return given.overridden(Config.of(**begun.options).values), begun
+        dim = {} if self.localize is None or isinstance(begun, Session) else {"dim": begun.dim}
+        return given.overridden(Config.of(**begun.options, **dim).values), begun
 
     def intake(self, name: str, given: Config) -> MessagesIntake:
         """Of messages; ValueError if a number is out of its limits."""
         if self.finds_poses:
-            given = Config.of(fixed_frame=ODOMETRY).overridden({**given.values, **Config.of(dim=2).values})
+            dim = given.get("dim", 2) if self.localize is not None else 2
+            given = Config.of(fixed_frame=ODOMETRY).overridden({**given.values, **Config.of(dim=dim).values})
         return MessagesIntake(
             name,
             given,

@@ -270,12 +270,13 @@ class SearchedTarget(Target):
         self.may_begin_again = False
 
     def add(self, scan: Scan, usable: Scan) -> InsertReport | None:
-        motion = self._intake.motion()
-        if motion is None or scan.dim != 2:
-            raise LeftOut("scans without odometry" if motion is None else "scans that are not 2-D")
+        motion, dim = self._intake.motion(), self._localizer.dim
+        if motion is None or scan.dim != dim:
+            raise LeftOut("scans without odometry" if motion is None else f"scans that are not {dim}-D")
         ends = usable.endpoints[usable.did_return]
-        sensor, body = (pose.level().matrix(2) for pose in (motion.sensor, motion.odometry))
-        ends = (ends - sensor[:2, 2]) @ sensor[:2, :2]
+        poses = motion.sensor, motion.odometry
+        sensor, body = ((pose.level() if dim == 2 else pose).matrix(dim) for pose in poses)
+        ends = (ends - sensor[:dim, dim]) @ sensor[:dim, :dim]
         found = self._localizer.track(ends, sensor, motion.stamp, body=body)
         self.stamp = scan.stamp
         self._figures.lost += found.is_lost

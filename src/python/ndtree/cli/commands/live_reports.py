@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Optional
 
+import numpy as np
+
 from ndtree.alignment.writing import is_trajectory
 from ndtree.base.files import replaced
 from ndtree.base.words import number_of
@@ -96,7 +98,9 @@ def report_places(
     if output is not None:
         with replaced(output, is_trajectory) as written, open(written, "w", encoding="ascii") as file:
             for one in known:
-                numbers = (one.body[0, 2], one.body[1, 2], 0.0, *quaternion_of(one.body))
+                place = np.zeros(3)
+                place[: localizer.dim] = one.body[:-1, -1]
+                numbers = (*place, *quaternion_of(one.body))
                 file.write(f"{one.stamp:.9f} {' '.join(f'{x:.9g}' for x in numbers)}\n")
     if not is_stdout(json_file):
         _print_head(mapper, name)

@@ -79,27 +79,29 @@ def pose_message(position: Sequence[float], quaternion: Sequence[float] = (0.0, 
     return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
 
 
-def _planar(pose: NDArray[np.float64]) -> Pose:
-    """Of a (3, 3) pose in the plane."""
-    return pose_message((pose[0, 2], pose[1, 2], 0.0), quaternion_of(pose))
+def _placed(pose: NDArray[np.float64]) -> Pose:
+    """Of a pose in the plane (3, 3) or in space (4, 4)."""
+    return pose_message([*pose[:-1, -1], 0.0][:3], quaternion_of(pose))
 
 
 def transform(parent: str, child: str, stamp: float, pose: NDArray[np.float64]) -> TransformStamped:
-    """Of a (3, 3) pose in the plane at a time [s]."""
-    message, place = TransformStamped(header=header(parent, stamp), child_frame_id=child), _planar(pose)
+    """Of a pose in the plane or in space at a time [s]."""
+    message, place = TransformStamped(header=header(parent, stamp), child_frame_id=child), _placed(pose)
     message.transform.rotation = place.orientation
-    message.transform.translation.x, message.transform.translation.y = place.position.x, place.position.y
+    for name in "xyz":
+        setattr(message.transform.translation, name, getattr(place.position, name))
     return message
 
 
 def pose_with_covariance(
     frame: str, stamp: float, pose: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> PoseWithCovarianceStamped:
-    """Of a (3, 3) pose in the plane, and the covariance (3, 3) of x, y and yaw."""
+    """Of a pose in the plane or in space, and the covariance of x, y, in space z, and yaw."""
     message = PoseWithCovarianceStamped(header=header(frame, stamp))
-    message.pose.pose = _planar(pose)
+    message.pose.pose = _placed(pose)
     whole = np.zeros((6, 6))
-    whole[np.ix_((0, 1, 5), (0, 1, 5))] = covariance
+    freedoms = [*range(len(pose) - 1), 5]
+    whole[np.ix_(freedoms, freedoms)] = covariance
     message.pose.covariance = whole.ravel().tolist()
     return message
 
