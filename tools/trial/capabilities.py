@@ -84,6 +84,11 @@ CAPABILITIES = {
         _PLANAR,
         ("none", "drift", "scale", "jump", "stall", "carried", "other_building"),
     ),
+    "localize_in_space": Capability(
+        poses.localize_trial,
+        ("street", "chamber", "storeys", "shelves", "passage", "flat", "bend", "ramp", "railing"),
+        ("none", "drift", "no_guess", "jump", "carried", "stall", "other_building"),
+    ),
     "moved": Capability(moving.moved_trial, (*_PLANAR, *_SPATIAL), _MOVES),
     "clean": Capability(
         moving.clean_trial, ("corridor", "fence", "yard", "furniture", *_SPATIAL), (*_MOVES, "pitch")

@@ -18,8 +18,8 @@ from ndtree.live.localizing import Localizer
 from trial import faults
 from trial.maps import mapped
 from trial.outcome import Case, Outcome, limit
-from trial.robots import Recording, Sensor, laser, planar, poses_along, record
-from trial.worlds import room
+from trial.robots import Recording, Sensor, laser, planar, poses_along, record, rings
+from trial.worlds import chamber, room
 
 _MATCHES = 10  # In one trial: 30 normalized errors.
 _BEST = 1e-3  # No smaller standard deviation is taken in earnest [m].
@@ -122,11 +122,13 @@ def localize_trial(case: Case) -> tuple[Recording, Outcome]:
     """A robot tracked in a map of exact poses: where it says to be, while it does not say that it is lost."""
     world, fault, rng = case.world, case.fault, case.rng
     cell, sensor, outcome = 0.05, laser(rng, beams=int(rng.choice([180, 360]))), Outcome()
+    if case.dim == 3:
+        cell, sensor = 0.1, rings(rng, int(rng.choice([16, 32])))
     r = record(world.scene, sensor, poses_along(world, rng, 60, "drives"), rng)
-    m = mapped(r, cell, is_fixed=case.is_fixed)
+    m = mapped(r.kept(np.arange(0, 60, case.dim - 1)), cell, is_fixed=case.is_fixed)
     scene, true = world.scene, r.true
     if fault == "other_building":
-        other = room(rng).placed(rng, cell)
+        other = (room if case.dim == 2 else chamber)(rng).placed(rng, cell)
         scene, true = other.scene, poses_along(other, rng, 60, "drives")
     if fault == "carried":
         true = np.concatenate([true[:15], np.tile(true[-1:], (45, 1, 1))])
@@ -137,14 +139,15 @@ def localize_trial(case: Case) -> tuple[Recording, Outcome]:
         again.told = np.concatenate([true[:15], np.tile(true[14:15], (45, 1, 1))])
     outcome.may_doubt = not world.is_tellable
     first = planar(again.true)[0]
-    it = Localizer(m, None if fault == "other_building" else first)
+    it = Localizer(m, None if fault in ("other_building", "no_guess") else first)
     off, told, lost = [], [], []
-    truth, odometry = planar(again.true), planar(again.told)
+    truth, d = planar(again.true), case.dim
+    odometry = planar(again.told) if d == 2 else again.told
     for i in range(len(again)):
         points = again.points(i)
         here = it.track(points, odometry[i], float(again.stamps[i]))
-        off.append(np.hypot(*(here.pose[:2, 2] - truth[i, :2])))
-        told.append(np.sqrt(np.linalg.eigvalsh(here.covariance[:2, :2]).max()))
+        off.append(np.linalg.norm(here.pose[:d, d] - again.true[i, :d, 3]))
+        told.append(np.sqrt(np.linalg.eigvalsh(here.covariance[:d, :d]).max()))
         lost.append(here.is_lost)
     sure = ~np.array(lost)
     beyond = np.array(off) - np.maximum(limit("told place"), 3 * np.array(told))

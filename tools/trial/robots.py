@@ -54,9 +54,10 @@ def sonar(rng: Random) -> Sensor:
     return Sensor("sonar", np.c_[np.cos(around), np.sin(around)], 4.0, 0.03)
 
 
-def rings(rng: Random) -> Sensor:
+def rings(rng: Random, count: int | None = None) -> Sensor:
     """A lidar of 16 to 128 rings."""
-    count, view = int(rng.choice([16, 32, 64, 128])), rng.uniform(20, 45)
+    count = int(rng.choice([16, 32, 64, 128])) if count is None else count
+    view = rng.uniform(20, 45)
     columns = {16: 240, 32: 180, 64: 120, 128: 90}[count]
     up = np.radians(np.linspace(-view * 0.65, view * 0.35, count))
     around = np.radians(np.arange(columns) * 360 / columns)

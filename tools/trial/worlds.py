@@ -25,7 +25,7 @@ class World:
     height : float
         Of the sensor above z = 0, in space [m].
     is_tellable : bool
-        Whether a planar scan says where it is on all axes: not in smooth corridors, nor beside few posts.
+        Whether a scan says where it is on all axes: not in smooth corridors, nor beside equal rods.
     """
 
     scene: Scene
@@ -206,7 +206,7 @@ def ramp(rng: Random) -> World:
         x = np.clip(at[:, 0] - 3, 0, length * np.cos(pitch))
         return np.c_[x * np.tan(pitch), np.where((x > 0) & (x < length * np.cos(pitch)), pitch, 0.0)]
 
-    return World(scene, np.array([[-2.0, 0], [8, 0]]), rng.uniform(0.6, 1.5), ramp=rise)
+    return World(scene, np.array([[-2.0, 0], [8, 0]]), rng.uniform(0.6, 1.5), False, rise)
 
 
 def street(rng: Random) -> World:
@@ -253,7 +253,7 @@ def railing(rng: Random) -> World:
     scene.cylinders += [(x, 2.5, radius, 0.0, 2.0) for x in np.arange(-4, 10, gap)]
     scene.block([-20, 4.5, 0], [30, 4.8, 3])
     scene.block([-20, -3.0, 0], [30, -2.7, 3])
-    return World(scene, np.array([[0.0, 0], [5, 0]]), rng.uniform(0.6, 1.2))
+    return World(scene, np.array([[0.0, 0], [5, 0]]), rng.uniform(0.6, 1.2), is_tellable=False)
 
 
 def chamber(rng: Random) -> World:
@@ -272,6 +272,36 @@ def chamber(rng: Random) -> World:
     scene.block([0.1 * w, 0.75 * d, 0], [0.1 * w + 0.5, 0.75 * d + 0.4, rng.uniform(0.3, 0.9)])
     route = np.array([[0.25, 0.3], [0.75, 0.3], [0.75, 0.45], [0.3, 0.5]]) * [w, d]
     return World(scene, route, rng.uniform(0.5, 1.4))
+
+
+def passage(rng: Random) -> World:
+    """A smooth corridor with a ceiling, ends out of sight."""
+    half, height, scene = rng.uniform(0.8, 1.8), rng.uniform(2.2, 3), Scene(3)
+    _ground(scene)
+    scene.block([-60, -half, height], [70, half, height + 0.2])
+    for side in (-1, 1):
+        low, high = sorted((side * half, side * (half + 0.2)))
+        scene.block([-60, low, 0], [70, high, height])
+    y = rng.uniform(-0.2, 0.2)
+    return World(scene, np.array([[0, y], [8, y]]), rng.uniform(0.5, 1.5), is_tellable=False)
+
+
+def storeys(rng: Random) -> World:
+    """Two equal storeys, each of two equal rooms; the robot drives on the upper one."""
+    w, d, h, scene = rng.uniform(4, 7), rng.uniform(3.5, 5), rng.uniform(2.5, 3.2), Scene(3)
+    x, tall = rng.uniform(0.1, 0.7) * w, rng.uniform(0.5, 1.8)
+    for i in range(2):
+        for j in range(2):
+            at = np.array([i * (w + 0.2), 0, j * (h + 0.2)])
+            for low, high in (
+                ([0, 0, 0], [w, d, 0.1]), ([0, 0, h], [w, d, h + 0.1]), ([-0.1, -0.1, 0], [0, d, h]),
+                ([w, -0.1, 0], [w + 0.1, 0.3 * d, h]), ([w, 0.6 * d, 0], [w + 0.1, d, h]),
+                ([0, -0.1, 0], [w, 0, h]), ([0, d, 0], [w, d + 0.1, h]),
+                ([x, 0.8 * d, 0], [x + 0.6, d, tall]),
+            ):  # fmt: skip
+                scene.block(at + low, at + high)
+    route = np.array([[0.3 * w, 0.3 * d], [0.8 * w, 0.45 * d], [1.25 * w, 0.45 * d], [1.7 * w, 0.6 * d]])
+    return World(scene, route, h + 0.3 + rng.uniform(0.4, 1.2), is_tellable=False)
 
 
 def bend(rng: Random) -> World:
@@ -301,4 +331,4 @@ def bend(rng: Random) -> World:
 
 PLANAR = (corridor, recesses, room, hall, loop, twins, yard, fence, furniture, glass)
 SPATIAL = (flat, ramp, street, shelves, railing, chamber)
-WORLDS = {make.__name__: make for make in (*PLANAR, *SPATIAL, bend)}
+WORLDS = {make.__name__: make for make in (*PLANAR, *SPATIAL, bend, passage, storeys)}
