@@ -370,12 +370,13 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "them.", "", "poses are those of the log", "odometry drifts, and no SLAM runs: a planar laser",
                "live node", False, of_node="Find poses of a planar laser by its scans and odometry: "
                "publishes map to odom."),
-        Option("localize", Path, "Find scans in this 2-D map by their odometry instead of mapping; -o gets "
+        Option("localize", Path, "Find scans in this map by their odometry instead of mapping; -o gets "
                "poses (TUM).", "MAP", "it is mapped", "find the robot in a saved map instead", "live node",
-               of_node="A saved 2-D map to find the robot in, instead of mapping: publishes map to odom."),
-        Option("initial_pose", str, "First pose of the sensor in MAP [m, rad].", "X,Y,YAW", "anywhere",
+               of_node="A saved map to find the robot in, instead of mapping: publishes map to odom."),
+        Option("initial_pose", str, "First pose of the sensor in MAP, in 3-D also X,Y,Z,YAW [m, rad].",
+               "X,Y,YAW", "anywhere",
                "where the sensor is in that map at first", "live node", flags="--guess",
-               of_node="First pose of the sensor in a saved map, X,Y,YAW; else it is searched for "
+               of_node="First pose of the sensor in a saved map, X,Y,YAW or X,Y,Z,YAW; else it is searched for "
                "everywhere."),
         Option("follow", str, "Move scans when a SLAM corrects poses: its nav_msgs/Path, or jumps of map to "
                "odom.", "TOPIC|tf", "poses stay", "a SLAM that corrects poses: by its Path, or jumps of tf",
