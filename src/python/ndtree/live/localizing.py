@@ -115,7 +115,7 @@ class Localizer:
     dim : int
         Of the map.
     is_lost : bool
-        Also until a scan is likelier at the guess than out of the map.
+        Also until a scan fits at the guess.
     scans, fitting, times_lost : int
         Scans that came, that fitted, and how often the robot was lost.
 
@@ -214,7 +214,8 @@ class Localizer:
         elif said and (narrowed or self._is_odd(said[0][2], said[0][1].score)):
             self._viewpoints = [Viewpoint(at, ends, said[0][2].pieces)]
             self._told.prior = self._prior_of(self._told, at)
-            self._told.see(said[0][2], is_new=True)
+            for one, _, evidence in said:
+                one.see(evidence, is_new=True)
             self._rests = 0 if narrowed or self._told.failed else self._rests
         if self._viewpoints:
             said += self._ask(ends, at)
@@ -233,8 +234,7 @@ class Localizer:
         lead = min(elsewhere, default=math.inf)
         self._hypotheses = [one for (one, _, _), by in zip(said, likelier[first]) if by <= FORGETS]
         self._judge(best, lead, self._is_odd(evidence, match.score))
-        if self._is_lost or (best.failed == 0 and evidence.mean >= NOT_HERE):
-            self._is_doubted = False
+        self._is_doubted = self._is_doubted and not self._is_lost and best.failed > 0
         if best.failed == 0 and not self._is_lost and lead >= CERTAIN and best is self._told:
             self._usual.append((evidence.mean, match.score))
         return match
@@ -306,7 +306,9 @@ class Localizer:
         return (usual - evidence.mean) * evidence.pieces > ASKS or score < USUAL * usual_score
 
     def _fits(self, evidence: Evidence) -> bool:
-        return evidence.mean >= min(self._median()[0] - WORSE, NOT_HERE)
+        if self._is_doubted and evidence.known < LEAST_KNOWN:
+            return False
+        return evidence.mean >= (NOT_HERE if self._is_doubted else min(self._median()[0] - WORSE, NOT_HERE))
 
     def _median(self) -> tuple[float, float]:
         """Of the mean log-likelihoods and scores of scans that fitted."""
