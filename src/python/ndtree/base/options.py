@@ -374,10 +374,10 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "poses (TUM).", "MAP", "it is mapped", "find the robot in a saved map instead", "live node",
                of_node="A saved map to find the robot in, instead of mapping: publishes map to odom."),
         Option("initial_pose", str, "First pose of the sensor in MAP, in 3-D also X,Y,Z,YAW [m, rad].",
-               "X,Y,YAW", "anywhere",
-               "where the sensor is in that map at first", "live node", flags="--guess",
-               of_node="First pose of the sensor in a saved map, X,Y,YAW or X,Y,Z,YAW; else it is searched for "
-               "everywhere."),
+               "X,Y,YAW", "anywhere", "where the sensor is in that map at first", "live node",
+               flags="--guess",
+               of_node="First pose of the sensor in a saved map, X,Y,YAW or X,Y,Z,YAW; else it is "
+               "searched for everywhere."),
         Option("follow", str, "Move scans when a SLAM corrects poses: its nav_msgs/Path, or jumps of map to "
                "odom.", "TOPIC|tf", "poses stay", "a SLAM that corrects poses: by its Path, or jumps of tf",
                "live node", of_node="Topic with a SLAM's nav_msgs/Path, or tf: scans move when their poses "
