@@ -464,6 +464,8 @@ def test_wrong_calls_are_said(world: World, tmp_path: Path) -> None:
         Localizer(ndtree.AdaptiveMap(dim=2))
     with pytest.raises(ValueError, match=r"shape \(2,\)"):
         Localizer(world.map, [0.0, 0.0])
+    with pytest.raises(ValueError, match=r"points has shape \(5, 3\): must be \(n, 2\)"):
+        Localizer(world.map).track(np.zeros((5, 3)), np.zeros(3))
     for text in ("", "1,2", "1,2,x", "1,2,nan"):
         with pytest.raises(ValueError, match="must be X,Y,YAW"):
             place_of(text)

@@ -93,8 +93,13 @@ class Surroundings:
 
     def ends(self, points: ArrayLike, at: Floats) -> Floats:
         """End points of a scan to be matched, in the levelled sensor's frame."""
-        ends = np.asarray(points, dtype=np.float64).reshape(-1, 2)
-        return thinned(ends[np.isfinite(ends).all(axis=1)], TRACKED)
+        return thinned(self._finite(points), TRACKED)
+
+    def _finite(self, points: ArrayLike) -> Floats:
+        ends = np.asarray(points, dtype=np.float64)
+        if ends.ndim != 2 or ends.shape[1] != self.dim:
+            raise ValueError(f"points has shape {ends.shape}: must be (n, {self.dim})")
+        return ends[np.isfinite(ends).all(axis=1)]
 
     def evidence(self, pose: Floats, ends: Floats) -> Evidence:
         """What a scan says for a pose."""
@@ -207,8 +212,7 @@ class InSpace(Surroundings):
         return self.matrix_of([*at[:3, 3], math.atan2(at[1, 0], at[0, 0])])
 
     def ends(self, points: ArrayLike, at: Floats) -> Floats:
-        ends = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        ends = ends[np.isfinite(ends).all(axis=1)] @ (self.level(at)[:3, :3].T @ at[:3, :3]).T
+        ends = self._finite(points) @ (self.level(at)[:3, :3].T @ at[:3, :3]).T
         _, first = np.unique(np.floor(ends / PIECE) @ [1e12, 1e6, 1.0], return_index=True)
         ends = ends[np.sort(first)]
         stands = upright(ends)
