@@ -299,7 +299,7 @@ _ANSWERS = {
     "align": "the poses of a drive",
     "slam": "the poses of a drive, scan by scan",
     "match": "one scan's pose in a map, and its covariance",
-    "localize_in_space": "the lidar of a robot in a saved 3-D map",
+    "localize_in_space": "a lidar in a saved 3-D map",
     "localize": "the robot in a saved map",
     "plan": "paths through that map, for a ball",
     "moved": "`m.moved`: which of a map's points moved",
