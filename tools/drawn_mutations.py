@@ -37,7 +37,7 @@ TESTS = {
     "tuning/range_end.py": "test_range_end.py",
     "tuning/heading.py": "test_heading.py",
     "tuning/revisits.py": "test_revisits.py",
-    "tuning/setup_error.py": "test_setup_error.py test_setup_in_space.py",
+    "tuning/setup.py": "test_setup_error.py test_setup_in_space.py",
 }
 _TURNED = {ast.Lt: ">", ast.Gt: "<", ast.LtE: ">=", ast.GtE: "<=", ast.Eq: "!=", ast.NotEq: "=="}
 _SWAPPED = {ast.Add: "-", ast.Sub: "+"}

@@ -14,7 +14,9 @@ from ndtree.alignment.planar import Floats, between, composed, placed
 from ndtree.base.scan import Scan
 from ndtree.evaluation.sampling import spread
 from ndtree.tuning.pairs import false_jump, pairs_of
-from ndtree.tuning.setup_error import APART, SetupError, setup_error
+from ndtree.tuning.setup import setup_error
+from ndtree.tuning.setup_error import APART, SetupError
+from ndtree.tuning.surfaces import Cloud
 
 #: Walls of a room, from corner to corner [m].
 ROOM = np.array([[0, 0], [9, 0], [9, 4], [6, 4], [6, 7], [0, 7], [0, 0]], dtype=float)
@@ -64,7 +66,8 @@ def log_of(
 
 
 def found_in(scans: list[Scan]) -> SetupError | None:
-    return setup_error(pairs_of(spread(scans)[0]))
+    runs = spread(scans, None, Cloud.of)[0]
+    return setup_error([[one for one in run if one is not None] for run in runs])
 
 
 def mounted(mount: list[float]) -> Callable[[Floats], Floats]:
@@ -166,12 +169,18 @@ def test_turns_that_are_measured_wrongly() -> None:
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_mirrored_laser_and_angles_of_the_other_sign(seed: int) -> None:
-    for scans in (
-        log_of(seen=lambda readings: readings[::-1], seed=seed),
-        log_of(lambda times: drive(times) * [1, -1, -1], seed=seed),
+    for kind, words, scans in (
+        ("mirrored", "upside down", log_of(seen=lambda readings: readings[::-1], seed=seed)),
+        ("mirrored", "upside down", log_of(lambda times: drive(times) * [1, -1, -1], seed=seed)),
+        ("signs", "to the left", log_of(lambda times: drive(times) * [1, 1, -1], seed=seed)),
     ):
         found = found_in(scans)
-        assert found is not None and found.kind == "mirrored" and "upside down" in str(found)
+        assert found is not None and found.kind == kind and words in str(found)
+
+
+def test_poses_of_the_map_as_the_robot_sees_it() -> None:
+    found = found_in(log_of(lambda times: between(drive(times), np.zeros((len(times), 3)))))
+    assert found is not None and found.kind == "inverted"
 
 
 def test_a_pose_that_jumps_is_told_of_with_the_time() -> None:
@@ -195,7 +204,7 @@ def test_a_pose_that_jumps_is_told_of_with_the_time() -> None:
 
 def test_what_tells_too_little_says_nothing() -> None:
     for count in (1, 2, 4, 7):
-        assert setup_error(pairs_of(spread(log_of()[:count])[0])) is None
+        assert found_in(log_of()[:count]) is None
     scans = log_of()
     assert found_in([]) is None and found_in(scans[:8]) is None
     assert found_in([scans[0]] * 40) is None

@@ -21,8 +21,8 @@ sys.path.insert(0, str(TOOLS))
 import ndtree
 from ndtree import Scan
 from ndtree.logs.poses.pose import matrices_of, mount_of, quaternions_of
+from ndtree.tuning.setup import setup_error
 from ndtree.tuning.setup_error import SetupError
-from ndtree.tuning.setup_in_space import setup_error_in_space
 from ndtree.tuning.surfaces import Cloud, turn_of, turned_by
 from trial import bag, worlds
 from trial import setup_in_space as setup_trials
@@ -123,7 +123,10 @@ def test_a_wrong_mount_is_told_and_mended(
     x, y = found.values if kind == "place" else (0.0, 0.0)
     roll, pitch = np.degrees(found.values) if kind == "tilt" else (0.0, 0.0)
     yaw = math.degrees(found.values[0]) if kind == "yaw" else 0.0
-    assert found_in(told @ mount(x, y, roll, pitch, yaw), drive[1]) is None, "what was told mends it"
+    left = found_in(told @ mount(x, y, roll, pitch, yaw), drive[1])
+    assert left is None or np.linalg.norm(left.values) < off * np.linalg.norm(values), (
+        "what was told mends it"
+    )
 
 
 def test_faults_are_told_where_each_beam_has_its_origin(drive: tuple[Poses, list[Floats]]) -> None:
@@ -227,7 +230,7 @@ def test_no_ground_is_needed(drive: tuple[Poses, list[Floats]]) -> None:
 def test_without_rotations_nothing_is_told() -> None:
     assert Cloud.of(Scan(np.zeros((3, 3)), np.zeros(3))) is None
     assert Cloud.of(Scan(np.zeros((0, 3)), np.zeros((0, 3)), rotation=np.eye(3))) is None
-    assert setup_error_in_space([]) is None
+    assert setup_error([]) is None
     assert Cloud.of(Scan(np.zeros((3, 3)), np.zeros(3), rotation=np.full((3, 3), np.nan))) is None
 
 

@@ -22,7 +22,7 @@ _SAID = {
     "turned": {"yaw", "mount"},
     "moved": {"place", "mount"},
     "mirrored": {"mirrored"},
-    "backwards": {"mirrored"},
+    "backwards": {"signs", "mirrored"},
     "scaled": {"scale"},
     "begins_at_0": set(),
 }

@@ -12,8 +12,8 @@ import numpy as np
 import ndtree
 from ndtree import Scan
 from ndtree.evaluation.sampling import spread
+from ndtree.tuning.setup import setup_error
 from ndtree.tuning.setup_error import SetupError
-from ndtree.tuning.setup_in_space import setup_error_in_space
 from ndtree.tuning.surfaces import Cloud
 from trial import bag
 from trial.outcome import Case, Outcome, limit
@@ -190,7 +190,7 @@ def setup_trial(case: Case) -> tuple[Recording, Outcome]:
 def found_in(scans: Iterable[Scan]) -> SetupError | None:
     """What `ndtree.first_look` says of the setup, without all else that it looks at."""
     runs = spread(scans, None, Cloud.of)[0]
-    return setup_error_in_space([[one for one in run if one is not None] for run in runs])
+    return setup_error([[one for one in run if one is not None] for run in runs])
 
 
 def _quaternions(rotations: Floats) -> Floats:

@@ -28,8 +28,8 @@ from ndtree.tuning.heading import HeadingDrift, heading_drift
 from ndtree.tuning.pairs import Jump, false_jump, pairs_of
 from ndtree.tuning.range_end import range_end
 from ndtree.tuning.revisits import Drift, drift
-from ndtree.tuning.setup_error import SetupError, setup_error
-from ndtree.tuning.setup_in_space import setup_error_in_space
+from ndtree.tuning.setup import setup_error
+from ndtree.tuning.setup_error import SetupError
 from ndtree.tuning.surfaces import Cloud
 
 #: Of structured light and stereo, where the log has too little to measure it: at the sensor [m], and growing
@@ -218,7 +218,7 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         disagreement=disagreement(matched),
         drift=drift(runs) if log.dim == 2 else None,
         heading_drift=heading_drift(matched),
-        setup=setup_error(matched) if log.dim == 2 else setup_error_in_space(looked.clouds),
+        setup=setup_error(looked.clouds),
         jump=false_jump(matched),
     )
 

@@ -25,10 +25,6 @@ _IN_RUN, _ACROSS = ((0.6, 0.6, 0.2), 0.05), ((1.0, 1.0, 0.35), 0.1)
 #: Between two scans of different runs, or of those beside each other in one, least and most way [m] and turn
 #: [rad]: nearer ones tell no error, farther ones see others.
 _NEAREST, _FARTHEST, _MOST_TURN = 0.03, 6.0, 1.0
-#: Of scans that are compared for errors all along: least and most way [m] and turn [rad] between them, so far
-#: that their motion is much larger than what poses and matches err; and how they are matched.
-LEAST_MOTION, MOST_MOTION, _FAR = (0.4, 0.25), (2.5, 0.95), ((1.0, 1.0, 0.35), 0.05)
-FRESH = (0.1, 0.06)  # From one to the next, so that a scan is in few pairs [m, rad].
 #: A step of the pose is a jump if it is this many times a usual one, and the next scan comes no later than
 #: this many times the usual time; of logs with this many scans that are looked at.
 _USUAL, _FOLLOWS, _LEAST_SCANS = 4.0, 1.5, 8
@@ -84,13 +80,11 @@ class Pairs:
     """The runs of a log that are each seen from one place, in their sensor's frame, and their pairs.
 
     `near`: Within runs, and of neighbouring ones.
-    `far`: Of the second scans of runs at different places, with the next at some distance, and a far one.
     `begin`: Time of the log's first scan [s].
     """
 
     runs: list[list[SensorScan]]
     near: list[Pair]
-    far: list[Pair]
     begin: float
 
 
@@ -101,12 +95,7 @@ def pairs_of(runs: Sequence[Sequence[Scan]]) -> Pairs:
     """
     seen = [[_seen(scan) for scan in run] for run in runs if run and is_of_one_place(run)]
     begin = next((scan.stamp for run in runs for scan in run), 0.0)
-    return matched(seen, begin)
-
-
-def matched(runs: list[list[SensorScan]], begin: float) -> Pairs:
-    """The pairs of runs."""
-    return Pairs(runs, _near(runs), _far(runs), begin)
+    return Pairs(seen, _near(seen), begin)
 
 
 def _seen(scan: Scan) -> SensorScan:
@@ -123,38 +112,6 @@ def _near(runs: list[list[SensorScan]]) -> list[Pair]:
         if i + 1 < len(runs):
             pairs.append(_pair(run, runs[i + 1][0], (i, i + 1, False), _ACROSS))
     return [pair for pair in pairs if pair.is_near or pair.is_whole_run]
-
-
-def _far(runs: list[list[SensorScan]]) -> list[Pair]:
-    inner: list[int] = []
-    for i, run in enumerate(runs):
-        if len(run) > 2 and (not inner or _has_moved(runs[inner[-1]][1].pose, run[1].pose, FRESH)):
-            inner.append(i)
-    return [
-        _pair(runs[i][1:2], runs[inner[number + k]][1], (i, inner[number + k], False), _FAR)
-        for number, i in enumerate(inner)
-        for k in _at_distances([runs[k][1].pose for k in inner[number:]])
-    ]
-
-
-def _at_distances(poses: Sequence[Floats]) -> list[int]:
-    """Of poses behind the first the next beyond `LEAST_MOTION`, and the last up to `MOST_MOTION`."""
-    way = turn = 0.0
-    found = []
-    for k in range(1, len(poses)):
-        step = between(poses[k - 1], poses[k])
-        way, turn = way + float(np.hypot(*step[:2])), turn + abs(float(step[2]))
-        if way > MOST_MOTION[0] or turn > MOST_MOTION[1]:
-            break
-        if _has_moved(poses[0], poses[k], LEAST_MOTION):
-            found.append(k)
-    return sorted({found[0], found[-1]}) if found else []
-
-
-def _has_moved(pose: Floats, other: Floats, motion: tuple[float, float]) -> bool:
-    """Whether another pose is farther away, or turned more."""
-    off = between(pose, other)
-    return bool(np.hypot(*off[:2]) > motion[0] or abs(off[2]) > motion[1])
 
 
 def _pair(

@@ -1,64 +1,44 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether a planar laser is mounted, timed and scaled as its log says.
+"""What may be wrong with a robot's setup, how well each explains what was seen, and what is said of it.
 
-Strategy: scans near each other on the way are matched. If one thing is wrong all along, what the match
-says of the sensor's motion differs from what the poses say in a way that depends on the motion. With the told
-motion (t, phi) and the sensor's own velocities at both ends, the error is
-
-- (((1 + k) Rot(-a) - I) t, 0) of a mount turned by a, with distances 1 + k times as large;
-- ((Rot(phi) - I) m, 0) of a mount moved by m; with it, a small turn is (-a J t, 0), J v = (-v_y, v_x);
-- what the told motion changes by in s seconds, of poses taken s seconds too early, to first order;
-- (0, k phi) of turns 1 + k times as large.
-
-Each is fitted by itself; errors are Student's t, with the covariances of the matches and what poses err
-anyway. Noise of the poses must not look like an error: motions are far larger, velocities are those of other
-scans, and few pairs share a scan. The likeliest one counts if it explains the errors far better than none,
-hardly worse in any part of the log, by more than matches err alike, and if it puts surfaces apart that are
-seen twice.
-Where nothing is seen twice, nothing is told: a robot that only drives straight on shows neither a moved mount
-nor a mirrored laser, and one that always drives alike no wrong clock.
+Strategy: each is fitted by itself to the errors of all pairs. They are Student's t, with the covariances of
+the matches and what poses err anyway. The likeliest counts if it explains the errors far better than none,
+hardly worse in any part of the log, and if it puts surfaces apart that are seen twice.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ndtree._errors import Text, key
-from ndtree.alignment.planar import Floats, between, composed, wrapped
-from ndtree.alignment.sensor_scans import SensorScan
-from ndtree.tuning.pairs import LEAST_MOTION, Pair, Pairs, matched
+from ndtree.alignment.planar import Floats
 
-#: How much likelier errors must be (in logarithms): pairs share scans. And which share of that they may be
-#: less likely in a part of the log.
-GAIN, NOWHERE_LESS, PARTS = 30.0, 0.1, 4
-#: How much of the errors it must explain in a quarter of the pairs [m], an angle at AWAY: matches err alike
-#: by up to half of their cells.
-SHOWN = 0.025
+#: How much likelier errors must be, in logarithms: by chance one right log in 10,000 gains 11 with three
+#: values, and twice as much as scans are in several pairs. And which share of that may be lost in a part of
+#: the log.
+GAIN, NOWHERE_LESS, PARTS = 20.0, 0.1, 4
+BOTH = 10.0  # Of two things at once, how much likelier they must be than one.
 #: How far apart two views of a surface then lie [m], the diagonal of a usual smallest cell: at AWAY from
 #: scans that are NEARER than that to each other [m], in all but a few pairs of them at most.
 APART, AWAY, NEARER, _MOST = 0.07, 5.0, 3.0, 0.98
 LEAST_PAIRS = 12
-POSES = np.array([0.02, 0.02, 0.008])  # What poses err, each by itself [m, m, rad].
 _FREEDOM = 2.0  # Of Student's t: some matches are wrong.
 _MEDIAN = {3: 2.37, 6: 5.35}  # Of the squared length of 3 or 6 standard normal numbers.
 _ROUNDS = 30
-_SECONDS = 1e-3  # For a difference quotient.
-_TURNED = 0.05  # A turn that tells a mirrored scan from one that is not [rad].
 _ANGLE = math.radians(1.5)  # Of a mount that is turned; else only the scale is wrong.
 _LEAST_SCALE = 0.2  # Nearer to 0, nothing was seen to move.
-_ALIKE = 0.045  # Of the way: matches in corridors with recesses err alike by up to 0.038 of it.
-#: What may be wrong, and its columns of `_slopes`.
-KINDS = {"way": [0, 1], "place": [2, 3], "clock": [4], "turns": [5], "mount": [0, 2, 3]}
-BOTH = 10.0  # How much likelier a mount that is turned and moved must be than any one thing.
-
 
 _MISREAD = {
     "inverted": (
         "poses were inverted",
         "expected the pose of the robot in the map, not that of the map as the robot sees it",
+    ),
+    "signs": (
+        "turns of poses had the other sign",
+        "expected turns to the left to be positive, seen from above",
     ),
     "axes": ("poses were those of a camera, whose z axis looks ahead", "expected those of a body with z up"),
     "wxyz": ("quaternions were written as w, x, y, z", "expected x, y, z, w"),
@@ -67,14 +47,14 @@ _MISREAD = {
 
 @dataclass(frozen=True)
 class SetupError:
-    """What is wrong all along a log, from `setup_error`.
+    """What is wrong all along a log, from `ndtree.tuning.setup.setup_error`.
 
     `kind`: "yaw", "place" or both of the "mount", its "tilt", "clock", "scale" of distances between poses,
-        "turns", "mirrored", or poses in space that are "inverted", in the "axes" of a camera, or have
-        quaternions in the order "wxyz".
+        "turns", "mirrored", or poses that are "inverted", have the other "signs" of turns, are in the
+        "axes" of a camera, or have quaternions in the order "wxyz".
     `values`: To be added: [rad], along the sensor's x axis and to the left of that, seen from above [m], roll
-        and pitch [rad], [s], or a fraction; none of the last four.
-    `apart`: How far apart two views of a surface 5 m away would lie at most [m]; None of the last four.
+        and pitch [rad], [s], or a fraction; none of the last five.
+    `apart`: How far apart two views of a surface 5 m away would lie at most [m]; None of the last five.
     """
 
     kind: str
@@ -129,60 +109,27 @@ def _moved(x: float, y: float) -> str:
     return f"{x:.2f}, {y:.2f} m from its place (along its x axis and to the left of that, seen from above)"
 
 
-def setup_error(log: Pairs) -> SetupError | None:
-    """Find what is wrong with mount, clock or scale of a log all along.
+def said_of(kind: str, values: Floats, beside: Floats) -> SetupError | None:
+    """What is said of the likeliest thing.
 
-    Returns: None where nothing is, too little tells, or scans have no headings.
-    """
-    if not all(scan.has_heading for run in log.runs for scan in run):
-        return None
-    if _is_mirrored(log):
-        return SetupError("mirrored", (), None)
-    far = [pair for pair in log.far if pair.is_matched]
-    if len(far) < LEAST_PAIRS:
-        return None
-    own = {run: _velocity(log.runs[run]) for pair in far for run in (pair.run, pair.other)}
-    has_times = all(np.isfinite(one).all() for one in own.values())
-    raw = _slopes(
-        np.array([pair.told for pair in far]).reshape(-1, 3),
-        np.nan_to_num([(own[pair.run], own[pair.other]) for pair in far]).reshape(-1, 2, 3),
-    )
-    covariances = np.array([pair.covariance for pair in far]).reshape(-1, 3, 3) + 2 * np.diag(POSES**2)
-    whitening = np.linalg.inv(np.linalg.cholesky(covariances))
-    errors = np.array([pair.error for pair in far]).reshape(-1, 3)
-    # Without times, a late clock would be taken for a mount that is moved.
-    kinds = {kind: at for kind, at in KINDS.items() if has_times or kind in ("way", "turns")}
-    fits = fits_of(errors, raw, whitening, kinds)
-    kind = likeliest(np.einsum("nij,nj->ni", whitening, errors), fits)
-    if kind is None:
-        return None
-    values = fits[kind][0]
-    beside = _beside(log, {pair.run: own[pair.run] for pair in far})
-    return said_of(kind, values, raw[:, :, KINDS[kind]] @ values, beside[:, :, KINDS[kind]] @ values, _ALIKE)
-
-
-def said_of(
-    kind: str, values: Floats, moved: Floats, beside: Floats, least_scale: float = 0.0
-) -> SetupError | None:
-    """What is said of the likeliest thing, by how far it moves pairs and what is beside each other.
-
-    Both (n, d), see `fits_of`. `least_scale`: By how much scales differ, or they are alike.
+    `beside` (n, d): How far it moves scans beside each other that see the same, as errors of `fits_of`.
     """
     if not len(beside):
         return None
     apart = float(np.quantile(_size(beside), _MOST))
-    if np.quantile(_size(moved), 0.75) < SHOWN or apart < APART:
+    if apart < APART:
         return None
     if kind == "turns" and 1.0 + values[0] < _LEAST_SCALE:
         return None
-    if kind != "way":
+    if kind not in ("way", "scale"):
         return SetupError(kind, tuple(map(float, values)), apart)
-    angle, scale = math.atan2(values[0], 1.0 + values[1]), math.hypot(values[0], 1.0 + values[1])
+    aside, along = values if kind == "way" else (0.0, values[0])
+    angle, scale = math.atan2(aside, 1.0 + along), math.hypot(aside, 1.0 + along)
     if scale < _LEAST_SCALE:
         return None
     if abs(angle) > max(_ANGLE, abs(scale - 1.0)):
         return SetupError("yaw", (angle,), apart)
-    return SetupError("scale", (scale - 1.0,), apart) if abs(scale - 1.0) > least_scale else None
+    return SetupError("scale", (scale - 1.0,), apart)
 
 
 Fits = dict[str, tuple[Floats, Floats]]  # Of kinds: their values, and what is left of whitened errors.
@@ -202,9 +149,10 @@ def fits_of(errors: Floats, raw: Floats, whitening: Floats, kinds: dict[str, lis
 
 def likeliest(errors: Floats, fits: Fits) -> str | None:
     """Which explains whitened errors best; None if none does."""
-    several = ("mount", "way") if "yaw" in fits else ("mount",)
-    kind = max(fits, key=lambda one: likelihood(fits[one][1]) - (BOTH if one in several else 0.0))
-    return kind if is_gain(errors, fits[kind][1]) else None
+    able = [kind for kind in fits if is_gain(errors, fits[kind][1])]
+    return max(
+        able, key=lambda kind: likelihood(fits[kind][1]) - BOTH * (kind in ("mount", "way")), default=None
+    )
 
 
 def is_gain(errors: Floats, left: Floats) -> bool:
@@ -213,34 +161,6 @@ def is_gain(errors: Floats, left: Floats) -> bool:
     gains = [likelihood(left[part]) - likelihood(errors[part]) for part in parts]
     gain = likelihood(left) - likelihood(errors)
     return gain >= GAIN and min(gains) >= -NOWHERE_LESS * gain
-
-
-def _velocity(run: list[SensorScan]) -> Floats:
-    """Of the sensor at the second scan of a run, in its own frame [m/s, m/s, rad/s]; nan where nothing tells.
-
-    By the scans before and behind: noise of the second one's pose is not in it.
-    """
-    if not run[0].stamp < run[1].stamp < run[2].stamp:
-        return np.full(3, np.nan)
-    move = between(run[0].pose, run[2].pose)
-    c, s = np.cos(0.5 * move[2]), np.sin(0.5 * move[2])  # Into the frame of the scan in between.
-    velocity: Floats = np.array([c * move[0] + s * move[1], c * move[1] - s * move[0], move[2]])
-    return velocity / (run[2].stamp - run[0].stamp)
-
-
-def _slopes(told: Floats, velocities: Floats) -> Floats:
-    """(n, 3, 6) how errors of motions (n, 3) grow with each thing that may be wrong; velocities (n, 2, 3)."""
-    x, y, turn = told.T
-    slopes = np.zeros((len(told), 3, 6))
-    far = np.where(np.hypot(x, y) > LEAST_MOTION[0], 1.0, 0.0)[:, None]
-    slopes[:, :2, 0] = far * np.column_stack((y, -x))
-    slopes[:, :2, 1] = far * told[:, :2]
-    c, s = np.cos(turn), np.sin(turn)
-    slopes[:, :2, 2:4] = np.stack((np.stack((c - 1, -s), -1), np.stack((s, c - 1), -1)), axis=1)
-    later = composed(between(_SECONDS * velocities[:, 0], told), _SECONDS * velocities[:, 1])
-    slopes[:, :, 4] = np.column_stack((later[:, :2] - told[:, :2], wrapped(later[:, 2] - turn))) / _SECONDS
-    slopes[:, 2, 5] = np.where(np.abs(turn) > LEAST_MOTION[1], turn, 0.0)  # Others are noise.
-    return slopes
 
 
 def _size(errors: Floats) -> Floats:
@@ -284,39 +204,3 @@ def likelihood(errors: Floats) -> float:
     spread = _spread(squared, freedoms)
     terms = np.log1p(squared / spread / _FREEDOM).sum()
     return -0.5 * (_FREEDOM + freedoms) * float(terms) - 0.5 * freedoms * len(errors) * math.log(spread)
-
-
-def _beside(log: Pairs, own: dict[int, Floats]) -> Floats:
-    """`_slopes` of scans beside each other that see the same, on one visit or several.
-
-    `own`: Velocities of runs.
-    """
-    poses = np.array([log.runs[run][1].pose for run in own])
-    first, second = np.triu_indices(len(poses), 1)
-    near = np.hypot(*(poses[first, :2] - poses[second, :2]).T) < NEARER
-    first, second = first[near], second[near]
-    velocities = np.nan_to_num(np.array(list(own.values())))
-    return _slopes(
-        between(poses[first], poses[second]), np.stack((velocities[first], velocities[second]), axis=1)
-    )
-
-
-def _is_mirrored(log: Pairs) -> bool:
-    """Whether turns are seen the other way round: scans in a mirror fit far more often than as they are."""
-    turned = _turned(log)
-    turning = sum(map(_turns_alike, turned))
-    if len(turned) < LEAST_PAIRS or 2 * turning > len(turned):
-        return False
-    flip = np.array([1.0, -1.0])
-    runs = [[replace(one, points=one.points * flip, free=one.free * flip) for one in run] for run in log.runs]
-    mirrored = matched(runs, log.begin)
-    return sum(map(_turns_alike, _turned(mirrored))) >= 2 * turning + LEAST_PAIRS
-
-
-def _turned(log: Pairs) -> list[Pair]:
-    return [pair for pair in (*log.near, *log.far) if pair.is_near and abs(pair.told[2]) > _TURNED]
-
-
-def _turns_alike(pair: Pair) -> bool:
-    """Whether the sensor turned as the poses did, about."""
-    return pair.is_matched and abs(pair.error[2]) < 0.5 * abs(pair.told[2])

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Clouds of lidars as flat patches of surface, and how one lies to another.
+"""Clouds of lidars and scans of planar lasers as flat patches of surface, and how one lies to another.
 
-Strategy: points are put into cubes of three sizes. Where those of a cube spread as on a plane, it holds a
+Strategy: points are put into cubes of four sizes. Where those of a cube spread as on a plane, it holds a
 patch: their mean, and the normal. Patches of one cloud are moved onto the planes of another's, of large
 cubes first (Gauss-Newton, with Student's weights). A plane says nothing along itself, so that the pattern of
 the rings does not count, and what a corridor does not tell has a large covariance.
@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +23,9 @@ from ndtree.base.scan import Scan
 
 _SHELL = 0.1  # Before the largest range [m].
 _MOST_POINTS = 6000  # Of a cloud, about.
-_SIZES = (0.5, 1.0, 2.0)  # Edges of cubes [m].
-_STEPS = ((2,), (1, 2), (0, 1, 2))  # Which of them are matched, one after the other.
+_SIZES = (0.25, 0.5, 1.0, 2.0)  # Edges of cubes [m]; the first of scans in the plane alone.
 _ROUNDS, _STILL = 8, 1e-3  # Of each; until nothing is moved farther [m, rad].
-_LEAST_POINTS = 6  # Of a patch.
+_LEAST_POINTS, _LEAST_BEAMS = 6, 4  # Of a patch in space and in the plane.
 _FLAT, _WIDE = 0.02, 0.1  # Variances of a plane: the least to the middle one; its root to the edge.
 _PARALLEL = 0.9  # Cosine of normals of the same surface.
 _ERROR = 0.02  # Of a patch, beside half of its thickness [m].
@@ -33,50 +33,78 @@ _SLANT = math.radians(5.0)  # Normals of rods err alike by that: their near side
 _FREEDOM = 2.0  # Of Student's t.
 _START = np.array([1.0, 1.0, 1.0, 0.35, 0.35, 0.35])  # How far patches are from their places [m, rad].
 _BESIDE = 0.1  # Of its plane, a patch is on it [m].
+_BEAMS = 180  # The next beam of a scan of 180 shows how a surface is turned.
 _CUBES = 2048  # On each side of the sensor.
 
 
 @dataclass(frozen=True)
 class _Patches:
-    """Flat patches in cubes of one size, in the order of the cubes' `keys`."""
+    """Flat patches of a cloud, in the order of their `keys`: by size, then by side, then by cube."""
 
-    size: float
     keys: NDArray[np.int64]
+    level: NDArray[np.int64]  # Of the size.
     mean: Floats
     normal: Floats
     variance: Floats  # Along the normal [m²].
     slant: Floats  # Of the normal's angle, at most: thickness over width, squared [rad²].
+    sides: int
 
     @classmethod
-    def of(cls, points: Floats) -> Iterator[_Patches]:
-        """Those of each size: of the smallest cubes by points, of others by these cubes."""
-        counts: Floats = np.ones(len(points))
-        sums = points
-        squares = points[:, [0, 0, 0, 1, 1, 2]] * points[:, [0, 1, 2, 1, 2, 2]]
-        for size in _SIZES:
-            keys, which = np.unique(_keys(np.floor(points / size)), return_inverse=True)
-            columns = (counts, *sums.T, *squares.T)
-            counts, *both = (np.bincount(which, one, len(keys)).astype(float) for one in columns)
-            sums, squares = np.stack(both[:3], axis=-1), np.stack(both[3:], axis=-1)
-            points = sums / np.maximum(counts, 1)[:, None]  # Of a cube, its mean stands for it.
-            use = counts >= _LEAST_POINTS
-            mean = points[use]
-            spread = (squares[use] / counts[use, None])[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
-            values, axes = np.linalg.eigh(spread - mean[:, :, None] * mean[:, None])
-            flat = (values[:, 0] < _FLAT * values[:, 1]) & (values[:, 1] > (_WIDE * size) ** 2)
-            values = values[flat].clip(0.0)
-            slant = values[:, 0] / values[:, 1]
-            yield cls(size, keys[use][flat], mean[flat], axes[flat, :, 0], values[:, 0], slant)
+    def of(cls, parts: list[Floats], has_walls: bool) -> _Patches:
+        """Of the points on each side.
+
+        `has_walls`: All points are at one height, of walls that stand.
+        """
+        found = [
+            (_key(level, side) + cubes, np.full(len(cubes), level), *flat)
+            for side, points in enumerate(parts)
+            for level, cubes, *flat in _flat(points, has_walls)
+        ]
+        keys, *columns = map(np.concatenate, zip(*found))
+        order = np.argsort(keys)
+        return cls(keys[order], *(one[order] for one in columns), len(parts))
 
 
-def _keys(cubes: Floats) -> NDArray[np.int64]:
-    x, y, z = (cubes.clip(-_CUBES, _CUBES - 1) + _CUBES).astype(np.int64).T
+def _flat(points: Floats, has_walls: bool) -> Iterator[tuple[Any, ...]]:
+    """Of each size, its level and patches: of the smallest cubes by points, of others by these cubes."""
+    counts: Floats = np.ones(len(points))
+    sums = points
+    squares = points[:, [0, 0, 0, 1, 1, 2]] * points[:, [0, 1, 2, 1, 2, 2]]
+    for level in _levels(has_walls):
+        size = _SIZES[level]
+        cubes, which = np.unique(_cubes(points, size), return_inverse=True)
+        columns = (counts, *sums.T, *squares.T)
+        counts, *both = (np.bincount(which, one, len(cubes)).astype(float) for one in columns)
+        sums, squares = np.stack(both[:3], axis=-1), np.stack(both[3:], axis=-1)
+        points = sums / np.maximum(counts, 1)[:, None]  # Of a cube, its mean stands for it.
+        use = counts >= (_LEAST_POINTS if not has_walls else _LEAST_BEAMS)
+        mean = points[use]
+        spread = (squares[use] / counts[use, None])[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+        spread = spread - mean[:, :, None] * mean[:, None]
+        spread[:, 2, 2] += has_walls * size**2 / 12  # From the cube's floor to its top.
+        values, axes = np.linalg.eigh(spread)
+        flat = (values[:, 0] < _FLAT * values[:, 1]) & (values[:, 1] > (_WIDE * size) ** 2)
+        values = values[flat].clip(0.0)
+        yield level, cubes[use][flat], mean[flat], axes[flat, :, 0], values[:, 0], values[:, 0] / values[:, 1]
+
+
+def _levels(has_walls: bool) -> range:
+    return range(0 if has_walls else 1, len(_SIZES))
+
+
+def _cubes(points: Floats, size: float | Floats) -> NDArray[np.int64]:
+    """That points are in; the sensor is in the middle of one."""
+    x, y, z = (np.rint(points / size).clip(-_CUBES, _CUBES - 1) + _CUBES).astype(np.int64).T
     return (x << 24) + (y << 12) + z
+
+
+def _key(level: int | NDArray[np.int64], side: int) -> int | NDArray[np.int64]:
+    return (level << 37) + (side << 36)
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """Some beams of a cloud of a lidar, and the pose (4, 4) of the sensor in the map."""
+    """Some beams of a lidar's cloud or of a planar laser's scan, and the sensor's pose (4, 4) in the map."""
 
     scan: Scan
     pose: Floats
@@ -85,10 +113,13 @@ class Cloud:
     def of(cls, scan: Scan) -> Cloud | None:
         """Beams of all rings; None if a scan's log does not say where it is and how it is turned."""
         origins = np.atleast_2d(scan.origin)
-        if scan.dim != 3 or scan.rotation is None or scan.points_only or not len(origins):
+        rotation = scan.rotation
+        if scan.dim == 2 and scan.heading is not None:
+            rotation = turned_by(np.array([0.0, 0.0, scan.heading]))
+        if rotation is None or scan.points_only or not len(origins):
             return None
         pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = scan.rotation, origins.mean(axis=0, dtype=np.float64)
+        pose[:3, :3], pose[: scan.dim, 3] = rotation, origins.mean(axis=0, dtype=np.float64)
         if not np.isfinite(pose).all():
             return None
         step = len(scan) // _MOST_POINTS | 1  # Rings are even in number.
@@ -103,65 +134,81 @@ class Cloud:
         return self.scan.stamp
 
     @cached_property
-    def patches(self) -> tuple[_Patches, ...]:
-        """Of each size, in the sensor's frame; at the largest range may be beams without echo."""
-        ways = self.scan.endpoints[self.scan.did_return].astype(np.float64) - self.pose[:3, 3]
+    def patches(self) -> _Patches:
+        """In the sensor's frame; at the largest range may be beams without echo."""
+        dim = self.scan.dim
+        ways = self.scan.endpoints[self.scan.did_return].astype(np.float64) - self.pose[:dim, 3]
         ways = ways[np.isfinite(ways).all(axis=1)]
         ranges = np.linalg.norm(ways, axis=1)
-        return tuple(_Patches.of(ways[ranges < ranges.max(initial=0.0) - _SHELL] @ self.pose[:3, :3]))
+        points = ways[ranges < ranges.max(initial=0.0) - _SHELL] @ self.pose[:dim, :3]
+        return _Patches.of(_sides(points) if dim == 2 else [points], dim == 2)
 
     def agreement(self, other: Cloud, motion: Floats) -> float:
         """Which part of another's patches lies on planes of this one, with its pose as seen from here."""
-        count = sum(len(one.keys) for one in other.patches)
-        near = [np.exp(-0.5 * (off / _BESIDE) ** 2).sum() for _, off, *_ in self._met(other, motion)]
-        return float(sum(near)) / max(count, 1)
+        off = self._met(other, motion)[1]
+        return float(np.exp(-0.5 * (off / _BESIDE) ** 2).sum()) / max(len(other.patches.keys), 1)
 
     def matched(self, other: Cloud, motion: Floats) -> tuple[Floats, Floats]:
         """The pose of another cloud as seen from this one, (4, 4), near a guess of it; and its information.
 
         That is (6, 6), of its place and of a turn on the left of its rotation; negative where nothing tells.
         """
-        pose, information = motion.copy(), np.zeros((6, 6))
-        for sizes in _STEPS:
+        pose = motion.copy()
+        levels = _levels(self.scan.dim == 2)
+        for level in reversed(levels):
             for _ in range(_ROUNDS):
-                information, slope, by_chance = np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6))
-                for normal, off, arm, variance, slant in self._met(other, pose, sizes):
-                    rows = np.hstack((normal, _crossed(arm, normal)))
-                    weights = (_FREEDOM + 1) / (_FREEDOM * variance + off**2)
-                    information += (rows * weights[:, None]).T @ rows
-                    slope += rows.T @ (weights * off)
-                    by_chance += _of_points(arm, weights * slant)
+                normal, off, arm, variance, slant = self._met(other, pose, level)
+                rows = np.hstack((normal, _crossed(arm, normal)))
+                weights = (_FREEDOM + 1) / (_FREEDOM * variance + off**2)
+                information = (rows * weights[:, None]).T @ rows
                 away = np.append(pose[:3, 3] - motion[:3, 3], turn_of(pose[:3, :3] @ motion[:3, :3].T))
-                change = -np.linalg.solve(information + np.diag(_START**-2), slope + away / _START**2)
-                change = change.clip(-_START, _START)
+                slope = rows.T @ (weights * off) + away / _START**2
+                change = -np.linalg.solve(information + np.diag(_START**-2), slope).clip(-_START, _START)
                 pose[:3, 3] += change[:3]
                 pose[:3, :3] = turned_by(change[3:]) @ pose[:3, :3]
                 if np.abs(change).max() < _STILL:
                     break
         # Normals that err seem to tell of all directions.
         # A surface has patches of all sizes.
-        return pose, (information - by_chance) / len(_SIZES)
+        return pose, (information - _of_points(arm, weights * slant)) / len(levels)
 
     def _met(
-        self, other: Cloud, motion: Floats, sizes: tuple[int, ...] = _STEPS[-1]
-    ) -> Iterator[tuple[Floats, Floats, Floats, Floats, Floats]]:
-        """Of each size, another's patches that meet planes.
+        self, other: Cloud, motion: Floats, level: int = 0
+    ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """Another's patches, of a size and larger ones, that meet planes.
 
-        Yields (n, 3) normals of these, (n,) how far they are off, (n, 3) whence they are seen, and (n,)
+        Returns (n, 3) normals of these, (n,) how far they are off, (n, 3) whence they are seen, and (n,)
         variances of being off and of the normal's angle.
         """
-        for one, two in ((self.patches[k], other.patches[k]) for k in sizes):
-            arm = two.mean @ motion[:3, :3].T
-            keys = _keys(np.floor((arm + motion[:3, 3]) / one.size))
-            at = np.searchsorted(one.keys, keys).clip(max=max(len(one.keys) - 1, 0))
-            met = np.flatnonzero(one.keys[at] == keys) if len(one.keys) else np.empty(0, np.int64)
-            normal = one.normal[at[met]]
-            cosine = np.einsum("ni,ni->n", normal, two.normal[met] @ motion[:3, :3].T)
-            use = np.abs(cosine) > _PARALLEL
-            met, normal = met[use], normal[use]
-            off = np.einsum("ni,ni->n", normal, arm[met] + motion[:3, 3] - one.mean[at[met]])
-            variance = _ERROR**2 + 0.25 * (one.variance[at[met]] + two.variance[met])
-            yield normal, off, arm[met], variance, one.slant[at[met]] + _SLANT**2
+        one, two = self.patches, other.patches
+        which = np.arange(int(np.searchsorted(two.keys, _key(level, 0))), len(two.keys))
+        arm = two.mean @ motion[:3, :3].T
+        cubes = _cubes((arm + motion[:3, 3])[which], np.array(_SIZES)[two.level[which], None])
+        keys = np.concatenate([cubes + _key(two.level[which], side) for side in range(one.sides)])
+        which = np.tile(which, one.sides)
+        at = np.searchsorted(one.keys, keys).clip(max=max(len(one.keys) - 1, 0))
+        met = one.keys[at] == keys if len(one.keys) else np.zeros(len(keys), bool)
+        at, which = at[met], which[met]
+        cosine = np.einsum("ni,ni->n", one.normal[at], two.normal[which] @ motion[:3, :3].T)
+        use = np.abs(cosine) > _PARALLEL
+        at, which = at[use], which[use]
+        normal, arm = one.normal[at], arm[which]
+        off = np.einsum("ni,ni->n", normal, arm + motion[:3, 3] - one.mean[at])
+        variance = _ERROR**2 + 0.25 * (one.variance[at] + two.variance[which])
+        return normal, off, arm, variance, one.slant[at] + _SLANT**2
+
+
+def _sides(points: Floats) -> list[Floats]:
+    """Points of a planar laser by whether their surface lies rather along its x or its y axis.
+
+    So the sides of a corner are patches of their own, as of a recess in a corridor, which alone tells how far
+    the sensor moved along.
+    """
+    beams = 1 + len(points) // _BEAMS
+    low, high = (np.arange(len(points)) + by for by in (-beams, beams))
+    along = np.abs(points[high.clip(max=len(points) - 1)] - points[low.clip(0)])
+    is_x = along[:, 0] > along[:, 1]
+    return [points[is_x], points[~is_x]]
 
 
 def _crossed(ones: Floats, others: Floats) -> Floats:

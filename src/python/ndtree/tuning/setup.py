@@ -1,11 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether a lidar of many rings is mounted, timed and scaled, and its poses are read, as its log says.
+"""Whether a lidar or a planar laser is mounted, timed and scaled, and its poses are read, as its log says.
 
-Strategy: as `ndtree.tuning.setup_error`, with motions in space. In the frame of a robot on which the sensor
-sits as it is told to sit at first, the error of a told motion (R, t) is, beside those of a laser,
-(-d x t, (R - I) d) of a mount that is tilted by d. Poses that are read wrongly are wrong all along, too:
-where clouds fit better as poses are read otherwise, pairs are matched from all these readings, and the best
-counts if it is far likelier than the told one, by the same measure.
+Strategy: scans near each other on the way are matched. If one thing is wrong all along, what the match says
+of the sensor's motion differs from what the poses say in a way that depends on the motion. In the frame of a
+robot on which the sensor sits as it is told to sit at first, with the told motion (R, t), the error is
+
+- (((1 + k) Rot(-a) - 1) t, 0) of a mount turned by a, with distances 1 + k times as large;
+- ((R - 1) m, 0) of a mount moved by m; with it, a small turn is (-a J t, 0), J v = (-v_y, v_x, 0);
+- (-d x t, (R - 1) d) of a mount that is tilted by d;
+- what the told motion changes by in s seconds, of poses taken s seconds too early;
+- (0, k phi) of turns phi that are 1 + k times as large.
+
+Noise of the poses must not look like an error: motions are far larger, few pairs share a scan, and a clock
+must be far likelier than one that goes wrong the other way. Poses that are read wrongly are wrong all along,
+too: where scans fit better as poses are read otherwise, pairs are matched from all these readings, and the
+best counts if it is far likelier than the told one. Where nothing is seen twice, nothing is told: a robot
+that only drives straight on shows neither a moved mount nor a mirrored laser, and one that always drives
+alike no wrong clock.
 """
 
 from __future__ import annotations
@@ -18,13 +29,11 @@ import numpy as np
 
 from ndtree.alignment.planar import Floats
 from ndtree.logs.poses.pose import about_axes, matrices_of, quaternions_of
-from ndtree.tuning.pairs import FRESH, LEAST_MOTION, MOST_MOTION
 from ndtree.tuning.setup_error import (
     BOTH,
-    KINDS,
+    GAIN,
     LEAST_PAIRS,
     NEARER,
-    POSES,
     SetupError,
     fits_of,
     is_gain,
@@ -34,15 +43,24 @@ from ndtree.tuning.setup_error import (
 )
 from ndtree.tuning.surfaces import Cloud, turn_of, turned_by
 
-_FEW = 20  # Of up to this many runs, two clouds of each are matched, else one.
+_FOLLOWS = 1.5  # Usual steps: a cloud that comes no later is the next.
 _MOST_PAIRS, _MOST_NEAR = 48, 16  # For the time that they take.
-_FAR, _FARTHEST = 4.0, 6.0  # Most of the way to a far cloud, and to the next [m].
+#: Between clouds of a pair, least and most way [m] and turn [rad]: their motion is much larger than what
+#: poses and matches err, and they see the same.
+_LEAST_MOTION, _FAR, _MOST_TURN = (0.4, 0.25), 4.0, 0.95
+_FARTHEST = 6.0  # Most of the way to the next, if that is farther [m].
+_FRESH = (0.1, 0.06)  # From one to the next, so that a cloud is in few pairs [m, rad].
 _FITS = 0.3  # Of the patches, in clouds that fit each other.
 _AS_WELL = 0.02  # A match fits no better.
+_SAME = 0.03  # Motions that differ by less lead to one match [m, rad].
 _LEAST = 1.0  # Of information: no match is farther away than is searched [1/m², 1/rad²].
 #: What poses err, each by itself: place [m] and turn [rad].
-_POSES = np.array([POSES[0], POSES[1], 0.03, 0.0123, 0.0123, POSES[2]])
-_KINDS = {"yaw": [0], **KINDS, "tilt": [6, 7]}
+_POSES = np.array([0.02, 0.02, 0.03, 0.0123, 0.0123, 0.008])
+#: What may be wrong, and its columns of `_Log.slopes`.
+_KINDS = {
+    "yaw": [0], "scale": [1], "way": [0, 1], "place": [2, 3], "clock": [4], "turns": [5], "mount": [0, 2, 3],
+    "tilt": [6, 7],
+}  # fmt: skip
 _ROUNDS = 4  # Of what is not small.
 _LATEST = 0.6  # Of a clock [s]; one that is later leads from one end of a drive to the other.
 _TRIED = {"clock": [np.array([0.05 * one]) for one in range(-8, 9)], "tilt": []}  # [s]
@@ -57,9 +75,21 @@ def _wxyz(pose: Floats) -> Floats:
     return result
 
 
+def _other_signs(pose: Floats) -> Floats:
+    result = pose.copy()
+    result[:3, :3] = pose[:3, :3].T
+    return result
+
+
 def _aside(motions: Floats, angle: float) -> Floats:
     turn = _rigid(turned_by(np.array([0.0, 0.0, angle])))
     result: Floats = turn.T @ motions @ turn
+    return result
+
+
+def _times(motions: Floats, scale: float) -> Floats:
+    result = motions.copy()
+    result[:, :3, 3] *= scale
     return result
 
 
@@ -72,6 +102,7 @@ def _rigid(rotation: Floats) -> Floats:
 #: Other ways to read the pose of a sensor.
 _READINGS: dict[str, Callable[[Floats], Floats]] = {
     "inverted": lambda pose: np.asarray(np.linalg.inv(pose), dtype=np.float64),
+    "signs": _other_signs,
     "wxyz": _wxyz,
     "axes": lambda pose: _CAMERA.T @ pose @ _CAMERA,
 }
@@ -79,11 +110,15 @@ _READINGS: dict[str, Callable[[Floats], Floats]] = {
 _ASIDE: dict[str, Callable[[Floats], Floats]] = {
     str(angle): partial(_aside, angle=angle) for angle in (math.pi / 2, math.pi, -math.pi / 2)
 }
+#: Ways of other lengths, likewise, of planar lasers: beside railings, patterns of rings fit, too.
+_LENGTHS: dict[str, Callable[[Floats], Floats]] = {
+    f"times {scale}": partial(_times, scale=scale) for scale in (0.8, 0.9, 1.1, 1.2)
+}
 #: What else a robot's motion may be.
 _MOTIONS = {"mirrored": lambda motions: _MIRROR @ motions @ _MIRROR, **_ASIDE}
 
 
-def setup_error_in_space(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
+def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     """Find what is wrong with mount, clock, scale or poses of a log all along.
 
     `runs`: Clouds that follow each other.
@@ -98,17 +133,18 @@ def setup_error_in_space(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     if len(kinds) == 1:
         pairs, is_far, readings = pairs[is_far], is_far[is_far], {"": readings[""][is_far]}
     at, seen, covariances = log.matched(pairs, [readings[kind] for kind in kinds])
-    whitening = np.linalg.inv(np.linalg.cholesky(covariances + 2 * np.diag(_POSES**2)))
+    covariances = (covariances + 2 * np.diag(_POSES**2))[:, log.freedoms][:, :, log.freedoms]
+    whitening = np.linalg.inv(np.linalg.cholesky(covariances))
     if len(kinds) > 1 and len(at) >= LEAST_PAIRS:
         left = {
-            kind: np.einsum("nij,nj->ni", whitening, _errors(seen, readings[kind][at]))
-            for kind in ("", *_ASIDE, *_READINGS, "mirrored")
+            kind: np.einsum("nij,nj->ni", whitening, log.errors(seen, readings[kind][at]))
+            for kind in ("", *_ASIDE, *_LENGTHS, *_READINGS, "mirrored")
             if kind in kinds
         }
         likely = {kind: likelihood(one) for kind, one in left.items()}
         # Straight on, several read alike: the first of them.
         best = next(kind for kind in likely if likely[kind] > max(likely.values()) - BOTH)
-        if best and best not in _ASIDE and is_gain(left[""], left[best]):
+        if best not in ("", *_ASIDE, *_LENGTHS) and is_gain(left[""], left[best]):
             return SetupError(best, (), None)
     far = is_far[at]
     if np.count_nonzero(far) < LEAST_PAIRS:
@@ -116,14 +152,16 @@ def setup_error_in_space(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     pairs, seen, whitening = pairs[at[far]], seen[far], whitening[far]
     told = log.motions(pairs)
     raw = log.slopes(pairs, told)
-    errors = _errors(seen, told)
+    errors = log.errors(seen, told)
     columns = {
         kind: one for kind, one in _KINDS.items() if log.has_times or kind not in ("place", "clock", "mount")
     }
+    if log.is_planar:
+        del columns["tilt"]
     fits = fits_of(errors, raw, whitening, columns)
     for kind in {"clock", "tilt"} & set(fits):
         fits[kind] = _again(log, pairs, seen, whitening, kind, fits[kind][0])
-    if "clock" in fits and abs(fits["clock"][0][0]) > _LATEST:
+    if "clock" in fits and not _is_clock(log, pairs, seen, whitening, *fits["clock"]):
         del fits["clock"]
     found = likeliest(np.einsum("nij,nj->ni", whitening, errors), fits)
     if found is None:
@@ -133,7 +171,22 @@ def setup_error_in_space(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     beside = np.linalg.norm(log.poses[first, :3, 3] - log.poses[second, :3, 3], axis=1) < NEARER
     around = np.stack((first[beside], second[beside]), axis=1)
     moved = log.slopes(around, log.motions(around))[:, :, _KINDS[found]] @ values
-    return said_of(found, values, raw[:, :, _KINDS[found]] @ values, moved)
+    return said_of(found, values, moved)
+
+
+def _is_clock(log: _Log, pairs: Floats, seen: Floats, whitening: Floats, by: Floats, left: Floats) -> bool:
+    """Whether a clock is likelier than any that goes wrong the other way.
+
+    Poses of other times have other noise, which may be less by chance, on either side alike.
+    """
+    if abs(by[0]) > _LATEST:
+        return False
+    others = [
+        likelihood(np.einsum("nij,nj->ni", whitening, log.errors(seen, log.motions(pairs, "clock", one))))
+        for one in _TRIED["clock"]
+        if one[0] * by[0] < 0
+    ]
+    return likelihood(left) >= max(others, default=-math.inf) + GAIN
 
 
 def _again(
@@ -142,7 +195,7 @@ def _again(
     """As of `fits_of`, of a kind whose errors are not proportional to it, near some values."""
 
     def left_of(values: Floats) -> Floats:
-        errors = _errors(seen, log.motions(pairs, kind, values))
+        errors = log.errors(seen, log.motions(pairs, kind, values))
         return np.einsum("nij,nj->ni", whitening, errors)
 
     values = max((values, *_TRIED[kind]), key=lambda one: likelihood(left_of(one)))
@@ -150,7 +203,7 @@ def _again(
     for _ in range(_ROUNDS):
         told = log.motions(pairs, kind, values)
         slopes = log.slopes(pairs, told)
-        change = fits_of(_errors(seen, told), slopes, whitening, {kind: _KINDS[kind]})[kind][0]
+        change = fits_of(log.errors(seen, told), slopes, whitening, {kind: _KINDS[kind]})[kind][0]
         if kind == "tilt":
             up = (_tilted(values) @ turned_by(np.append(change, 0.0)))[2]
             new = np.array([math.atan2(up[1], up[2]), -math.asin(np.clip(up[0], -1.0, 1.0))])
@@ -174,7 +227,11 @@ class _Log:
     """The clouds that can be matched, and how their poses say that they lie to each other."""
 
     def __init__(self, runs: Sequence[Sequence[Cloud]]) -> None:
-        self.clouds = [one for run in runs for one in run[1:-1][: 2 if len(runs) <= _FEW else 1]]
+        runs = _joined(runs)
+        self.clouds = _fresh([one for run in runs for one in run[1:-1]])
+        self.is_planar = any(one.scan.dim == 2 for one in self.clouds)
+        #: Columns of motions and their errors that are seen.
+        self.freedoms = [0, 1, 5] if self.is_planar else list(range(6))
         # How the sensor is told to sit, on the whole, as seen from where it looks.
         rotations = np.array([one.pose[:3, :3] for one in self.clouds]).reshape(-1, 3, 3)
         headings = [_heading(one, rotations[0]) for one in rotations]
@@ -217,14 +274,20 @@ class _Log:
         told = self.motions(pairs)
         readings = {"": told}
         for kind, read in _READINGS.items():
+            if kind in (("wxyz", "axes") if self.is_planar else ("signs",)):
+                continue
             poses = np.array([read(one.pose) for one in self.clouds]).reshape(-1, 4, 4)
             readings[kind] = self.seat @ _between(poses, pairs) @ self.seat.T
-        return {**readings, **{kind: read(told) for kind, read in _MOTIONS.items()}}
+        motions = {**_MOTIONS, **_LENGTHS} if self.is_planar else _MOTIONS
+        return {**readings, **{kind: read(told) for kind, read in motions.items()}}
 
     def pairs(self) -> tuple[Floats, Floats]:
         """(n, 2) pairs that are matched, and whether each is one of `_far`; others are next to each other."""
         number, far = len(self.poses), self._far()
-        far = far[:: max(1, math.ceil(len(far) / _MOST_PAIRS))]
+        # Mounts show where it turns, all else everywhere.
+        turns = self.poses[:, :3, :3]
+        turned = sorted(far, key=lambda pair: np.vdot(turns[pair[0]], turns[pair[1]]))
+        far = sorted({*turned[: _MOST_PAIRS // 2], *far[:: max(1, math.ceil(2 * len(far) / _MOST_PAIRS))]})
         near = [(i, i + k) for i in range(number) for k in (1, 2) if i + k < number]
         near = near[:: max(1, math.ceil(len(near) / _MOST_NEAR))]
         pairs = sorted({*far, *near})
@@ -237,29 +300,21 @@ class _Log:
         That is in few other pairs. The very next may be farther: then it is all that there is.
         """
         found, used = [], [0] * len(self.poses)
-        for i in self._fresh():
+        for i in range(len(self.poses)):
             way = turn = 0.0
             ones: list[int] = []
             for k in range(i + 1, len(self.poses)):
                 step = _vector(np.linalg.inv(self.poses[k - 1]) @ self.poses[k])
                 way, turn = way + float(np.linalg.norm(step[:3])), turn + float(np.linalg.norm(step[3:]))
-                if turn > MOST_MOTION[1] or way > (_FAR if ones else _FARTHEST):
+                if turn > _MOST_TURN or way > (_FAR if ones else _FARTHEST):
                     break
-                if _has_moved(self.poses[i], self.poses[k], LEAST_MOTION):
+                if _has_moved(self.poses[i], self.poses[k], _LEAST_MOTION):
                     ones.append(k)
             if ones:
                 far = min(reversed(ones[len(ones) // 2 :]), key=lambda k: used[k])
                 used[far] += 1
                 found += [(i, k) for k in sorted({ones[0], far})]
         return found
-
-    def _fresh(self) -> list[int]:
-        """Numbers of clouds between which the robot moves, so that each is in few pairs."""
-        fresh: list[int] = []
-        for i, pose in enumerate(self.poses):
-            if not fresh or _has_moved(self.poses[fresh[-1]], pose, FRESH):
-                fresh.append(i)
-        return fresh
 
     def agreement(self, pairs: Floats, motions: Floats) -> float:
         """How much of the clouds lies on each other, with these motions of the robot."""
@@ -278,7 +333,9 @@ class _Log:
         starts = [self._of_sensor(motions) for motions in starts]
         for i, (one, two) in enumerate(pairs):
             fits, best, told = _FITS, None, np.eye(6)
-            for motions in starts:
+            for number, motions in enumerate(starts):
+                if any(np.abs(motions[i] - before[i]).max() < _SAME for before in starts[:number]):
+                    continue
                 match, information = self.clouds[one].matched(self.clouds[two], motions[i])
                 fit = self.clouds[one].agreement(self.clouds[two], match)
                 if fit > fits + (_AS_WELL if best is not None else 0.0):
@@ -304,7 +361,7 @@ class _Log:
         place, rotation = told[:, :3, 3], told[:, :3, :3]
         turn = np.array([turn_of(one) for one in rotation]).reshape(-1, 3)
         slopes = np.zeros((len(told), 6, 8))
-        far = np.where(np.linalg.norm(place, axis=1) > LEAST_MOTION[0], 1.0, 0.0)[:, None]
+        far = np.where(np.linalg.norm(place, axis=1) > _LEAST_MOTION[0], 1.0, 0.0)[:, None]
         slopes[:, :2, 0] = far * np.column_stack((place[:, 1], -place[:, 0]))
         slopes[:, :3, 1] = far * place
         still = rotation - np.eye(3)
@@ -313,11 +370,36 @@ class _Log:
         slopes[:, :3, 4] = np.einsum("nij,nj->ni", rotation, two[:, :3]) - one[:, :3]
         slopes[:, :3, 4] -= np.cross(one[:, 3:], place)
         slopes[:, 3:, 4] = np.einsum("nij,nj->ni", rotation, two[:, 3:]) - one[:, 3:]
-        turns = np.linalg.norm(turn, axis=1) > LEAST_MOTION[1]  # Others are noise.
+        turns = np.linalg.norm(turn, axis=1) > _LEAST_MOTION[1]  # Others are noise.
         slopes[:, 3:, 5] = np.where(turns[:, None], turn, 0.0)
         slopes[:, :3, 6:8] = np.cross(place[:, None], np.eye(3)[:2]).transpose(0, 2, 1)
         slopes[:, 3:, 6:8] = still[:, :, :2]
-        return slopes
+        return slopes[:, self.freedoms]
+
+    def errors(self, seen: Floats, told: Floats) -> Floats:
+        """(n, d) what is seen minus what is told."""
+        return _errors(seen, told)[:, self.freedoms]
+
+
+def _joined(runs: Sequence[Sequence[Cloud]]) -> list[list[Cloud]]:
+    """Runs that follow each other as their clouds do become one."""
+    joined: list[list[Cloud]] = []
+    step = np.median([b.stamp - a.stamp for run in runs for a, b in zip(run, run[1:])] or [0.0])
+    for run in runs:
+        if joined and joined[-1] and run and 0.0 < run[0].stamp - joined[-1][-1].stamp < _FOLLOWS * step:
+            joined[-1] += run
+        else:
+            joined.append(list(run))
+    return joined
+
+
+def _fresh(clouds: list[Cloud]) -> list[Cloud]:
+    """Clouds between which the robot moves, so that each is in few pairs."""
+    fresh = clouds[:1]
+    for one in clouds:
+        if _has_moved(fresh[-1].pose, one.pose, _FRESH):
+            fresh.append(one)
+    return fresh
 
 
 def _between(poses: Floats, pairs: Floats) -> Floats:
