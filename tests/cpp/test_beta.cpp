@@ -30,44 +30,6 @@ long double binomial_tail(int a, int b, long double x) {
   return sum;
 }
 
-/// log of the density's numerator t^(a - 1) (1 - t)^(b - 1) at t = u³ (10 - 15 u + 6 u²), times dt / du. The
-/// substitution is flat at both ends: there the integrand vanishes with two derivatives for a, b >= 1.
-long double log_integrand(long double a, long double b, long double u) {
-  const long double t = u * u * u * (10.0L + u * (-15.0L + 6.0L * u));
-  const long double v = 1.0L - u;
-  const long double rest = v * v * v * (10.0L + v * (-15.0L + 6.0L * v));
-  return (a - 1.0L) * std::log(t) + (b - 1.0L) * std::log(rest) + std::log(30.0L * u * u * v * v);
-}
-
-/// I_x(a, b) for a, b >= 1 as the share of the density's integral below x, by Gauss's three points in each of
-/// many pieces on both sides.
-long double integrated(long double a, long double b, long double x) {
-  long double low = 0.0L;  // u of x, by bisection.
-  long double high = 1.0L;
-  for (int i = 0; i < 80; ++i) {
-    const long double u = 0.5L * (low + high);
-    (u * u * u * (10.0L + u * (-15.0L + 6.0L * u)) < x ? low : high) = u;
-  }
-  constexpr int kPieces = 1000;
-  long double peak = -HUGE_VALL;
-  for (int i = 1; i < kPieces; ++i)
-    peak = std::max(peak, log_integrand(a, b, static_cast<long double>(i) / kPieces));
-  const long double node = std::sqrt(0.6L);
-  const auto integral = [&](long double from, long double to) {
-    const long double half = 0.5L * (to - from) / kPieces;
-    long double sum = 0.0L;
-    for (int i = 0; i < kPieces; ++i) {
-      const long double middle = from + (2 * i + 1) * half;
-      sum += 8.0L * std::exp(log_integrand(a, b, middle) - peak);
-      for (const long double u : {middle - node * half, middle + node * half})
-        sum += 5.0L * std::exp(log_integrand(a, b, u) - peak);
-    }
-    return sum * half / 9.0L;
-  };
-  const long double below = integral(0.0L, low);
-  return below / (below + integral(low, 1.0L));
-}
-
 TEST(LogGamma, IsThatOfTheStandardLibrary) {
   int cases = 0;
   for (double x = 1e-9; x < 1e7; x *= 1.01, ++cases) {
@@ -103,23 +65,6 @@ TEST(Beta, LogBetaIsThatOfFactorials) {
   EXPECT_NEAR(log_beta(0.1, 1.0), std::log(10.0), 1e-14);             // B(a, 1) = 1 / a.
   EXPECT_NEAR(log_beta(5000.0, 5000.0), static_cast<double>(2.0L * log_factorial(4999) - log_factorial(9999)),
               1e-10);
-}
-
-TEST(Beta, IncompleteEqualsItsIntegral) {
-  Random random(120);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
-  for (; cases < 250; ++cases) {
-    const double a = std::exp(random.uniform(0.0, 5.0));
-    const double b = std::exp(random.uniform(0.0, 5.0));
-    // Around the mean, out to where next to nothing is left.
-    const double mean = a / (a + b);
-    const double deviation = std::sqrt(mean * (1.0 - mean) / (a + b + 1.0));
-    const double x = std::clamp(mean + random.uniform(-5.0, 5.0) * deviation, 1e-3, 1.0 - 1e-3);
-    const auto expected = static_cast<double>(integrated(a, b, x));
-    ASSERT_NEAR(incomplete_beta(a, b, x), expected, 1e-9 * expected + 1e-14) << a << ", " << b << ", " << x;
-  }
-  EXPECT_EQ(cases, 250);
 }
 
 TEST(Beta, IncompleteHasItsClosedForms) {
@@ -278,34 +223,6 @@ TEST(RateComparison, IsThatOfSequencesOfBeams) {
   EXPECT_EQ(cases, 4000);
   EXPECT_GT(one, 500);
   EXPECT_LT(one, 3500);
-}
-
-/// Over rho = u^(1/a), of which u is uniform under Beta(a, 1).
-TEST(RateComparison, EvidenceIsAnIntegral) {
-  Random random(126);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
-  for (; cases < 20; ++cases) {
-    const double prior = random.chance(0.5) ? 0.1 : 1.0;
-    const auto log_evidence = [&](double h, double m) {
-      constexpr int kPieces = 20000;
-      long double sum = 0.0L;
-      for (int i = 0; i < kPieces; ++i) {
-        const long double rho = std::pow((i + 0.5L) / kPieces, 1.0L / prior);
-        sum += std::exp(h * std::log(rho) + m * std::log1p(-rho));
-      }
-      return static_cast<double>(std::log(sum / kPieces));
-    };
-    const double h = random.uniform(0.0, 20.0);
-    const double m = random.uniform(1.0, 50.0);
-    RateComparison rates(prior);
-    rates.add(h, m);
-    rates.add(0.5 * h, 2.0 * m);
-    ASSERT_NEAR(rates.bits_for_many() * std::log(2.0),
-                log_evidence(h, m) + log_evidence(0.5 * h, 2.0 * m) - log_evidence(1.5 * h, 3.0 * m), 1e-4)
-        << h << ", " << m;
-  }
-  EXPECT_EQ(cases, 20);
 }
 
 }  // namespace

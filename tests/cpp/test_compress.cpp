@@ -64,7 +64,7 @@ struct Case {
   static constexpr int N = kN;
   static constexpr int D = kD;
 };
-using Cases = testing::Types<Case<2, 2>, Case<3, 2>, Case<2, 3>, Case<2, 4>>;
+using Cases = testing::Types<Case<3, 2>, Case<2, 3>>;
 TYPED_TEST_SUITE(Compress, Cases);
 
 TYPED_TEST(Compress, MeetsEachBudgetAndSaysWhatItCost) {

@@ -76,8 +76,7 @@ void for_each_smallest(const Map& one, const Map& other, const Visit& visit) {
 
 template <class Map>
 class Joined : public testing::Test {};
-using Maps = testing::Types<AdaptiveMap<2, 2>, AdaptiveMap<3, 2>, AdaptiveMap<2, 3>, PaperMap<2, 2>,
-                            FixedMap<2, 2>, FixedMap<3, 3>>;
+using Maps = testing::Types<AdaptiveMap<3, 2>, AdaptiveMap<2, 3>, PaperMap<2, 2>, FixedMap<2, 2>>;
 TYPED_TEST_SUITE(Joined, Maps);
 
 TYPED_TEST(Joined, DoesNotDependOnWhichIsMergedIntoWhich) {

@@ -164,13 +164,7 @@ std::size_t play(std::uint64_t seed, int calls) {
 
 template <class Map>
 class LayeredHistoryOf : public ::testing::Test {};
-#ifdef NDTREE_SANITIZED  // Compiling takes longest there.
 using Maps = ::testing::Types<AdaptiveMap<3, 2>, AdaptiveMap<2, 3>>;
-#else
-using Maps = ::testing::Types<AdaptiveMap<2, 1>, AdaptiveMap<2, 2>, AdaptiveMap<5, 2>, AdaptiveMap<2, 3>,
-                              AdaptiveMap<3, 3>, AdaptiveMap<2, 4>, PaperMap<2, 2>, PaperMap<3, 3>,
-                              FixedMap<2, 2>, FixedMap<2, 3>>;
-#endif
 TYPED_TEST_SUITE(LayeredHistoryOf, Maps);
 
 TYPED_TEST(LayeredHistoryOf, LayersAreThoseOfTheScansWhereTheyAre) {

@@ -179,7 +179,7 @@ Scan<D> random_scan(Random& random, Measured& measured) {
 
 template <class Map>
 class Layers : public testing::Test {};
-using Maps = testing::Types<AdaptiveMap<2, 2>, AdaptiveMap<3, 3>, PaperMap<2, 2>, FixedMap<2, 3>>;
+using Maps = testing::Types<AdaptiveMap<3, 2>, AdaptiveMap<2, 3>, FixedMap<2, 3>>;
 TYPED_TEST_SUITE(Layers, Maps);
 
 /// As nothing splits after a hit in the fixed map, and where cells do, parts have the mean of the whole: what

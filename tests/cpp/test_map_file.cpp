@@ -67,8 +67,7 @@ class MapFile : public testing::Test {
   }
 };
 
-using Shapes =
-    testing::Types<Shape<2, 1>, Shape<2, 2>, Shape<3, 2>, Shape<5, 2>, Shape<2, 3>, Shape<3, 3>, Shape<2, 4>>;
+using Shapes = testing::Types<Shape<2, 1>, Shape<3, 2>, Shape<2, 3>, Shape<2, 4>>;
 TYPED_TEST_SUITE(MapFile, Shapes, );
 
 TYPED_TEST(MapFile, SaveLoadSaveIsByteEqual) {

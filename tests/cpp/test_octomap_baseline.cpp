@@ -5,11 +5,9 @@
 
 #include <gtest/gtest.h>
 
-#include <array>
 #include <cmath>
 #include <limits>
 #include <random>
-#include <set>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -115,34 +113,6 @@ TEST(OctomapBaseline, AScanAtOnceUpdatesACellOnce) {
   const auto free = static_cast<float>(log_odds(MapOptions{}.probability_min));
   EXPECT_FLOAT_EQ(at_once.log_odds(hit).value(), occupied);
   EXPECT_FLOAT_EQ(by_beam.log_odds(hit).value(), occupied + 3.0f * free);
-}
-
-TEST(OctomapBaseline, OfBeamsThatEndInOneCellOneCounts) {
-  constexpr double kCell = 0.1;
-  std::uint64_t fewer = 0;
-  for (Scan<3>& scan : room<3>(13, 2000)) {
-    scan.returned.resize(0);  // All are.
-    OctomapBaseline discretized(kCell, {}, OctomapInsertion::scan_discretized);
-    OctomapBaseline lazy(kCell, {}, OctomapInsertion::scan_at_once_lazy);
-    const std::uint64_t updates = discretized.insert(scan).updates;
-    fewer += lazy.insert(scan).updates - updates;
-    // The same scan with one beam to the middle of each cell.
-    std::set<std::array<double, 3>> ends;
-    for (Eigen::Index i = 0; i < scan.endpoints.cols(); ++i) {
-      std::array<double, 3> end;
-      for (int a = 0; a < 3; ++a)
-        end[static_cast<std::size_t>(a)] = (std::floor(scan.endpoints(a, i) / kCell) + 0.5) * kCell;
-      ends.insert(end);
-    }
-    ASSERT_LT(ends.size(), static_cast<std::size_t>(scan.endpoints.cols()));
-    scan.endpoints.resize(3, static_cast<Eigen::Index>(ends.size()));
-    Eigen::Index i = 0;
-    for (const auto& end : ends) scan.endpoints.col(i++) = Vector<3>(end[0], end[1], end[2]);
-    OctomapBaseline one_each(kCell, {}, OctomapInsertion::scan_at_once_lazy);
-    EXPECT_EQ(one_each.insert(scan).updates, updates);
-    EXPECT_EQ(one_each.stats().leaves, discretized.stats().leaves);
-  }
-  EXPECT_GT(fewer, 100u);
 }
 
 template <int D>
@@ -280,24 +250,6 @@ TEST(OctomapBaseline, BalancedEvidenceIsUnknown) {
   EXPECT_EQ(state(map, Vector<2>(0.55, 0.05)), CellState::unknown);
   EXPECT_NEAR(cast_ray(map, Vector<2>(0.05, 0.05), Vector<2>(1.0, 0.0), 5.0, RayAim::cell).value(), 0.95,
               1e-6);
-}
-
-TEST(OctomapBaseline, CastsEndWhereTheRayEntersTheCell) {
-  OctomapBaseline map(0.1);
-  map.insert(beam<2>({0.05, 0.05}, {2.05, 0.05}));
-  map.insert(beam<2>({0.05, 0.05}, {-1.95, 0.05}));
-  const Vector<2> origin(0.05, 0.05);
-  EXPECT_NEAR(cast_ray(map, origin, Vector<2>(1.0, 0.0), 5.0, RayAim::cell).value(), 1.95, 1e-9);
-  EXPECT_NEAR(cast_ray(map, origin, Vector<2>(-7.0, 0.0), 5.0, RayAim::cell).value(), 1.95, 1e-9);
-  EXPECT_NEAR(cast_ray(map, origin, Vector<2>(1.0, 0.02), 5.0, RayAim::cell).value(), std::hypot(1.95, 0.039),
-              1e-9);
-  EXPECT_EQ(cast_ray(map, Vector<2>(2.05, 0.05), Vector<2>(1.0, 0.0), 5.0, RayAim::cell), 0.0);
-  EXPECT_EQ(cast_ray(map, origin, Vector<2>(1.0, 0.0), 1.94, RayAim::cell), std::nullopt);
-  EXPECT_TRUE(cast_ray(map, origin, Vector<2>(1.0, 0.0), 1.96, RayAim::cell).has_value());
-  EXPECT_EQ(cast_ray(map, origin, Vector<2>(0.0, 1.0), kUnlimitedRange), std::nullopt);
-  EXPECT_EQ(cast_ray(map, Vector<2>(1e9, 0.0), Vector<2>(-1.0, 0.0), kUnlimitedRange), std::nullopt);
-  EXPECT_THROW(static_cast<void>(cast_ray(map, origin, Vector<2>(0.0, 0.0), 5.0)), std::invalid_argument);
-  EXPECT_THROW(static_cast<void>(cast_ray(map, origin, Vector<2>(1.0, 0.0), 0.0)), std::invalid_argument);
 }
 
 TEST(OctomapBaseline, CellsOfARayAreThoseAtItsPoints) {
@@ -444,18 +396,6 @@ TEST(OctomapBaseline, MistakesAreNamed) {
   EXPECT_THROW(at_once.insert(two), std::invalid_argument);
 }
 
-TEST(OctomapBaseline, CopiesAreIndependent) {
-  OctomapBaseline map(0.1);
-  map.insert(beam<2>({0.05, 0.05}, {1.05, 0.05}));
-  OctomapBaseline copy = map;
-  map.insert(beam<2>({0.05, 0.05}, {0.05, 1.05}));
-  EXPECT_EQ(copy.stats().leaves, 11u);
-  EXPECT_EQ(map.stats().leaves, 21u);
-  copy = map;
-  EXPECT_EQ(copy.stats().leaves, 21u);
-  EXPECT_EQ(copy.stats().updates, 22u);
-}
-
 TEST(OctomapBaseline, SavedAndLoadedIsTheSame) {
   MapOptions options;
   options.log_odds_max = 2.25;
@@ -495,15 +435,6 @@ TEST(OctomapBaseline, DamagedStreamsThrow) {
     ++damaged;
   }
   EXPECT_GT(damaged, 100);
-}
-
-TEST(OctomapBaseline, WritesOctomapsOwnFile) {
-  OctomapBaseline map(0.1);
-  map.insert(beam<2>({0.05, 0.05}, {1.05, 0.05}));
-  std::ostringstream file;
-  map.write_ot(file);
-  EXPECT_EQ(file.str().substr(0, 21), "# Octomap OcTree file");
-  EXPECT_NE(file.str().find("\nres 0.1\n"), std::string::npos);
 }
 
 }  // namespace

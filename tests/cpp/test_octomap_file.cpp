@@ -56,7 +56,7 @@ Map room(double min_cell_size = 0.1) {
 
 template <class Map>
 class OctomapFile : public testing::Test {};
-using Maps = testing::Types<FixedMap<2, 3>, AdaptiveMap<2, 3>, PaperMap<2, 3>, AdaptiveMap<3, 3>>;
+using Maps = testing::Types<FixedMap<2, 3>, PaperMap<2, 3>, AdaptiveMap<3, 3>>;
 TYPED_TEST_SUITE(OctomapFile, Maps, );
 
 /// Centres of the cells of an OctoMap of this resolution in and around the room.

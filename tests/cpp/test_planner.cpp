@@ -34,8 +34,7 @@ constexpr double kUnit = 0.25;
 
 template <class Map>
 class Planning : public testing::Test {};
-using Maps =
-    testing::Types<AdaptiveMap<2, 2>, AdaptiveMap<3, 2>, PaperMap<2, 2>, FixedMap<2, 2>, FixedMap<2, 3>>;
+using Maps = testing::Types<AdaptiveMap<2, 2>, AdaptiveMap<3, 2>, FixedMap<2, 3>>;
 TYPED_TEST_SUITE(Planning, Maps);
 
 template <int D>

@@ -136,8 +136,7 @@ void expect_changes(const Map& before, const Map& after) {
 
 template <class Map>
 class Snapshots : public testing::Test {};
-using Maps = testing::Types<AdaptiveMap<2, 2>, AdaptiveMap<3, 2>, AdaptiveMap<2, 3>, PaperMap<2, 2>,
-                            FixedMap<2, 2>, FixedMap<3, 3>>;
+using Maps = testing::Types<AdaptiveMap<3, 2>, AdaptiveMap<2, 3>, PaperMap<2, 2>, FixedMap<2, 2>>;
 TYPED_TEST_SUITE(Snapshots, Maps);
 
 TYPED_TEST(Snapshots, StayAsTheyAreAndChangeNothing) {

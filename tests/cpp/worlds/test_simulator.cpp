@@ -288,16 +288,6 @@ TEST(Simulator, RatesAndNoiseAreWhatTheSettingsSay) {
   EXPECT_NEAR(std::sqrt(squares / kept), sigma, 0.02 * sigma);
 }
 
-TEST(Simulator, ASettingChangesOnlyWhatItNames) {
-  SimulationOptions options = perfect(10);
-  options.no_return_rate = 0.1;
-  const auto quiet = simulate_office(options);
-  options.noise_scale = 1.0;
-  const auto noisy = simulate_office(options);
-  for (std::size_t i = 0; i < quiet.size(); ++i)
-    EXPECT_TRUE((quiet.scan(i).returned == noisy.scan(i).returned).all()) << i;
-}
-
 TEST(Simulator, CameraNoiseGrowsWithTheSquareOfTheRange) {
   SimulationOptions options = perfect(20);
   options.noise_scale = 1.0;
