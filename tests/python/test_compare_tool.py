@@ -7,7 +7,6 @@ import io
 import json
 import math
 import os
-import struct
 import subprocess
 import zipfile
 from pathlib import Path
@@ -141,17 +140,6 @@ def has_octomap():
     return call("no such log", "--maps", "octomap").returncode == 1
 
 
-def without_time(report):
-    """What two runs of the same comparison have in common."""
-    for entry in report["maps"]:
-        for key in ("seconds", "beams_per_second", "resident_bytes"):
-            del entry[key]
-    for ratios in (report["ratios"], *(v for v in report["ratios"].values() if isinstance(v, dict))):
-        for key in ("seconds", "resident_bytes"):
-            ratios.pop(key, None)
-    return report
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("branching", [2, 3, 4])
 def test_the_report_agrees_with_the_log_and_with_itself(tmp_path, dim, branching):
@@ -235,30 +223,6 @@ def test_claims_are_those_of_the_python_module(tmp_path, dim):
         assert label in table
 
 
-def test_in_a_simulated_world_the_line_of_sight_decides(tmp_path):
-    ndtree = pytest.importorskip("ndtree")
-    target = tmp_path / "office.json"
-    call(
-        "--world",
-        "office",
-        "--limit",
-        20,
-        "--repeat",
-        1,
-        "--maps",
-        "fixed",
-        "--no-return",
-        "free",
-        "--json",
-        target,
-    )
-    claims = json.loads(target.read_text())["maps"][0]["claims"]
-    log = ndtree.simulate("office")
-    mapped = [log[i] for i in range(20) if i % 10 != 9]
-    seen = int(log.seen_space(mapped).seen.sum())
-    assert claims["seen"] == seen != int(ndtree.SeenSpace(mapped).seen.sum())
-
-
 def test_octomap_counts_as_the_fixed_map_does(log):
     if not has_octomap():
         pytest.skip("ndtree-compare was built without OctoMap")
@@ -283,29 +247,6 @@ def test_octomap_counts_as_the_fixed_map_does(log):
         assert math.isclose(ratios["cells"], adaptive["cells"] / entry["cells"])
         assert math.isclose(ratios["cells_pruned"], adaptive["cells"] / entry["cells_pruned"])
     assert "once per scan" in table
-
-
-def test_every_format_of_a_log_gives_the_same_report(tmp_path):
-    reports = {}
-    arrays = npz_arrays(2)
-    flat = {**arrays, "origins": np.pad(arrays["origins"], ((0, 0), (0, 1)), constant_values=0.25)}
-    flat["points"] = np.pad(arrays["points"], ((0, 0), (0, 1)), constant_values=0.25)
-    fortran = {
-        **flat,
-        "origins": np.asfortranarray(flat["origins"]),
-        "points": np.asfortranarray(flat["points"]),
-    }
-    (tmp_path / "log").write_text(text_log())
-    (tmp_path / "log.gz").write_bytes(gzip.compress(text_log().encode()))
-    write_npz(tmp_path / "deflated", arrays)
-    write_npz(tmp_path / "stored.npz", arrays, compressed=False)
-    write_npz(tmp_path / "flat.npz", flat)
-    write_npz(tmp_path / "fortran.npz", fortran)
-    for name in ("log", "log.gz", "deflated", "stored.npz", "flat.npz", "fortran.npz"):
-        reports[name] = without_time(report_of(tmp_path / name)[0])
-        assert reports[name].pop("log") == str(tmp_path / name)
-    assert all(report == reports["log"] for report in reports.values())
-    assert reports["log"]["dim"] == 2
 
 
 def as_both_read_it(path):
@@ -370,41 +311,6 @@ def test_both_readers_of_npz_read_the_same(tmp_path, layout):
     ours, theirs = as_both_read_it(write_npz(tmp_path / "log.npz", layouts()[layout]))
     assert (ours is None) == (layout in list(layouts())[-6:])
     assert ours == theirs
-
-
-def test_both_readers_of_npz_refuse_damaged_arrays_and_read_others_alike(tmp_path):
-    random = np.random.default_rng(12)
-    print("seed 12")
-    small = npz_with(
-        origins=np.zeros((3, 2)),
-        points=random.normal(size=(6, 2)),
-        offsets=np.arange(0, 8, 2),
-        no_return=np.zeros(6, bool),
-        stamps=None,
-    )
-    # Names in front of arrays, and packed arrays but for the last byte, which may be padding.
-    of_arrays = set()
-    with zipfile.ZipFile(io.BytesIO(small)) as file:
-        for member in file.infolist():
-            name = member.header_offset + 30
-            of_arrays |= set(range(name, name + len(member.filename)))
-            array = name + sum(struct.unpack_from("<HH", small, member.header_offset + 26))
-            of_arrays |= set(range(array, array + member.compress_size - 1))
-        others = range(file.start_dir, len(small))
-    path = tmp_path / "damaged.npz"
-    for at in random.choice(sorted(of_arrays), 20, replace=False):
-        path.write_bytes(flipped(small, at))
-        assert as_both_read_it(path) == [None, None], at
-    for size in random.choice(len(small), 10, replace=False):
-        path.write_bytes(small[:size])
-        assert as_both_read_it(path) == [None, None], size
-    read = 0
-    for at in random.choice(others, 30, replace=False):
-        path.write_bytes(flipped(small, at))
-        ours, theirs = as_both_read_it(path)
-        assert ours is None or theirs is None or ours == theirs, at
-        read += ours is not None and theirs is not None
-    assert read > 5
 
 
 def test_carmen_logs_are_read(tmp_path):
@@ -475,14 +381,6 @@ def test_options_reach_the_map_and_the_report(log):
     assert {name: report["parameters"][name] for name in arguments} == arguments
     observed = [size["size"] for size in report["maps"][0]["cell_sizes"] if size["observed"]]
     assert min(observed) >= 0.1 and max(observed) <= 0.8
-
-
-def test_help_and_version_are_no_errors():
-    result = call("--help")
-    assert (
-        result.returncode == 0 and "Examples:" in result.stdout and "--range-sigma-quadratic" in result.stdout
-    )
-    assert call("--version").returncode == 0
 
 
 WRONG_CALLS = [
@@ -602,24 +500,6 @@ def test_odd_bytes_in_a_complaint_are_replaced(tmp_path):
     result = call(log)
     expect_complaint(result, 1, "line 1001")
     assert "\x1b" not in result.stderr
-
-
-def test_beams_without_return_can_be_left_out(tmp_path):
-    log = tmp_path / "log.txt"
-    log.write_text("".join(f"0 0 {2 + 0.01 * i} 1 {i % 2}\n" for i in range(100)))
-    beams = {}
-    for what in ("free", "ignore"):
-        json_file = tmp_path / f"{what}.json"
-        done = call(
-            str(log), "--no-return", what, "--held-out", "0", "--repeat", "1", "--json", str(json_file)
-        )
-        assert done.returncode == 0, done.stderr
-        report = json.loads(json_file.read_text())
-        assert report["parameters"]["no_return"] == what
-        beams[what] = report["beams"]
-    assert (beams["free"]["returned"], beams["free"]["not_returned"]) == (50, 50)
-    assert (beams["ignore"]["returned"], beams["ignore"]["not_returned"]) == (50, 0)
-    assert call(str(log), "--no-return", "guess").returncode == 2
 
 
 @pytest.mark.parametrize("make", [lambda room: room(0.2, scans=341), lambda room: room(0.01, gate=True)])

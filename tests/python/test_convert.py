@@ -370,36 +370,6 @@ def test_the_plane_becomes_quads_at_zero(tmp_path: Path, plane: ndtree.AdaptiveM
     assert (mesh.vertices[:, 2] == 0).all() and (mesh.face_normals[:, 2] > 0).all()
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_vtk_reads_cells_with_their_data(tmp_path: Path, dim: int) -> None:
-    pytest.importorskip("meshio")
-    vtk = pytest.importorskip("vtkmodules.vtkIOXML")
-    verdict = pytest.importorskip("vtkmodules.vtkFiltersVerdict")
-    support = pytest.importorskip("vtkmodules.util.numpy_support")
-    m = room(dim, 3)
-    ndtree.convert(m, tmp_path / "room.vtu")
-    reader = vtk.vtkXMLUnstructuredGridReader()
-    reader.SetFileName(str(tmp_path / "room.vtu"))
-    measure = verdict.vtkCellSizeFilter()
-    measure.SetInputConnection(reader.GetOutputPort())
-    measure.Update()
-    grid = measure.GetOutput()
-
-    def data(name: str) -> np.ndarray:
-        return support.vtk_to_numpy(grid.GetCellData().GetArray(name))
-
-    leaves = m.leaves()
-    known = leaves.state >= 0
-    assert grid.GetNumberOfCells() == np.count_nonzero(known) > 100
-    np.testing.assert_array_equal(data("state"), leaves.state[known])
-    np.testing.assert_array_equal(data("hits"), leaves.hits[known])
-    np.testing.assert_allclose(data("probability"), leaves.probability[known])
-    np.testing.assert_allclose(data("size"), leaves.size[known])
-    np.testing.assert_allclose(data("Volume" if dim == 3 else "Area"), leaves.size[known] ** dim, rtol=1e-6)
-    at = np.array([grid.GetCell(i).GetBounds()[: 2 * dim : 2] for i in range(50)])
-    np.testing.assert_allclose(at, leaves.lower[known][:50], atol=1e-12)
-
-
 # --- Arrays ---------------------------------------------------------------------------------------
 
 

@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import os
 import re
-import select
 import shutil
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -121,14 +119,6 @@ def test_less_memory_than_one_compiler_needs_is_refused(machine: Machine) -> Non
     refused(done, "0.6 GB of memory are free", "needs up to 1.1 GB", "add swap")
 
 
-def test_memory_is_what_the_system_says(machine: Machine) -> None:
-    done = machine.run("memory_field MemTotal; available_memory")
-    total, available = (int(line) for line in done.stdout.split())
-    assert 0 < available <= total
-    kib = int(re.search(r"MemTotal: +(\d+) kB", Path("/proc/meminfo").read_text())[1])
-    assert total == kib // 1024
-
-
 @pytest.mark.parametrize(("there", "free", "needed"), [(False, 1400, "1.5 GB"), (True, 200, "0.3 GB")])
 def test_too_little_disk_is_refused(machine: Machine, there: bool, free: int, needed: str) -> None:
     machine.has("df", f'echo "Filesystem 1M Used Available"; echo "/dev/x 9 9 {free} 1% /"')
@@ -155,14 +145,6 @@ def test_a_compiler_that_is_missing_or_too_old_is_refused(machine: Machine) -> N
     machine.has("sudo", 'exec "$@"')
     done = machine.run("check_compiler")
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-
-
-def test_the_compiler_here_is_taken() -> None:
-    if shutil.which("c++") is None:
-        pytest.skip("no c++ here")
-    code = f'source "{ROOT}/tools/setup"; source "{ROOT}/tools/machine"; check_compiler'
-    done = subprocess.run(["bash", "-c", code], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.parametrize(
@@ -239,38 +221,6 @@ def test_packages_that_a_release_lacks_are_named_if_they_are_needed(debian: Mach
     refused(done, "this release has no package cmake, which is needed")
 
 
-def test_the_end_of_what_apt_said_is_shown_when_it_fails(debian: Machine) -> None:
-    debian.has("apt-get", "echo E: no network; exit 100")
-    done = debian.run(PACKAGES + "setup_system demo")
-    assert done.returncode == 1
-    assert "E: no network" in done.stderr and "apt-get failed; the whole output is in" in done.stderr
-
-
-def test_with_all_packages_there_nobody_has_to_be_root(debian: Machine) -> None:
-    (debian.folder / "installed").write_text("build-essential\ncmake\nliboctomap-dev\n")
-    debian.lacks("sudo")
-    done = debian.run(PACKAGES + "setup_system demo")
-    assert done.stdout == "Debian packages: all there\n"
-    assert not [call for call in debian.calls if call.startswith("apt-get")]
-
-
-def read_until(end: int, expected: str | None) -> str:
-    """What a terminal shows, up to a text, or up to its end."""
-    text, give_up = "", time.monotonic() + 20
-    while expected is None or expected not in text:
-        assert time.monotonic() < give_up, text
-        if not select.select([end], [], [], 0.1)[0]:
-            continue
-        try:
-            part = os.read(end, 10_000)
-        except OSError:  # Linux says so that the other side has left.
-            return text
-        if not part:
-            return text
-        text += part.decode()
-    return text
-
-
 # --- All of it --------------------------------------------------------------------------------------
 
 
@@ -329,21 +279,6 @@ def test_the_demo_sets_up_builds_and_calls_ndtree(built: Machine, root: bool) ->
     assert "Debian packages: all there" in lines and "Python packages: all there" in lines
     assert lines[-1] == "ndtree demo a log.bag --every 2"
     assert sum(bool(re.fullmatch(r"ok, \d+ s", line)) for line in lines) >= 1
-
-
-def test_the_demo_shows_on_a_terminal_how_far_its_build_is(built: Machine) -> None:
-    near, far = pty.openpty()
-    env = {"PATH": str(built.programs), "HOME": str(built.folder), "TERM": "xterm"}
-    process = subprocess.Popen(["bash", built.root / "tools/demo"], stdout=far, stderr=far, env=env)
-    os.close(far)
-    shown = read_until(near, None)
-    assert process.wait(timeout=20) == 0
-    os.close(near)
-    after_heading = shown[shown.index("== Build") :]
-    line = after_heading.index("[8/8]")
-    # The line is gone before the result is written.
-    assert re.search(r"\r\x1b\[2Kok, \d s\r\n", after_heading[line:])
-    assert shown.rstrip().endswith("ndtree demo")
 
 
 def test_a_compiler_that_was_killed_is_explained(built: Machine) -> None:

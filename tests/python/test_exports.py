@@ -18,34 +18,6 @@ def room(dim: int, branching: int = 2, cls: type = ndtree.AdaptiveMap) -> Any:
     return with_room(cls(dim=dim, branching=branching, **size), 3, 500)
 
 
-def centres(lower: np.ndarray, shape: tuple[int, ...], cell_size: float) -> np.ndarray:
-    """(i, j, ..., dim): where the cells of a grid have their centres."""
-    indices = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1)
-    return lower + (indices + 0.5) * cell_size
-
-
-def test_grids_of_cells_no_larger_than_the_maps_hold_what_it_says_at_their_centres(
-    shape: tuple[int, int],
-) -> None:
-    branching, dim = shape
-    m = room(dim, branching)
-    lower = np.array([-2.3, -1.7, -0.4, 0.0])[:dim]
-    for cell_size, counts in ((0.1, (40, 33, 12, 2)), (0.035, (51, 39, 15, 3))):
-        upper = lower + np.array(counts[:dim]) * cell_size
-        grid = m.to_grid([lower, upper], cell_size)
-        assert grid.dtype == np.int8 and grid.shape == counts[:dim]
-        points = centres(lower, grid.shape, cell_size).reshape(-1, dim)
-        np.testing.assert_array_equal(grid.ravel(), m.state(points))
-        probability = m.to_grid([lower, upper], cell_size, values="probability")
-        np.testing.assert_array_equal(probability.ravel(), m.probability(points))
-        log_odds = m.to_grid([lower, upper], cell_size, values="log_odds")
-        np.testing.assert_array_equal(log_odds > 0, grid == 1)
-    assert set(np.unique(m.to_grid([[-2.5] * dim, [2.5] * dim]))) == {-1, 0, 1}
-    assert m.to_grid([[0.0] * dim, [1.0] * dim], 0.3).shape == (4,) * dim  # As many as cover it.
-    assert m.to_grid([[0.0] * dim, [0.3] * dim], 0.1).shape == (3,) * dim  # 0.3 / 0.1 is a little below 3.
-    assert m.to_grid([[1.0] * dim, [1.0] * dim]).size == 0
-
-
 @pytest.mark.parametrize(
     "box, options, message",
     [

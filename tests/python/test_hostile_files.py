@@ -26,7 +26,7 @@ from outcomes import info_of, outcome_of
 import ndtree
 from ndtree.cli.commands import every
 from ndtree.logs.core.failures import readable, shown
-from ndtree.logs.core.plain_file import open_plain, open_regular
+from ndtree.logs.core.plain_file import open_regular
 from ndtree.maps.open import open_map
 
 every()  # Commands are loaded once, and not in each fork.
@@ -88,19 +88,6 @@ def test_a_long_line_in_a_plain_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "long.txt"
     path.write_bytes(b"0 0 1 1\n" + b"1 " * (1 << 23) + b"1\n")
     assert "line 2: longer than 16 MiB" in refused(path, tmp_path)
-
-
-def test_the_lines_of_a_plain_file_are_those_of_python(tmp_path: Path) -> None:
-    path = tmp_path / "a.txt"
-    content = b"one\r\ntwo\n\nthree"
-    for packed in (bytes, gzip.compress, bz2.compress):
-        path.write_bytes(packed(content))
-        with open_plain(path) as file:
-            assert list(file) == content.splitlines(keepends=True)
-            assert file.line == 4
-        with open_plain(path) as file:
-            assert (file.read(5), file.read(100)) == (content[:5], content[5:])
-            assert 0 < file.place <= path.stat().st_size
 
 
 # --- What is no file -------------------------------------------------------------------------------
@@ -218,33 +205,6 @@ def test_a_pixel_costs_a_few_bytes(image: Callable[..., Path], tmp_path: Path) -
     (tmp_path / "large.pgm").write_bytes(b"P5\n4000 4000\n255\n" + bytes([205]) * side**2)
     map_image(str(path))  # Once, for what is imported.
     assert peak_memory(lambda: map_image(str(path))) < 8 * side**2
-
-
-@pytest.mark.parametrize("rule", ["trinary", "scale"])
-def test_colors_and_transparency_say_what_nav2_reads(
-    rule: str, image: Callable[..., Path], tmp_path: Path
-) -> None:
-    """Trinary: alpha is a fourth color of images that have it. Scale: what is not opaque is unknown."""
-    from PIL import Image
-
-    random = np.random.default_rng(1)
-    for mode, bands in (("L", 1), ("LA", 2), ("RGB", 3), ("RGBA", 4), ("P", 1), ("1", 1)):
-        pixels = random.integers(0, 256, (300, 7, bands), dtype=np.uint8)
-        if mode in ("LA", "RGBA"):
-            pixels[..., -1] = random.choice([0, 1, 128, 254, 255], (300, 7))
-        made = Image.fromarray(pixels.squeeze(), mode if mode not in ("P", "1") else "L").convert(mode)
-        made.save(tmp_path / "a.png")
-        colors = np.asarray(made.convert("RGBA"), dtype=np.float64)
-        averaged = 4 if rule == "trinary" and mode in ("LA", "RGBA") else 3
-        share = (255 - colors[..., :averaged].mean(axis=2)) / 255
-        expected = np.where(share >= 0.65, 1, np.where(share <= 0.196, 0, -1))
-        if rule == "scale":
-            expected[colors[..., 3] < 255] = -1
-        assert set(np.unique(expected)) == {-1, 0, 1} or mode == "1"
-        found = open_map(image(image="a.png", mode=rule)).map
-        x, y = np.meshgrid(np.arange(7), np.arange(300), indexing="ij")
-        points = np.stack([x, y], axis=-1).reshape(-1, 2) * 0.05 + 0.025
-        assert np.array_equal(found.state(points), expected[::-1].T.ravel()), mode
 
 
 # --- Bags -----------------------------------------------------------------------------------------

@@ -5,8 +5,6 @@ from __future__ import annotations
 
 import json
 import math
-import threading
-import time
 from typing import Any
 
 import numpy as np
@@ -98,24 +96,6 @@ def test_wrong_sensors_and_poses_are_named() -> None:
         m.information_gain([1.0, 2.0, 0.0], 5.0)
 
 
-def test_other_threads_go_on() -> None:
-    m, sensor = half_seen(), ndtree.RangeSensor.laser(max_range=12.0, beams=20_000)
-    poses = np.random.default_rng(4).uniform([1.0, 1.0, -3.0], [15.0, 15.0, 3.0], (200, 3))
-    steps, done = 0, threading.Event()
-
-    def ask() -> None:
-        m.information_gain(poses, sensor, threads=1)
-        done.set()
-
-    thread = threading.Thread(target=ask)
-    thread.start()
-    while not done.is_set():
-        steps += 1
-        time.sleep(0.001)
-    thread.join()
-    assert steps > 3
-
-
 def test_a_robot_explores_and_says_how_far_it_drove() -> None:
     seen = {name: explore("office", name, max_looks=25) for name in ("information", "nearest", "random")}
     for result in seen.values():
@@ -137,13 +117,6 @@ def test_a_robot_explores_and_says_how_far_it_drove() -> None:
             ValueError, match=f"start = {start}: must be 0 to 719, a scan of the office's own log"
         ):
             explore("office", start=start)
-
-
-def test_a_robot_that_noise_shuts_in_goes_back() -> None:
-    """A wall's noise closes the way behind it."""
-    seen = explore("office", "nearest", start=90, max_looks=60)
-    assert not seen.done and len(seen.way) == 60 and seen.volume[-1] > seen.volume[29] + 10.0
-    assert (seen.track[2:] == seen.track[:-2]).all(axis=1).any(), "it turned round"
 
 
 @pytest.mark.parametrize("strategy", ["information", "nearest", "random"])

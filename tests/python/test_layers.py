@@ -65,14 +65,6 @@ def test_leaves_carry_what_was_measured_in_them(dim: int) -> None:
     assert np.all((stamp >= 10) & (stamp <= 17)) and stamp.max() == 17
 
 
-def test_where_nothing_ended_there_is_nothing() -> None:
-    m = mapped()
-    nowhere = [[0.5, 0, 0], [50.0, 0, 0]]
-    assert np.isnan(m.layer("color", nowhere)).all()
-    assert np.isnan(m.layer("stamp", nowhere)).all()
-    np.testing.assert_array_equal(m.layer("label", nowhere), [-1, -1])
-
-
 def test_beams_without_return_say_nothing() -> None:
     m = ndtree.FixedMap(dim=2, min_cell_size=0.1, layers={"label": "majority"})
     m.insert(
@@ -224,20 +216,6 @@ def test_masked_arrays_are_refused() -> None:
 def test_tiles_hold_no_layers(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="layers: color, height, label, stamp: must be none"):
         ndtree.TileMapper(ndtree.tiles.storage_of(tmp_path / "m.tiles"), mapped())
-
-
-def test_means_of_large_numbers_stay_finite() -> None:
-    m = ndtree.FixedMap(dim=2, min_cell_size=0.1, layers={"i": "mean"})
-    for value in (3e38, -3e38):
-        m.insert([[1.05, 0.05]], [0, 0], layers={"i": [value]})
-    assert abs(m.layer("i", [1.05, 0.05])) < 1e35
-    assert ndtree.from_bytes(m.to_bytes()) == m
-
-
-def test_beams_that_say_nothing_may_say_anything_to_layers() -> None:
-    m = ndtree.FixedMap(dim=2, min_cell_size=0.1, layers={"i": "mean"})
-    m.insert([[np.nan, 0.0], [1.05, 0.05]], [0, 0], layers={"i": [np.nan, 4]})
-    assert m.layer("i", [1.05, 0.05]) == 4
 
 
 def test_no_two_columns_of_a_ply_file_have_one_name(tmp_path: Path) -> None:

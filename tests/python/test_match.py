@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree._native import _core
 
 RNG = np.random.default_rng(3)
 
@@ -192,38 +191,6 @@ def test_matches_can_be_shown_copied_and_pickled():
 def test_wrong_calls_are_named(call, says):
     with pytest.raises(ValueError, match=says.replace("(", r"\(")):
         call()
-
-
-def test_pose_graphs_are_those_of_gtsam():
-    gtsam = pytest.importorskip("gtsam", reason="the oracle is the gtsam of PyPI")
-    rng = np.random.default_rng(5)
-    for _ in range(5):
-        start = np.cumsum(rng.normal(0, 0.5, (30, 3)), axis=0)
-        pairs = [(i, i + 1) for i in range(29)] + [
-            tuple(sorted(rng.choice(30, 2, replace=False))) for _ in range(15)
-        ]
-        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        measured, information = [], []
-        for a, b in pairs:
-            relation = gtsam.Pose2(*start[a]).between(gtsam.Pose2(*(start[b] + rng.normal(0, 0.002, 3))))
-            sigmas = rng.uniform(0.02, 0.2, 2)[[0, 0, 1]]  # Its x and y are those of the other pose.
-            measured.append((relation.x(), relation.y(), relation.theta()))
-            information.append(np.diag(sigmas**-2))
-            graph.add(
-                gtsam.BetweenFactorPose2(int(a), int(b), relation, gtsam.noiseModel.Diagonal.Sigmas(sigmas))
-            )
-        graph.add(
-            gtsam.PriorFactorPose2(0, gtsam.Pose2(*start[0]), gtsam.noiseModel.Isotropic.Sigma(3, 1e-6))
-        )
-        for i, pose in enumerate(start):
-            values.insert(i, gtsam.Pose2(*pose))
-        expected = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
-        poses, *_ = _core.solve_pose_graph(start, pairs, measured, information, np.zeros(len(pairs)))
-        ours = gtsam.Values()
-        for i, pose in enumerate(poses):
-            ours.insert(i, gtsam.Pose2(*pose))
-        # It takes shift and turn together, we do not: the same to first order.
-        assert graph.error(ours) < 1.02 * graph.error(expected) < graph.error(values)
 
 
 def test_far_points_take_memory_of_their_surface_alone() -> None:

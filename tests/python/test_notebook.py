@@ -8,7 +8,6 @@ import io
 import re
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -92,17 +91,6 @@ def test_the_table_has_the_picture_in_it(kind: str) -> None:
     assert found and base64.b64decode(found[1]) == m._repr_png_()
     assert f"{m.stats().observed_leaves:,} observed" in shown and f"{kind}, 2-D" in shown
     assert len(shown) < 60_000
-
-
-@pytest.mark.long
-def test_a_map_of_a_million_cells_is_shown_soon() -> None:
-    for shape in ((1100, 1100), (110, 110, 110)):
-        states = RNG.choice(np.array([0, 0, 0, 1, -1], dtype=np.int8), shape)
-        m = ndtree.from_grid(states, [0.0] * len(shape), 0.05, refinement="fixed")
-        assert m.stats().observed_leaves > 900_000
-        begin = time.process_time()
-        m._repr_html_()
-        assert time.process_time() - begin < 3.0, "0.5 s where nothing else runs"
 
 
 def test_pictures_need_numpy_alone() -> None:

@@ -82,35 +82,6 @@ def test_a_path_is_free_and_goes_through_the_door(dim: int, kind: str, name: str
     assert repr(path) == f"Path({len(path)} points, {path.length:.3f} m, clearance {path.clearance:.3f} m)"
 
 
-def test_clearance_is_kept_and_told() -> None:
-    m, body = rooms(2), ndtree.Sphere(0.2)
-    start, goal = point(2, -3.3, -1.0), point(2, 3.3, -1.0)
-    for clearance in (0.0, 0.1, 0.25):
-        path = m.plan(start, goal, body=body, clearance=clearance)
-        every = poses(path.points)[:, :2, 2]
-        nearest = m.distance_to_occupied(every).min() - 0.2
-        assert clearance <= path.clearance <= nearest + 1e-9
-        assert path.clearance >= nearest - 0.01 or path.clearance == pytest.approx(
-            2.0 - abs(every[:, 1]).max() - 0.2
-        )
-    assert not m.plan(start, goal, body=body, clearance=0.45)
-
-
-def test_a_gap_that_is_hardly_wider_than_the_body_is_found() -> None:
-    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05, max_cell_size=1.6)
-    m.mark([[-2.0, -2.0], [2.0, 2.0]], "free")
-    m.mark([[0.0, -2.0], [0.1, -0.2]], "occupied")
-    m.mark([[0.0, 0.15], [0.1, 1.95]], "occupied")  # Gaps of 0.35 and 0.05 m.
-    for radius, is_found in ((0.12, True), (0.17, True), (0.174, True), (0.1751, False)):
-        path = m.plan([-1.0, 0.5], [1.0, 0.5], body=ndtree.Sphere(radius))
-        assert bool(path) == is_found, radius
-        if path:
-            assert path.length < 2.5 and path.reason == ""
-            assert m.path_collides(ndtree.Sphere(radius), poses(path.points), unknown="occupied") == -1
-        else:
-            assert "another part of free space" in path.reason and path.reason in repr(path)
-
-
 def test_a_robot_turns_where_it_fits_lengthwise_alone() -> None:
     m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05, max_cell_size=1.6)
     m.mark([[-3.0, -3.0], [3.0, 3.0]], "free")
@@ -281,16 +252,6 @@ def test_the_search_ends_when_its_time_is_over() -> None:
     planner, goals = ndtree.Planner(m, ndtree.Sphere(0.2)), [[39.0, 0.0], [-39.0, 1.0], [-38.0, -10.0]]
     ways = planner.ways([-39, 0], goals, max_seconds=0.0)
     assert np.isnan(ways[0]) and ways[1] == 1.0 and ways[2] == np.inf
-
-
-def test_octomap_files_are_planned_in(tmp_path: Path) -> None:
-    m, body = rooms(3, "fixed"), ndtree.Sphere(0.25)
-    m.save(tmp_path / "rooms.bt")
-    start, goal = point(3, -3.3, -1.0), point(3, 3.3, -1.0)
-    loaded = ndtree.load(tmp_path / "rooms.bt")
-    np.testing.assert_array_equal(
-        loaded.plan(start, goal, body=body).points, m.plan(start, goal, body=body).points
-    )
 
 
 def test_frontiers_come_in_the_order_of_the_way() -> None:

@@ -41,14 +41,6 @@ def any_room(request):
     return room(*request.param)
 
 
-def test_bounds_are_those_of_the_observed_leaves(any_room):
-    leaves = any_room.leaves()
-    lower, upper = any_room.bounds()
-    np.testing.assert_array_equal(lower, leaves.lower[leaves.observed].min(axis=0))
-    np.testing.assert_array_equal(upper, (leaves.lower + leaves.size[:, None])[leaves.observed].max(axis=0))
-    assert ndtree.AdaptiveMap(dim=2).bounds() is None
-
-
 def test_leaves_of_a_box_and_of_states_are_some_of_all(any_room):
     box = np.array([np.full(any_room.dim, -1.03), np.full(any_room.dim, 0.71)])
     every = any_room.leaves()
@@ -127,12 +119,3 @@ def test_equal_maps_are_equal(any_room):
     assert any_room != "a map"
     with pytest.raises(TypeError, match="unhashable"):
         hash(any_room)
-
-
-def test_maps_of_others_say_that_they_cannot():
-    if not ndtree.has_octomap:
-        pytest.skip("built without OctoMap")
-    m = ndtree.OctoMap(min_cell_size=0.1)
-    for call in (m.bounds, m.frontiers, lambda: m.keep_near(np.zeros(3), 1.0)):
-        with pytest.raises(ValueError, match="a map of ndtree's own"):
-            call()

@@ -6,7 +6,6 @@ from __future__ import annotations
 import struct
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +24,7 @@ from ndtree import plot
 from ndtree.cells.lattice import Cells
 from ndtree.plot import cubes
 from ndtree.plot.close_ups import close_up_region
-from ndtree.plot.colors import CUBE_SIZE_COLORS, HEIGHT_COLORS, round_length
-from ndtree.plot.figures import SIZE_COLORS
+from ndtree.plot.colors import round_length
 from ndtree.plot.images import MAX_IMAGE_CELLS
 
 
@@ -70,13 +68,6 @@ def test_each_pixel_has_the_state_of_the_map_there(kind: str, branching: int) ->
     np.testing.assert_array_equal(states_of(image), m.state(centres(image, extent)))
     assert image.size > 1000
     assert {0, 1} <= set(states_of(image))
-
-
-def test_region_is_what_is_shown(flat: Any) -> None:
-    ax = plot.occupancy(flat, region=(-1.03, 0.52, 0.11, 0.97))
-    assert (*ax.get_xlim(), *ax.get_ylim()) == (-1.03, 0.52, 0.11, 0.97)
-    image, extent = shown_image(ax)
-    np.testing.assert_array_equal(states_of(image), flat.state(centres(image, extent)))
 
 
 def test_vast_maps_become_images_of_bounded_size() -> None:
@@ -238,15 +229,6 @@ def test_colors_say_what_they_should(solid: Any, color: str) -> None:
     assert len(quads) > 100
 
 
-def test_colors_that_are_not_known_are_refused(solid: Any) -> None:
-    for make in (
-        lambda: plot.coloring(Cells.of(solid), "hight"),
-        lambda: plot.Coloring("hight", "", None, "turbo"),
-    ):
-        with pytest.raises(ValueError, match=r"color = 'hight': must be one of height, size, probability"):
-            make()
-
-
 def test_ceiling_is_cut_away_in_a_room_and_only_there() -> None:
     def room(with_ceiling: bool) -> Any:
         m = ndtree.FixedMap(dim=3, min_cell_size=0.1)
@@ -393,18 +375,6 @@ def test_a_close_up_is_where_surfaces_are() -> None:
     assert x_max - x_min < 12.0
 
 
-@pytest.mark.long
-def test_a_million_leaves_are_drawn_in_seconds(tmp_path: Path) -> None:
-    m = ndtree.FixedMap(dim=2, min_cell_size=0.02)
-    angle = np.linspace(0, 2 * np.pi, 8000, endpoint=False)
-    m.insert(15 * np.stack([np.cos(angle), np.sin(angle)], axis=1), np.zeros(2))
-    assert m.stats().leaves > 1_000_000
-    start = time.perf_counter()
-    plot.occupancy(m).figure.savefig(tmp_path / "a.png")
-    plot.cells(m).figure.savefig(tmp_path / "b.png")
-    assert time.perf_counter() - start < 40
-
-
 def test_a_scale_bar_is_as_long_as_it_says(flat: Any, solid: Any) -> None:
     for figure in (plot.overview(flat), plot.overview_3d(solid), plot.side_by_side(flat, flat)):
         ax = figure.axes[0]
@@ -433,16 +403,6 @@ def test_overviews_say_what_axes_and_greys_mean(flat: Any, solid: Any) -> None:
         }
         assert shown == {"occupied": 0.0, "free": 254 / 255, "unknown": 205 / 255}
     assert plot.overview(flat).axes[0].get_title("left").startswith("adaptive, ")
-
-
-def test_heights_and_sizes_are_even_for_the_eye() -> None:
-    """Equal steps of the value are about equal steps of lightness, one way only."""
-    for name in (HEIGHT_COLORS, CUBE_SIZE_COLORS, SIZE_COLORS):
-        red, green, blue = (colormaps[name](np.linspace(0, 1, 33))[:, :3] ** 2.2).T
-        lightness = np.cbrt(0.2126 * red + 0.7152 * green + 0.0722 * blue)
-        steps = np.diff(lightness)
-        assert (np.sign(steps) == np.sign(steps[0])).all()
-        assert np.abs(steps).max() < 2.5 * np.abs(steps).mean()
 
 
 # --- What is in the frame ---------------------------------------------------------------------------
@@ -498,28 +458,6 @@ def test_nothing_but_a_wall_is_a_picture_of_bounded_size(length: float, tmp_path
     assert (tmp_path / "a.png").stat().st_size > 3000
 
 
-@pytest.mark.long
-def test_no_picture_has_more_pixels_than_the_bound(flat: Any, tmp_path: Path) -> None:
-    from matplotlib.image import imread
-
-    from ndtree.plot.figures import MAX_PIXELS
-
-    target = tmp_path / "a.png"
-    plot.overview(flat, target, width=90, dpi=400)
-    height, width = imread(target).shape[:2]
-    assert 0.9 * MAX_PIXELS < height * width <= 1.01 * MAX_PIXELS
-    figure = plot.overview(flat, region=(0.0, 1e-3, -1e3, 1e3))
-    assert np.prod(figure.get_size_inches()) * figure.dpi**2 <= 1.01 * MAX_PIXELS
-
-
-def test_one_row_of_cells_is_an_image_of_bounded_size() -> None:
-    from ndtree.plot.images import image_of
-
-    one = Cells.of(beside_a_wall())
-    image, _ = image_of(one, (0.0, 0.01, -1e8, 1e8))
-    assert image.size <= MAX_IMAGE_CELLS
-
-
 def test_occupancy_has_the_colors_of_map_server(flat: Any, tmp_path: Path) -> None:
     """Each pixel is black, 254 or 205 as the map's state there is, whatever the probability."""
     ax = plot.occupancy(flat)
@@ -534,11 +472,6 @@ def test_occupancy_has_the_colors_of_map_server(flat: Any, tmp_path: Path) -> No
     assert between.any() and levels.min() == 0 and levels.max() == 1
     with pytest.raises(ValueError, match="color = 'size': must be state or probability"):
         plot.occupancy(flat, color="size")
-
-
-def test_titles_say_how_many_cells_of_which_sizes_in_metres(flat: Any) -> None:
-    title = plot.overview(flat).axes[0].get_title("left")
-    assert title == f"adaptive, {flat.stats().observed_leaves:,} cells of 0.05 m to 0.8 m"
 
 
 def test_notebooks_show_what_is_drawn() -> None:

@@ -16,7 +16,6 @@ import pytest
 
 import ndtree
 from ndtree.logs import read
-from ndtree.logs.sfm.colmap import CAMERA_MODELS
 from ndtree.logs.sfm.triangulation import Triangulation
 
 rotations = pytest.importorskip("scipy.spatial.transform", reason="no SciPy: no rotations").Rotation
@@ -321,32 +320,6 @@ def test_colmap_s_own_files_are_read(tmp_path: Path) -> None:
         (tmp_path / kind).mkdir()
         getattr(model, f"write_{kind}")(str(tmp_path / kind))
         assert same_scans(read(tmp_path / kind), ours) > 80
-
-
-def test_every_camera_model_of_colmap_is_known() -> None:
-    pycolmap = pytest.importorskip(
-        "pycolmap", reason="no pycolmap: COLMAP's camera models are not to be asked"
-    )
-    known = {}
-    for model in pycolmap.CameraModelId.__members__.values():
-        if model.value >= 0:
-            camera = pycolmap.Camera.create_from_model_id(1, model, 500, 640, 480)
-            known[model.name] = (model.value, len(camera.params), len(camera.focal_length_idxs()))
-    assert known.items() <= CAMERA_MODELS.items() and len(known) > 10
-
-
-def test_gtsam_reads_and_writes_the_same(tmp_path: Path) -> None:
-    gtsam = pytest.importorskip("gtsam", reason="no gtsam: no library of others reads Bundler or writes BAL")
-    w = world()
-    path = bundler(tmp_path, w)
-    path.write_text(
-        path.read_text().replace("0 0 0\n", "1 0 0\n", 1).replace("0 0 0\n" * 3, "1 0 0\n0 1 0\n0 0 1\n", 1)
-    )
-    theirs = gtsam.SfmData.FromBundlerFile(str(path))
-    centers = [theirs.camera(i).pose().translation() for i in range(theirs.numberCameras())]
-    np.testing.assert_allclose([scan.origin for scan in read(path)], centers, atol=1e-9)
-    gtsam.writeBAL(str(tmp_path / "bal.txt"), theirs)
-    assert same_scans(read(tmp_path / "bal.txt"), read(path)) > 80
 
 
 # --- What is refused --------------------------------------------------------------------------------

@@ -9,7 +9,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
@@ -432,18 +431,3 @@ def test_kinds_are_all_drawn() -> None:
     look = Look(free=True, unknown=True, slice_at=0.0)
     assert shown_kinds(look) == list(KINDS)
     assert shown_kinds(Look(occupied=False)) == []
-
-
-@pytest.mark.long
-def test_a_million_cells_are_ready_in_seconds() -> None:
-    m = ndtree.FixedMap(dim=3, min_cell_size=0.05)
-    generator = np.random.default_rng(8)
-    points = generator.uniform(-12, 12, (60_000, 3))
-    points[:, 2] = 0.3 * np.sin(points[:, 0]) + generator.normal(0, 0.02, len(points)) - 2
-    m.insert(points, np.zeros(3))
-    assert m.stats().observed_leaves > 1_000_000
-    begin = time.process_time()
-    seen = Snapshot(m)
-    layer = seen.layer("occupied", Look())
-    assert 5_000 < len(layer.pyramid.chosen(np.zeros(3), 20_000)) <= 20_000
-    assert time.process_time() - begin < 20

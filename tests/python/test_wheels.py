@@ -137,16 +137,6 @@ def test_what_is_linked_does_what_it_did(linked: dict[str, Path], tmp_path: Path
             assert 0.045 < time.monotonic() - start < 10
 
 
-def test_a_function_that_no_library_has_is_named(wheels: ModuleType, tmp_path: Path) -> None:
-    if not shutil.which("gcc") or not shutil.which("readelf"):
-        pytest.skip("no gcc here")
-    (tmp_path / "a.c").write_text(
-        "void PyErr_Clear(void); void arc5random(void); void f(void) { PyErr_Clear(); arc5random(); }"
-    )
-    subprocess.run(["gcc", "-shared", "-fPIC", tmp_path / "a.c", "-o", tmp_path / "a.so"], check=True)
-    assert wheels.foreign_symbols(tmp_path / "a.so") == ["arc5random"]
-
-
 LISTING = """
 Symbol table '.dynsym' contains 9 entries:
    Num:    Value          Size Type    Bind   Vis      Ndx Name
@@ -225,30 +215,3 @@ def test_a_wrong_call_is_told_in_one_line(arguments: list[str], said: str, tmp_p
     assert said in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert not folder.exists()
-
-
-def test_this_interpreter_is_asked(wheels: ModuleType) -> None:
-    said = wheels.ask_interpreter(sys.executable)
-    if isinstance(said, str):  # Such as Debian's, without its headers.
-        assert said.startswith(("has no", "cannot"))
-    else:
-        assert said.version == sys.version_info[:2]
-        assert said.tag == f"cp{sys.version_info[0]}{sys.version_info[1]}"
-
-
-def test_the_table_names_what_failed(wheels: ModuleType, tmp_path: Path) -> None:
-    wheel = tmp_path / "ndtree_mapping-1.2.3-cp311-cp311-manylinux_2_28_x86_64.whl"
-    wheel.write_bytes(b"x" * 1_234_000)
-    interpreters = [wheels.Interpreter(f"/usr/bin/python3.{n}", (3, n), f"3.{n}.1") for n in (11, 12)]
-    lines = wheels.table(
-        [
-            wheels.Result(interpreters[0], wheel, 12.3, "ndtree 1.2.3, NumPy 2.0"),
-            wheels.Result(interpreters[1], problems=["no compiler"]),
-        ]
-    ).splitlines()
-    assert len(lines) == 3
-    assert lines[1].split() == [
-        *("cp311", "manylinux_2_28_x86_64", "1.23", "12", "s", "3.11.1,", "/usr/bin/python3.11"),
-        *("ndtree", "1.2.3,", "NumPy", "2.0"),
-    ]
-    assert lines[2].split() == ["cp312", "none", "3.12.1,", "/usr/bin/python3.12", "FAILED"]
