@@ -84,8 +84,8 @@ void for_each_index(std::int64_t from, std::int64_t to, const Visit& visit) {
 
 CellState state_of_value(float log_odds) { return state_of(log_odds); }
 
-/// Sixtieths of the map's cells: 1, 1 1/60, 1.2, 1.5, 5/3, 2, 2.5, 3, 3.2, 4, 7 and 10 of them.
-constexpr std::array<std::int64_t, 12> kEdges = {60, 61, 72, 90, 100, 120, 150, 180, 192, 240, 420, 600};
+/// Sixtieths of the map's cells: 1, 1 1/60, 1.5, 5/3, 2, 3.2 and 7 of them.
+constexpr std::array<std::int64_t, 7> kEdges = {60, 61, 90, 100, 120, 192, 420};
 
 template <class Map>
 class Coarser : public testing::Test {};

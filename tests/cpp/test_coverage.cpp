@@ -210,32 +210,6 @@ TYPED_TEST(CoverageOf, CompressingMakesNothingKnownThatWasNeverSeen) {
   EXPECT_GT(unknown, 200);
 }
 
-TYPED_TEST(CoverageOf, FilesKeepWhatWasPartlySeen) {
-  NDTREE_SHAPE;
-  Random random(17);
-  SCOPED_TRACE(random.trace());
-  AdaptiveMap<N, D> map(options_of(N, N == 2 ? 4 : 2));
-  const auto scan = [&] {
-    Scan<D> beams;
-    beams.origins = Vector<D>::Constant(random.uniform(-0.2, 0.2));
-    beams.endpoints.resize(D, 40);
-    for (Eigen::Index i = 0; i < beams.size(); ++i)
-      for (int a = 0; a < D; ++a) beams.endpoints(a, i) = random.uniform(-3.0, 3.0);
-    return beams;
-  };
-  int partly_seen = 0;
-  for (int i = 0; i < 6; ++i) {
-    const Scan<D> next = scan();
-    auto again = from_bytes<AdaptiveMap<N, D>>(to_bytes(map));
-    ASSERT_EQ(to_bytes(again), to_bytes(map));
-    map.insert(next);
-    again.insert(next);
-    ASSERT_EQ(to_bytes(again), to_bytes(map)) << "a map goes on from its file as if nothing had happened";
-    for_each_leaf(map.tree(), [&](const auto& leaf) { partly_seen += leaf.cell().is_partly_seen(); });
-  }
-  EXPECT_GE(partly_seen, D == 1 ? 0 : 10);
-}
-
 /// What a beam sees, @param way over a child's edge.
 template <class Sum>
 auto passed(float way, float width) {

@@ -138,32 +138,6 @@ TEST(EvidenceModel, TheMeanChordOfACube) {
   EXPECT_DOUBLE_EQ(mean_chord_of_unit_cube(3), 2.0 / 3.0);
 }
 
-/// The mean over random lines: an origin and a direction, both uniform on a disc around the square.
-TEST(EvidenceModel, TheMeanChordIsThatOfRandomLines) {
-  Random random(144);
-  SCOPED_TRACE(random.trace());
-  double sum = 0.0;
-  int crossing = 0;
-  for (int i = 0; i < 400000; ++i) {
-    const double angle = random.uniform(0.0, std::acos(-1.0));
-    const double offset = random.uniform(-0.75, 0.75);  // Of the line from the middle, across its direction.
-    const double c = std::cos(angle);
-    const double s = std::sin(angle);
-    double enter = -10.0;
-    double exit = 10.0;
-    for (const auto& [at, along] : {std::pair{-s * offset, c}, std::pair{c * offset, s}}) {
-      if (along == 0.0) continue;
-      enter = std::max(enter, std::min((-0.5 - at) / along, (0.5 - at) / along));
-      exit = std::min(exit, std::max((-0.5 - at) / along, (0.5 - at) / along));
-    }
-    if (enter >= exit) continue;
-    sum += exit - enter;
-    ++crossing;
-  }
-  EXPECT_GT(crossing, 200000);
-  EXPECT_NEAR(sum / crossing, mean_chord_of_unit_cube(2), 0.003);
-}
-
 TEST(EvidenceModel, ProbabilityInsideIsTheMeanOverPlaces) {
   int cases = 0;
   double last = 0.0;
@@ -391,21 +365,6 @@ TEST(EvidenceModel, ChildrenStartWithTheirPart) {
     }
   EXPECT_EQ(cases, 5400);
   EXPECT_GT(none, 50);
-}
-
-TEST(EvidenceModel, EvidenceIsSharedOutAsTheBeamsGo) {
-  const EvidenceModel model = model_with(200.0, 0.5, 3.0);
-  EvidenceCell parent;
-  model.assign(parent, 0, 40000);
-  const auto free_of = [&](std::size_t passed, std::size_t beams) {
-    return model.initial_child(parent, 2, passed, beams).free_evidence();
-  };
-  EXPECT_EQ(free_of(50, 100), 20000) << "half of the beams is the mean";
-  EXPECT_GT(free_of(100, 100), 38000) << "all came through here";
-  EXPECT_LT(free_of(0, 100), 2000) << "none";
-  EXPECT_GT(free_of(0, 100), 1000) << "but others may have";
-  EXPECT_GT(free_of(0, 1), 10000) << "a single beam says little";
-  EXPECT_LT(free_of(0, 1), 20000);
 }
 
 /// A cell with evidence, and the evidence of one scan for it.

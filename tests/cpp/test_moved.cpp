@@ -50,7 +50,7 @@ TYPED_TEST(RangePyramidTest, NeverSaysMoreThanTheBeamsAroundAPoint) {
   int answers = 0;
   int hidden = 0;
   int at_edges = 0;
-  for (int round = 0; round < 20; ++round) {
+  for (int round = 0; round < 10; ++round) {
     const int beams = D == 2 ? 400 : 6000;
     RangePyramid<D> pyramid;
     const Point origin = Point::Constant(static_cast<float>(random.uniform(-5.0, 5.0)));
@@ -102,9 +102,9 @@ TYPED_TEST(RangePyramidTest, NeverSaysMoreThanTheBeamsAroundAPoint) {
       EXPECT_TRUE(round % 2 == 0 || way[0] > -0.3F || passed < 0.0F) << "no beam is there";
     }
   }
-  EXPECT_GT(answers, 500);
-  EXPECT_GT(at_edges, 1000);
-  EXPECT_GT(hidden, 100);
+  EXPECT_GT(answers, 250);
+  EXPECT_GT(at_edges, 500);
+  EXPECT_GT(hidden, 50);
 }
 
 TEST(RangePyramid, ABeamAcrossAnEdgeOfTheCubeIsNotOverlooked) {

@@ -453,25 +453,6 @@ TYPED_TEST(ScanUpdateOf, OccupiedCellsOfManyBeamsAreWeighedAsAWhole) {
   EXPECT_GE(splits, D == 1 ? 0u : 3u);
 }
 
-TYPED_TEST(ScanUpdateOf, OneHitForEachBeamThatReturned) {
-  NDTREE_SHAPE;
-  Random random(132);
-  SCOPED_TRACE(random.trace());
-  int beams = 0;
-  for (int i = 0; i < 40; ++i) {
-    AdaptiveMap<N, D> map(spelled_out_options(kUnit, kUnit));
-    // Exact ones, that pass and end on borders, but not where a border meets another.
-    Scan<D> scan = random_scan<D>(random, 10, 1.5, i % 2 == 0 ? 0.0 : kUnit / 4.0, 0.0);
-    if (i % 2 != 0) scan.endpoints.bottomRows(D - 1).array() += kUnit / 3.0;
-    const InsertReport report = map.insert(scan);
-    std::uint64_t hits = 0;
-    for_each_leaf(map.tree(), [&](const auto& leaf) { hits += leaf.cell().hits(); });
-    ASSERT_EQ(hits, report.returned);
-    beams += 10;
-  }
-  EXPECT_EQ(beams, 400);
-}
-
 TYPED_TEST(ScanUpdateOf, TheOrderOfAScansBeamsDoesNotMatter) {
   NDTREE_SHAPE;
   Random random(133);
@@ -584,22 +565,6 @@ TYPED_TEST(ScanUpdateOf, ThreadsBringLargeScansInMorePartsThanTheyAre) {
       ASSERT_TRUE(to_bytes(others[t]) == bytes) << i << ", " << 2 + t << " threads";
       ASSERT_NO_THROW(others[t].check_invariants());
     }
-  }
-}
-
-TYPED_TEST(ScanUpdateOf, ThreadsMayBeMoreThanCoarseCells) {
-  NDTREE_SHAPE;
-  Random random(140);
-  SCOPED_TRACE(random.trace());
-  const MapOptions options = spelled_out_options(0.5, 0.5 * N * N * N);
-  AdaptiveMap<N, D> alone(options);
-  AdaptiveMap<N, D> shared(options);
-  for (int i = 0; i < 20; ++i) {
-    Scan<D> scan = random_scan<D>(random, 20003, 0.5, 0.0, 0.0);
-    scan.origins = scan.origins.leftCols(1).eval();
-    alone.insert(scan, 3.0, 1);
-    shared.insert(scan, 3.0, 20);
-    ASSERT_TRUE(to_bytes(shared) == to_bytes(alone));
   }
 }
 

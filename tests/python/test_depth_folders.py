@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import struct
 import zlib
 from collections.abc import Callable
@@ -12,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import ndtree
 from ndtree.logs import read
 from ndtree.logs.folders.depth_image import Camera, camera_of, points_of
 from ndtree.tuning.inspection import inspect
@@ -202,34 +200,6 @@ def test_floats_are_metres_and_what_is_not_finite_is_no_depth() -> None:
     image = np.array([[1.5, np.nan, np.inf], [0.0, -1.0, 2.0]], dtype=np.float32)
     points = points_of(image, Camera(2, 4, 1, 1))
     np.testing.assert_allclose(points, [[-0.75, -0.375, 1.5], [1.0, 0.0, 2.0]])
-
-
-def test_a_folder_can_be_read_again_and_mapped(tmp_path: Path) -> None:
-    log = read(seven_scenes(tmp_path), pixel_stride=4)
-    m = ndtree.AdaptiveMap(dim=3, min_cell_size=0.5, max_cell_size=8)
-    reports = [scan.insert_into(m) for scan in log]
-    assert [len(scan) for scan in log] == [report.returned for report in reports]
-
-
-def test_a_folder_is_mapped_from_the_command_line(tmp_path: Path) -> None:
-    pytest.importorskip("typer")
-    from calling import cli
-
-    folder = tmp_path / "log"
-    folder.mkdir()
-    (tum(folder) / "depth" / "100.500000.png").write_bytes(b"no image")
-    target, figures = tmp_path / "a.ndt", tmp_path / "a.json"
-    command = ["map", str(folder), "-o", str(target), "--json", str(figures), "--min-cell-size", "0.5"]
-    options = ["--camera", "300,300,8,6,1000", "--pixel-stride", "3", "--time-offset", "0.125"]
-    refused = cli(*command, *options)
-    assert refused.exit_code == 1 and not target.exists()
-    result = cli(*command, *options, "--keep-going")
-    assert result.exit_code == 0, result.output
-    written = json.loads(figures.read_text())
-    kept = [np.count_nonzero(depth_image(i)[1::3, 1::3]) for i in (0, 2)]
-    assert (written["scans"], written["beams"]["returned"]) == (2, sum(kept))
-    assert written["skipped"]["damaged scans"]["count"] == 1
-    assert ndtree.load(target).dim == 3
 
 
 # --- What is refused --------------------------------------------------------------------------------

@@ -109,10 +109,14 @@ def test_poses_that_are_not_sure_make_the_serial_map_too(tmp_path):
     assert whole.to_bytes() != serial(sure, max_range=8.0).to_bytes()
 
 
-@pytest.mark.parametrize("no_return", ["free", "ignore"])
 @pytest.mark.parametrize(
-    ("engine", "workers", "block_beams"),
-    [("local", 1, 10**9), ("local", 1, 1), ("local", 4, 2_000), ("processes", 2, 2_000)],
+    ("engine", "workers", "block_beams", "no_return"),
+    [
+        ("local", 1, 10**9, "free"),
+        ("local", 1, 1, "free"),
+        ("local", 4, 2_000, "ignore"),
+        ("processes", 2, 2_000, "free"),
+    ],
 )
 def test_the_map_is_the_serial_one(tmp_path, engine, workers, block_beams, no_return):
     url = tmp_path / "a"
@@ -432,13 +436,12 @@ def test_engines_make_the_serial_map(tmp_path, engine):
         assert open_tiles(url).to_map() == serial(fleet())
 
 
-@pytest.mark.parametrize("engine", ["processes", "local"])
-def test_a_run_killed_at_any_time_goes_on(tmp_path, engine):
+def test_a_run_killed_at_any_time_goes_on(tmp_path):
     random = np.random.default_rng(6)
     print("seed 6")
     kills = 0
     while True:
-        child = run_child(tmp_path / "a", engine, 2)
+        child = run_child(tmp_path / "a", "processes", 2)
         begun = time.monotonic()
         while kills < 3 and child.poll() is None:
             work = list((tmp_path / "a").rglob("work/*"))

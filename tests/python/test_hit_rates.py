@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import there
 from numpy.typing import NDArray
 
 import ndtree
@@ -254,24 +253,6 @@ def test_a_map_that_calls_a_wall_free_gets_a_large_bound() -> None:
     right = map_of("fixed", mapped).certify(held_out, max_range=20.0)
     assert wrong.certify(held_out, max_range=20.0).at_most > 1.5 * right.at_most
     assert "at most" in str(right) and "20 scans held out" in str(right)
-
-
-@pytest.mark.parametrize("name", ["laser2d_intel", "laser2d_belgioioso"])
-def test_certificates_hold_on_recordings(name: str) -> None:
-    path = there(DATA / name / f"{name}.npz")
-    scans = [scan.returned_only() for scan in ndtree.read(path)]
-    mapped, held_out = split(scans, 5)
-    m = map_of("adaptive", mapped)
-    shares = np.array(
-        [wrong / free for free, wrong in (free_and_wrong(m, s, 20.0) for s in held_out) if free]
-    )
-    generator = np.random.default_rng(6)
-    kept = []
-    for _ in range(2000):
-        order = generator.permutation(len(shares))
-        half = len(shares) // 2
-        kept.append(np.mean(shares[order[half:]] <= conformal_bound(shares[order[:half]], 0.95)))
-    assert np.mean(kept) >= 0.95 - 0.002, "as far as chance lets the splits"
 
 
 def test_the_command_line_shows_and_draws_them(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from conftest import room_scan
 import ndtree
 from ndtree.cells.lattice import CellIndex, Cells, Pyramid, coarsened, covered_faces, frontier, hidden
 
-SHAPES = [(2, 2), (3, 2), (2, 3), (3, 3)]  # branching, dim
+SHAPES = [(2, 2), (3, 2), (2, 3)]  # branching, dim
 
 
 def room(branching: int, dim: int, far: float = 0.0, open_side: bool = False) -> Any:

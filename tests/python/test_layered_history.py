@@ -2,7 +2,6 @@
 """Layers of maps that follow the poses of their scans."""
 
 import math
-import struct
 
 import numpy as np
 import pytest
@@ -11,57 +10,6 @@ import ndtree
 
 LAYERS = {"color": "mean3", "intensity": "mean", "label": "majority", "stamp": "latest"}
 OPTIONS = {"min_cell_size": 0.1, "max_cell_size": 1.6, "range_sigma": 0.02}
-
-
-def without_counters(m: ndtree.AdaptiveMap) -> bytes:
-    """A map's file, but for how many updates, splits and merges made it."""
-    data = bytearray(m.to_bytes()[:-4])  # The checksum is of all.
-    at = data.index(b"evidence") + len(b"evidence")
-    (options,) = struct.unpack_from("<I", data, at)
-    at += 4
-    for _ in range(options):
-        (length,) = struct.unpack_from("<H", data, at)
-        at += 2 + length + 8
-    data[at : at + 24] = bytes(24)
-    return bytes(data)
-
-
-def some_scan(random: np.random.Generator, dim: int, n: int = 150) -> np.ndarray:
-    points = random.normal(size=(n, dim))
-    return points * (random.uniform(1, 3, n) / np.linalg.norm(points, axis=1))[:, None]
-
-
-def some_measurements(random: np.random.Generator, n: int, stamp: float) -> dict[str, np.ndarray]:
-    return {
-        "color": random.uniform(0, 255, (n, 3)),
-        "intensity": random.uniform(-1, 1, n),
-        "label": random.integers(0, 5, n),
-        "stamp": np.full(n, stamp),
-    }
-
-
-def some_pose(random: np.random.Generator, dim: int, reach: float = 6.0) -> np.ndarray:
-    if dim == 2:
-        return random.uniform([-reach, -reach, -3], [reach, reach, 3])
-    q = random.normal(size=4)
-    return np.concatenate([random.uniform(-reach, reach, 3), q / np.linalg.norm(q)])
-
-
-def test_frozen_scans_leave_their_layers() -> None:
-    random = np.random.default_rng(5)
-    history, free = (ndtree.ScanHistory(dim=2, layers=LAYERS, **OPTIONS) for _ in range(2))
-    for key in range(12):
-        points, pose = some_scan(random, 2), some_pose(random, 2)
-        given = some_measurements(random, len(points), key)
-        for one in (history, free):
-            one.insert(key, points, pose, layers=given)
-        if key == 7:
-            history.freeze(4)
-    poses = {key: some_pose(random, 2) for key in (4, 9, 11)}
-    for one in (history, free):
-        one.move(poses)
-    assert without_counters(history.map) == without_counters(free.map)
-    assert history.num_frozen == 4 and len(free) == 12
 
 
 def test_what_was_measured_is_kept() -> None:

@@ -199,7 +199,8 @@ def test_layers_that_there_are_not(layers: object, message: str) -> None:
     ],
 )
 def test_a_refused_call_changes_nothing(layers: dict[str, object], message: str) -> None:
-    m = mapped()
+    m = ndtree.AdaptiveMap(dim=3, layers=LAYERS)
+    m.insert(walls(3), np.zeros(3), layers=told(walls(3), 1.0))
     before = m.to_bytes()
     with pytest.raises(ValueError) as error:
         m.insert(walls(3)[:2], np.zeros(3), layers=layers)

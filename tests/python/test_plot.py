@@ -166,8 +166,9 @@ def faces_of(ax: Any) -> tuple[np.ndarray, np.ndarray]:
     return quads, collection.get_facecolors()[:, :3]
 
 
-@pytest.mark.parametrize("azimuth, elevation", [(-60.0, 50.0), (35.0, 20.0), (130.0, 60.0), (215.0, -30.0)])
-@pytest.mark.parametrize("branching", [2, 3])
+@pytest.mark.parametrize(
+    "branching, azimuth, elevation", [(2, -60.0, 50.0), (2, 215.0, -30.0), (3, 35.0, 20.0), (3, 130.0, 60.0)]
+)
 def test_what_is_in_front_is_drawn_last(branching: int, azimuth: float, elevation: float) -> None:
     m = with_room(ndtree.AdaptiveMap(dim=3, branching=branching, max_cell_size=0.9, min_cell_size=0.1), 30)
     region = (-5.0, 5.0) * 3

@@ -35,9 +35,9 @@ def in_room(origin: Floats, directions: Floats, box: Floats | None) -> tuple[Flo
     return np.where(meets, near, ranges), meets
 
 
-@pytest.mark.parametrize("cell", [0.05, 0.1])
-@pytest.mark.parametrize("stood", [3, 6, 12, 20])
-@pytest.mark.parametrize("step", [0.0, 0.02])
+@pytest.mark.parametrize(
+    ("cell", "stood", "step"), [(0.05, 6, 0.0), (0.05, 20, 0.02), (0.1, 3, 0.02), (0.1, 12, 0.0)]
+)
 def test_what_stood_is_gone_after_as_many_scans_or_sixteen(cell: float, stood: int, step: float) -> None:
     rng = np.random.default_rng(stood)
     angles = np.linspace(-2.3, 2.3, 271)
@@ -76,9 +76,9 @@ def test_a_ray_ends_in_a_cell_that_holds_something_only_before_the_unknown() -> 
     assert details.state[0] == 1 and details.size[0] == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("cell", [0.05, 0.1])
-@pytest.mark.parametrize("sigma", [0.001, 0.005])
-@pytest.mark.parametrize("half", [0.78, 0.82, 0.99])
+@pytest.mark.parametrize(
+    ("cell", "sigma", "half"), [(0.05, 0.001, 0.78), (0.1, 0.005, 0.82), (0.05, 0.005, 0.99)]
+)
 def test_walls_that_a_precise_sensor_grazes_stand(cell: float, sigma: float, half: float) -> None:
     """A smooth corridor, seen on a short way: walls are met at 60 to 78 degrees, and passed more often."""
     rng = np.random.default_rng(5)
