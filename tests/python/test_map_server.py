@@ -1,16 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Images for map_server say to others, cell by cell, what the map says.
-
-Debian 12 has no map_server. It has MRPT, whose reader of its files is not ours; where it is installed
-(``apt-get install --no-install-recommends g++ libeigen3-dev libmrpt-maps-dev``), it reads what is written.
-``NDTREE_MRPT`` may name another place than / where MRPT was unpacked.
-"""
+"""Images for map_server say to others, cell by cell, what the map says."""
 
 from __future__ import annotations
 
-import os
 import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -66,39 +59,3 @@ def test_modes_are_read_in_any_case(mode: str, written: tuple[Path, np.ndarray],
     for one in (path, tmp_path / "hall.yaml"):
         ndtree.convert(one, tmp_path / f"{one.parent == tmp_path}.ndt")
     assert (tmp_path / "True.ndt").read_bytes() == (tmp_path / "False.ndt").read_bytes()
-
-
-@pytest.fixture(scope="module")
-def reader(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
-    """A program that prints what MRPT reads, and its environment."""
-    root = Path(os.environ.get("NDTREE_MRPT", "/"))
-    headers = sorted((root / "usr/include/mrpt").glob("*/include"))
-    libraries = sorted(root.glob("usr/lib/*/libmrpt-*.so"))
-    compiler = shutil.which("g++")
-    if compiler is None or not libraries or not headers:
-        pytest.skip("no MRPT: see the head of the file for what to install")
-    program = tmp_path_factory.mktemp("mrpt") / "read_map"
-    folder = libraries[0].parent
-    includes = [*headers, root / "usr/include", Path("/usr/include/eigen3")] if root != Path("/") else [
-        *headers, Path("/usr/include/eigen3"),
-    ]  # fmt: skip
-    command = [compiler, "-std=c++17", *(f"-isystem{one}" for one in includes)]
-    command += [str(Path(__file__).parent / "mrpt" / "read_map.cpp"), "-o", str(program), f"-L{folder}"]
-    command += [f"-l{one.name[3:-3]}" for one in libraries]
-    command += [f"-Wl,-rpath-link,{folder}", "-Wl,--unresolved-symbols=ignore-in-shared-libs"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    places = sorted({str(one.parent) for one in root.glob("usr/lib/**/*.so*")}) if root != Path("/") else []
-    return program, {**os.environ, "LD_LIBRARY_PATH": ":".join(places)}
-
-
-def test_mrpt_reads_every_cell(written: tuple[Path, np.ndarray], reader: tuple[Path, dict[str, str]]) -> None:
-    (path, states), (program, environment) = written, reader
-    done = subprocess.run([program, path], env=environment, capture_output=True, text=True, check=True)
-    head, *rows = done.stdout.splitlines()
-    columns, lines, x, y, size = (float(word) for word in head.split())
-    assert (columns, lines) == states.shape
-    np.testing.assert_allclose([x, y, size], [-1.3, 0.7, SIZE], rtol=1e-6)
-    free = np.array(rows, dtype=float).reshape(int(lines), int(columns)).T
-    expected = np.array([0.5, 1.0, 0.0])[states + 1]
-    np.testing.assert_allclose(free, expected, atol=0.01)

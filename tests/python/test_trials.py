@@ -116,7 +116,7 @@ def test_worlds_are_drawn_by_the_seed_alone() -> None:
 
 def test_each_row_is_tried_by_the_short_form() -> None:
     for name, one in CAPABILITIES.items():
-        trials = [Trial.of(name, seed) for seed in range(one.rows)]
+        trials = [Trial.of(name, seed) for seed in one.short]
         assert {trial.world for trial in trials} == set(one.worlds)
         assert {trial.fault for trial in trials} == set(one.faults)
         pairs = {(t.world, t.fault) for t in (Trial.of(name, seed) for seed in range(1000))}
@@ -233,11 +233,11 @@ def test_the_command_refuses_what_it_cannot_do(words: list[str]) -> None:
 def test_nothing_is_silently_wrong_that_was_not(name: str) -> None:
     """Each world and each fault once; what is wrong today is in the committed table, with its seed."""
     done = []
-    for seed in range(CAPABILITIES[name].rows):
+    for seed in CAPABILITIES[name].short:
         trial = Trial.of(name, seed)
         _, outcome = trial.run()
         done.append(Done(trial, outcome.verdict, outcome.is_needless, f"{trial}: {outcome}", 0.0))
-    assert COMMITTED[name]["trials"] >= len(done)
+    assert COMMITTED[name]["trials"] > max(CAPABILITIES[name].short), "else nothing is compared"
     assert not new_in(table_of(done), COMMITTED)
 
 

@@ -29,34 +29,40 @@ class Capability:
     ----------
     judge : callable
     worlds, faults : tuple of str
+    short : tuple of int
+        Seeds of the short form: each world and each fault at least once, by sensors of few beams.
     """
 
     judge: Callable[[Case], tuple[Recording, Outcome]]
     worlds: tuple[str, ...]
     faults: tuple[str, ...]
-
-    @property
-    def rows(self) -> int:
-        """Seeds from 0 on that try each world and each fault at least once."""
-        return max(len(self.worlds), len(self.faults))
+    short: tuple[int, ...]
 
 
 CAPABILITIES = {
-    "map": Capability(maps.map_trial, (*_PLANAR, *_SPATIAL), _MOVES),
+    "map": Capability(
+        maps.map_trial,
+        (*_PLANAR, *_SPATIAL),
+        _MOVES,
+        (0, 4, 5, 9, 10, 13, 14, 22, 23, 24, 27, 28, 31, 33, 34, 35),
+    ),
     "no_return": Capability(
         sensing.no_return_trial,
         ("room", "yard", "glass", "hall", "corridor", "twins"),
         ("none", "largest", "largest_noisy", "zero", "beyond", "dark"),
+        (1, 3, 26, 28, 30, 35),
     ),
     "noise": Capability(
         sensing.noise_trial,
         ("room", "corridor", "hall", "loop", "flat", "ramp", "chamber"),
         ("none", "person"),
+        (1, 2, 3, 12, 19, 20, 24),
     ),
     "setup": Capability(
         setup.setup_trial,
         ("room", "hall", "loop", "twins", "recesses"),
         ("none", "noisy", "late", "turned", "moved", "mirrored", "backwards", "scaled", "begins_at_0"),
+        (5, 19, 29, 36, 40, 51, 52, 53, 57),
     ),
     "setup_in_space": Capability(
         setup_in_space.setup_trial,
@@ -75,34 +81,56 @@ CAPABILITIES = {
             "camera_axes",
             "swept",
         ),
+        tuple(range(12)),
     ),
-    "align": Capability(poses.align_trial, _PLANAR, _ODOMETRY),
-    "slam": Capability(poses.slam_trial, _PLANAR, _ODOMETRY),
-    "match": Capability(poses.match_trial, _PLANAR, ("near", "far")),
+    "align": Capability(poses.align_trial, _PLANAR, _ODOMETRY, (0, 15, 32, 36, 38, 39, 53, 61, 64, 67)),
+    "slam": Capability(poses.slam_trial, _PLANAR, _ODOMETRY, (1, 6, 9, 32, 43, 44, 57, 58, 60, 65)),
+    "match": Capability(poses.match_trial, _PLANAR, ("near", "far"), (0, 4, 12, 29, 33, 34, 39, 44, 50, 54)),
     "localize": Capability(
         poses.localize_trial,
         _PLANAR,
         ("none", "drift", "scale", "jump", "stall", "carried", "other_building"),
+        (1, 2, 9, 24, 26, 28, 37, 50, 53, 55),
+    ),
+    "moved": Capability(
+        moving.moved_trial,
+        (*_PLANAR, *_SPATIAL),
+        _MOVES,
+        (1, 4, 9, 16, 21, 31, 39, 40, 46, 50, 57, 58, 59, 60, 65, 69),
     ),
     "localize_in_space": Capability(
         poses.localize_trial,
         ("street", "chamber", "storeys", "shelves", "passage", "flat", "bend", "ramp", "railing"),
         ("none", "drift", "no_guess", "jump", "carried", "stall", "other_building"),
+        tuple(range(9)),
     ),
-    "moved": Capability(moving.moved_trial, (*_PLANAR, *_SPATIAL), _MOVES),
     "clean": Capability(
-        moving.clean_trial, ("corridor", "fence", "yard", "furniture", *_SPATIAL), (*_MOVES, "pitch")
+        moving.clean_trial,
+        ("corridor", "fence", "yard", "furniture", *_SPATIAL),
+        (*_MOVES, "pitch"),
+        (2, 7, 8, 10, 35, 42, 49, 51, 53, 57),
     ),
     "static": Capability(
-        moving.static_trial, ("room", "corridor", "fence", "yard", "flat", "railing"), (*_MOVES, "pitch")
+        moving.static_trial,
+        ("room", "corridor", "fence", "yard", "flat", "railing"),
+        (*_MOVES, "pitch"),
+        (1, 2, 6, 43, 49, 64),
     ),
     "live": Capability(
         living.live_trial,
         ("room", "corridor", "yard", "loop", "twins"),
         ("none", "late", "begins_late", "missing", "stamps_back", "largest"),
+        (11, 22, 33, 37, 54, 62),
     ),
-    "plan": Capability(planning.plan_trial, (*_PLANAR, *_SPATIAL), _MOVES),
-    "grid": Capability(living.grid_trial, ("flat", "street", "shelves", "chamber"), ("none", "pitch")),
+    "plan": Capability(
+        planning.plan_trial,
+        (*_PLANAR, *_SPATIAL),
+        _MOVES,
+        (1, 3, 21, 23, 24, 27, 28, 29, 31, 41, 42, 51, 53, 61, 63, 65),
+    ),
+    "grid": Capability(
+        living.grid_trial, ("flat", "street", "shelves", "chamber"), ("none", "pitch"), (24, 27, 54, 55)
+    ),
 }
 
 
