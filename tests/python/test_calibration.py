@@ -68,7 +68,7 @@ def test_a_log_without_noise_has_almost_none() -> None:
 
 
 def test_errors_of_poses_are_in_the_noise(found_office: ndtree.Calibration) -> None:
-    blurred = ndtree.calibrate(kept("office", seed=3, scans=160, position_sigma=0.03))
+    blurred = ndtree.calibrate(kept("office", seed=3, scans=100, position_sigma=0.03))
     assert sigma_at(blurred, 2.0) > 1.3 * sigma_at(found_office, 2.0)
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -123,6 +124,7 @@ def test_each_row_is_tried_by_the_short_form() -> None:
         assert len(pairs) == len(one.worlds) * len(one.faults)
 
 
+@cache
 def judged(change: float, claim: str) -> Outcome:
     """A room mapped by a laser, whose map is then made wrong in one way."""
     rng = np.random.default_rng(3)
