@@ -162,7 +162,7 @@ TYPED_TEST(Coarser, AllWritersFollowOneRule) {
       }
     }
   }
-  EXPECT_GT(mixed, 1000);
+  EXPECT_GT(mixed, 300);
 }
 
 TYPED_TEST(Coarser, GridsMayBeginAnywhere) {
@@ -194,7 +194,7 @@ TYPED_TEST(Coarser, GridsMayBeginAnywhere) {
       known += states[i] >= 0;
     }
   }
-  EXPECT_GT(known, 50);
+  EXPECT_GT(known, 20);
 }
 
 TEST(Coarser, AThinWallStaysAtEverySize) {

@@ -172,7 +172,7 @@ TEST(Turning, TurnsInPlaceBetweenPosts) {
     expect_free(map, body, path);
     EXPECT_FALSE(first_blocked_turning(Planner<Map>(map, body), path.points).has_value());
   }
-  EXPECT_GT(found, 40);
+  EXPECT_GT(found, 30);
 }
 
 /// Poses that were wrapped, or written and read again, are those that were planned.
