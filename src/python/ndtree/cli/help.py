@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The pages of ``--help``, which are files, so that they come at once.
 
-`ndtree.cli.commands.pages` makes them of the commands, and those of ``--help-all`` when they are asked for; a
-test compares, and NDTREE_UPDATE_DOCS=1 writes them.
+`ndtree.cli.commands.pages` makes them of the commands; a test compares, and NDTREE_UPDATE_DOCS=1 writes them.
+Those of ``--help-all`` are made when they are asked for.
 """
 
 from __future__ import annotations

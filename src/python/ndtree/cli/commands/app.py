@@ -87,7 +87,7 @@ def announce(name: str, module: str) -> None:
         def make_context(self, info_name: Any, args: list[str], *more: Any, **keywords: Any) -> Any:
             shown = page_asked_for([name, *args])
             if shown is None and asks_for_all(args):
-                from ndtree.cli.commands.pages import whole_page  # Not for other calls.
+                from ndtree.cli.commands.whole_page import whole_page  # Not for other calls.
 
                 shown = whole_page(name, loaded(name, module))
             if shown is not None:
