@@ -32,7 +32,7 @@ TESTS = {
     "live/passing.py": "test_live_passing.py test_live_marks.py",
     "live/routing.py": "test_live_routing.py",
     "logs/core/silence.py": "test_silence.py",
-    "logs/folders/las_files.py": "test_coordinate_systems.py",
+    "logs/folders/coordinate_system.py": "test_coordinate_systems.py",
     "tuning/agreement.py": "test_agreement.py",
     "tuning/range_end.py": "test_range_end.py",
     "tuning/heading.py": "test_heading.py",

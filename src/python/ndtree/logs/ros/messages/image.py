@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.logs.folders.depth_image import Camera, png_pixels, points_of
+from ndtree.logs.ros.messages import rvl
 from ndtree.logs.ros.messages.beams import COMPRESSED_IMAGE, SWAPPED, Beams, is_swapped, pitch_of
 
 #: Images that hold depths: type of a pixel, and its values in a metre.
@@ -108,20 +109,21 @@ def _pixels(message: Any) -> tuple[NDArray[Any], bool]:
 
 
 def _unpacked(message: Any) -> NDArray[Any]:
-    """The pixels of a CompressedImage: a PNG of 16 bits, or compressedDepth with one in it.
+    """The pixels of a CompressedImage: a PNG of 16 bits, or compressedDepth with one in it, or with RVL.
 
     compressedDepth of an image in metres holds their inverse, quantised: depth is a / (value - b).
     """
     data = np.asarray(message.data, dtype=np.uint8).tobytes()
     is_metres = encoding_of(message) == "32FC1"
     a = b = 0.0
-    if data[_CONFIG.size :].startswith(_PNG):
+    is_rvl = "compresseddepth rvl" in " ".join(message.format.lower().split())
+    if (is_rvl and len(data) >= _CONFIG.size) or data[_CONFIG.size :].startswith(_PNG):
         _, a, b = _CONFIG.unpack_from(data)
         data = data[_CONFIG.size :]
     elif not data.startswith(_PNG) or is_metres:
-        expected = "a PNG of 16 bits, as compressedDepth or plain; image_transport unpacks others"
+        expected = "a PNG of 16 bits, as compressedDepth or plain, or compressedDepth with RVL"
         raise ValueError(f"the image is packed as {message.format!r}, expected {expected}")
-    values = png_pixels(io.BytesIO(data), "the image")
+    values = rvl.unpacked(data) if is_rvl else png_pixels(io.BytesIO(data), "the image")
     if not is_metres:
         return values
     depth = np.full(values.shape, np.nan, dtype=np.float32)
