@@ -53,7 +53,7 @@ std::string thrown_by(const std::function<void()>& call) {
 
 template <class Map>
 class Limits : public testing::Test {};
-using Maps = testing::Types<AdaptiveMap<2, 3>, AdaptiveMap<3, 2>, PaperMap<2, 2>, FixedMap<2, 2>>;
+using Maps = testing::Types<AdaptiveMap<2, 3>, AdaptiveMap<3, 2>, PaperMap<3, 2>, FixedMap<2, 2>>;
 TYPED_TEST_SUITE(Limits, Maps);
 
 TYPED_TEST(Limits, AScanThatWouldTakeTooMuchMemoryLeavesTheMapAsItWas) {
