@@ -273,6 +273,62 @@ TEST(BeamTraversal, ByHand) {
   EXPECT_EQ(cases, 33);
 }
 
+/// Real numbers, unit 0.1 m, near and far from the origin: each visited leaf holds the middle of its part,
+/// what is sampled in between was visited, and the parts tile the beam to the last bit.
+TYPED_TEST(BeamTraversalOf, AgreesWithDenseSampling) {
+  NDTREE_SHAPE;
+  Random random(22);
+  SCOPED_TRACE(random.trace());
+  int beams = 0;
+  int samples = 0;
+  for (int round = 0; round < 12; ++round) {
+    auto tree = random_tree<N, D>(random, 0.1, 3, 25);
+    const bool far = round % 3 == 2;
+    if (far) {  // 100 km away, where a double of metres resolves 1.5e-11 m.
+      const Vector<D> place = Vector<D>::Constant(1e5);
+      tree.grow_to_contain(place);
+      for (int i = 0; i < 60; ++i) {
+        const auto leaf =
+            *tree.find_leaf(place + random_point<D>(random, {Vector<D>::Zero(), Vector<D>::Ones()}));
+        if (leaf.index.level > tree.geometry().finest_level()) tree.split(leaf);
+      }
+    }
+    const Box<D> near = far ? Box<D>{Vector<D>::Constant(1e5 - 1.0), Vector<D>::Constant(1e5 + 2.0)}
+                            : widened(tree.box(tree.root().index), 0.1);
+    for (int i = 0; i < 25; ++i, ++beams) {
+      const Vector<D> origin = random_point(random, near);
+      Vector<D> direction = random_point(random, near) - origin;
+      if (i % 4 == 0) direction[random.integer(0, D - 1)] = 0.0;
+      const double tolerance = far ? 1e-8 : 1e-10;  // In t.
+      const auto crossings = traversed(tree, origin, direction, 0.0, 1.0);
+      for (std::size_t k = 0; k < crossings.size(); ++k) {
+        const auto& c = crossings[k];
+        ASSERT_LT(c.t_enter, c.t_exit);
+        ASSERT_TRUE(k == 0 || c.t_enter == crossings[k - 1].t_exit);
+        if (c.t_exit - c.t_enter < tolerance) continue;
+        const Vector<D> middle = origin + 0.5 * (c.t_enter + c.t_exit) * direction;
+        ASSERT_EQ(tree.find_leaf(middle)->index, c.index);
+      }
+      for (int s = 0; s <= 400; ++s) {
+        const double t = s / 400.0;
+        const auto leaf = tree.find_leaf(Vector<D>(origin + t * direction));
+        bool close = crossings.empty() ? false : std::abs(t - crossings.back().t_exit) < tolerance;
+        const Crossing<D>* around = nullptr;
+        for (const auto& c : crossings) {
+          close = close || std::abs(t - c.t_enter) < tolerance;
+          if (c.t_enter <= t && t < c.t_exit) around = &c;
+        }
+        if (close) continue;  // On a border, where rounding decides.
+        ASSERT_EQ(leaf.has_value(), around != nullptr) << "t = " << t;
+        ASSERT_TRUE(!around || leaf->index == around->index) << "t = " << t;
+        ++samples;
+      }
+    }
+  }
+  EXPECT_EQ(beams, 300);
+  EXPECT_GT(samples, 70000);
+}
+
 /// Beams whose end points are rounded like measurements, from the corner of one cell to that of another: the
 /// planes of several axes then meet to within the last bits.
 TYPED_TEST(BeamTraversalOf, NearlyDiagonalBeamsStepOverSliversInOrder) {

@@ -214,27 +214,31 @@ TEST(MapServer, AFenceIsDrawnAndAWallGetsNoThicker) {
     }
     map.insert(scan);
   }
-  const MapServerImage image = map_server_image(map);
   const ThinThings things(map);
-  int single = 0, beside_wall = 0;
-  for (std::size_t row = 0; row < image.height; ++row)
-    for (std::size_t column = 0; column < image.width; ++column) {
-      const Vector<2> at = image.origin + 0.05 * Vector<2>(static_cast<double>(column) + 0.5,
-                                                           static_cast<double>(image.height - 1 - row) + 0.5);
-      const auto is_occupied = [&](double x, double y) {
-        return state(map, Vector<2>(at + 0.05 * Vector<2>(x, y))) == CellState::occupied;
-      };
-      const auto leaf = map.tree().find_leaf(at);
-      const bool is_thin = leaf && things.are_in(leaf->cell());
-      const bool is_beside =
-          is_occupied(-1, 0) || is_occupied(1, 0) || is_occupied(0, -1) || is_occupied(0, 1);
-      single += is_thin && !is_beside;
-      beside_wall += is_thin && is_beside;
-      ASSERT_EQ(image.pixels[row * image.width + column] == MapServerImage::kOccupied,
-                is_occupied(0, 0) || (is_thin && !is_beside));
-    }
-  EXPECT_GT(single, 5);
-  EXPECT_GT(beside_wall, 5);
+  const auto is_occupied = [&](const Vector<2>& at) { return state(map, at) == CellState::occupied; };
+  for (const int parts : {1, 2, 3}) {  // Of a smallest cell's edge are a pixel's.
+    MapServerOptions options;
+    options.cell_size = 0.05 / parts;
+    const MapServerImage image = map_server_image(map, options);
+    int single = 0, beside_wall = 0;
+    for (std::size_t row = 0; row < image.height; ++row)
+      for (std::size_t column = 0; column < image.width; ++column) {
+        const Vector<2> pixel(static_cast<double>(column) + 0.5,
+                              static_cast<double>(image.height - 1 - row) + 0.5);
+        const Vector<2> at = image.origin + image.cell_size * pixel;
+        const auto leaf = map.tree().find_leaf(at);
+        const bool is_thin = leaf && things.are_in(leaf->cell());
+        bool is_beside = false;
+        for (int side = 0; side < 4; ++side)
+          is_beside = is_beside || is_occupied(at + 0.05 * Vector<2>((side - 1) % 2, (side - 2) % 2));
+        single += is_thin && !is_beside;
+        beside_wall += is_thin && is_beside;
+        ASSERT_EQ(image.pixels[row * image.width + column] == MapServerImage::kOccupied,
+                  is_occupied(at) || (is_thin && !is_beside));
+      }
+    EXPECT_GT(single, 5);
+    EXPECT_GT(beside_wall, 5);
+  }
 }
 
 TEST(MapServer, FilesByHand) {

@@ -307,6 +307,39 @@ TYPED_TEST(NdTreeOf, WholeReachFitsInAnyOrderOfGrowth) {
   EXPECT_EQ(cases, 3600);
 }
 
+TYPED_TEST(NdTreeOf, FarFromTheOriginCellsAreAsExactAsNear) {
+  NDTREE_SHAPE;
+  Random random(9);
+  SCOPED_TRACE(random.trace());
+  constexpr double kUnit = 0.01;
+  NdTree<N, D, int> tree(kUnit, 3);
+  int cases = 0;
+  for (const double sign : {1.0, -1.0}) {
+    const Vector<D> far = Vector<D>::Constant(sign * 1e6);  // 1000 km.
+    tree.grow_to_contain(far);
+    for (int i = 0; i < 60; ++i, ++cases) {
+      const Vector<D> point =
+          far + random_point<D>(random, {Vector<D>::Constant(-0.2), Vector<D>::Constant(0.2)});
+      tree.grow_to_contain(point);
+      auto leaf = *tree.find_leaf(point);
+      while (leaf.index.level > tree.geometry().finest_level()) {
+        tree.split(leaf);
+        leaf = *tree.find_leaf(point);
+      }
+      leaf.cell() = 1;
+      const Box<D> box = tree.box(leaf.index);
+      ASSERT_TRUE(box.contains(point));
+      for (int a = 0; a < D; ++a) ASSERT_NEAR(box.upper[a] - box.lower[a], kUnit, 3e-10);
+      ASSERT_EQ(tree.find_leaf(box.lower)->node, leaf.node);
+      Vector<D> last = box.upper;
+      for (int a = 0; a < D; ++a) last[a] = std::nextafter(last[a], -1e300);
+      ASSERT_EQ(tree.find_leaf(last)->node, leaf.node);
+    }
+  }
+  tree.check_invariants();
+  EXPECT_EQ(cases, 120);
+}
+
 TYPED_TEST(NdTreeOf, PointsOutOfReachAreRefusedAndNothingChanges) {
   NDTREE_SHAPE;
   Random random(10);
@@ -328,6 +361,21 @@ TYPED_TEST(NdTreeOf, PointsOutOfReachAreRefusedAndNothingChanges) {
       EXPECT_EQ(leaves_of(tree), before);
     }
   EXPECT_EQ(cases, 6 * D);
+}
+
+TYPED_TEST(NdTreeOf, CopiesAreIndependent) {
+  NDTREE_SHAPE;
+  Random random(11);
+  SCOPED_TRACE(random.trace());
+  auto tree = random_tree<N, D>(random, 0.05, 2, 10);
+  const auto before = leaves_of(tree);
+  auto copy = tree;
+  for_each_leaf(copy, [](const auto& leaf) { leaf.cell() = -1; });
+  copy.grow_to_contain(Vector<D>::Constant(100.0));
+  EXPECT_EQ(leaves_of(tree), before);
+  tree.check_invariants();
+  copy.check_invariants();
+  EXPECT_TRUE(copy.find_leaf(Vector<D>::Constant(100.0).eval()).has_value());
 }
 
 TYPED_TEST(NdTreeOf, ResetTakesOnlyRootsThatGrowthLeadsTo) {

@@ -13,8 +13,8 @@ pytest.importorskip("scipy")
 from test_live_localizing import room, seen
 
 import ndtree
+from ndtree.live.following import matrix_of
 from ndtree.live.grid import GridFollower
-from ndtree.live.localizing import matrix_of
 from ndtree.live.passing import STAYS, Passing, hide
 
 

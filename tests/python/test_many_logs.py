@@ -94,7 +94,7 @@ def test_wrong_calls_write_nothing(logs: list[Path]) -> None:
         assert (status, len(error.splitlines())) == (2, 1) and said in error, arguments
         assert sorted(Path().rglob("*")) == before, arguments
     status, _, error = called("map", "a.npz", "solid.npz", "--merge", "-o", "x.ndt")
-    assert status == 1 and "solid.npz: is 3-D, and a.npz 2-D" in error
+    assert status == 1 and "solid.npz: is 3-D, must be 2-D as a.npz" in error
     assert sorted(Path().rglob("*")) == before
 
 

@@ -495,3 +495,20 @@ def test_notebooks_show_what_is_drawn() -> None:
     own = pyplot.figure().add_subplot()
     assert ndtree.plot.occupancy(m, ax=own) is own
     pyplot.close("all")
+
+
+def test_truth_by_cell_size_is_what_the_comparison_says() -> None:
+    comparison = ndtree.compare(ndtree.simulate("office", scans=60), ["adaptive", "fixed"])
+    rows = [row for row in comparison["truth_by_cell_size"]["sizes"] if row["size"] and row["endpoints"]]
+    ax = plot.truth_by_cell_size(comparison, of="endpoints")
+    lines = {line.get_label(): line.get_xydata() for line in ax.lines}
+    assert set(lines) == {"adaptive", "fixed"}
+    for name, line in lines.items():
+        expected = [(row["size"], row["endpoints_near"][name] / row["endpoints"]) for row in rows]
+        np.testing.assert_allclose(line, expected)
+    assert len(rows) > 1
+    with pytest.raises(ValueError, match="of = 'walls': must be free or endpoints"):
+        plot.truth_by_cell_size(comparison, of="walls")
+    comparison["truth_by_cell_size"] = None
+    with pytest.raises(ValueError, match="needs scans held out and an adaptive map"):
+        plot.truth_by_cell_size(comparison)

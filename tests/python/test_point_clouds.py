@@ -892,3 +892,18 @@ def test_without_its_library_the_extra_is_named(
 
 
 # --- Real recordings --------------------------------------------------------------------------------
+
+
+def test_an_ascii_ply_that_ends_behind_a_line_is_noticed(tmp_path: Path) -> None:
+    path = ply_by_meshio(False, np.float32)(tmp_path / "000000", cloud(0))
+    np.savetxt(tmp_path / "000000.pose.txt", np.eye(4))
+    path.write_bytes(b"\n".join(path.read_bytes().split(b"\n")[:-11]) + b"\n")
+    with pytest.raises(ValueError, match=r"000000.ply: found 20 points, expected 30 as its header says"):
+        list(read(tmp_path))
+
+
+def test_a_pcd_cut_off_behind_a_point_is_noticed(tmp_path: Path) -> None:
+    path = BINARY(tmp_path / "table", cloud(0))
+    path.write_bytes(path.read_bytes()[:-160])
+    with pytest.raises(ValueError, match=r"table\.pcd: found 20 points, expected 30 as its header says"):
+        list(read(path, origin_of_scan="0,0,0"))

@@ -48,17 +48,31 @@ struct MapServerImage {
   Vector<2> origin = Vector<2>::Zero();  ///< Lower left corner of the pixel at the lower left [m].
   std::vector<std::uint8_t> pixels;
 
-  /// Makes those of some pixels occupied that share no side with an occupied one.
-  void occupy_single(std::vector<std::size_t> some) {
-    const auto is_beside_wall = [&](std::size_t i) {
-      const auto is_occupied = [&](bool is_inside, std::size_t at) {
-        return is_inside && pixels[at] == kOccupied;
-      };
-      return is_occupied(i % width > 0, i - 1) || is_occupied(i % width + 1 < width, i + 1) ||
-             is_occupied(i >= width, i - width) || is_occupied(i + width < pixels.size(), i + width);
+  /// Pixels of columns [x0, x1) in rows [y0, y1), from the upper left.
+  struct Rectangle {
+    std::int64_t x0, x1, y0, y1;
+  };
+  /// Makes those of some rectangles occupied that share no side with an occupied pixel, and have none.
+  void occupy_single(std::vector<Rectangle> some) {
+    const auto any_occupied = [&](const Rectangle& in) {
+      for (std::int64_t y = std::max<std::int64_t>(in.y0, 0);
+           y < std::min(in.y1, static_cast<std::int64_t>(height)); ++y)
+        for (std::int64_t x = std::max<std::int64_t>(in.x0, 0);
+             x < std::min(in.x1, static_cast<std::int64_t>(width)); ++x)
+          if (at(x, y) == kOccupied) return true;
+      return false;
+    };
+    const auto is_beside_wall = [&](const Rectangle& one) {
+      return any_occupied({one.x0 - 1, one.x1 + 1, one.y0, one.y1}) ||
+             any_occupied({one.x0, one.x1, one.y0 - 1, one.y1 + 1});
     };
     some.erase(std::remove_if(some.begin(), some.end(), is_beside_wall), some.end());
-    for (const std::size_t i : some) pixels[i] = kOccupied;
+    for (const Rectangle& one : some)
+      for (std::int64_t y = one.y0; y < one.y1; ++y)
+        for (std::int64_t x = one.x0; x < one.x1; ++x) at(x, y) = kOccupied;
+  }
+  [[nodiscard]] std::uint8_t& at(std::int64_t column, std::int64_t row) {
+    return pixels[static_cast<std::size_t>(row) * width + static_cast<std::size_t>(column)];
   }
   /// Binary PGM (P5).
   [[nodiscard]] std::string pgm() const {
@@ -112,7 +126,7 @@ template <class Map>
   const auto& geometry = map.tree().geometry();
   const ThinThings things(map);
   constexpr std::uint8_t kLarge = 1;  // Until its fronts are drawn.
-  constexpr std::uint8_t kThin = 2;   // Until its neighbours are.
+  constexpr std::uint8_t kThin = 2;   // Until what is around it is drawn.
   // Calls visit(first x, last x, first y, last y, pixel) for what is known, in pixels about 0.
   const auto for_each_known = [&](const auto& visit) {
     for_each_leaf(map.tree(), [&](const auto& leaf) {
@@ -152,19 +166,18 @@ template <class Map>
   image.cell_size = pixel;
   image.origin = Vector<2>(static_cast<double>(left) * pixel, static_cast<double>(low) * pixel);
   image.pixels.assign(image.width * image.height, MapServerImage::kUnknown);
+  std::vector<MapServerImage::Rectangle> thin;
   for_each_known([&](std::int64_t x0, std::int64_t x1, std::int64_t y0, std::int64_t y1, std::uint8_t value) {
+    if (value == kThin) {
+      thin.push_back({x0 - left, x1 - left, high - y1, high - y0});
+      value = MapServerImage::kFree;
+    }
     for (std::int64_t y = y0; y < y1; ++y) {
       auto* const row = image.pixels.data() + static_cast<std::size_t>(high - 1 - y) * image.width;
       for (std::int64_t x = x0 - left; x < x1 - left; ++x)  // Occupied cells stay, whichever comes first.
         row[x] = row[x] == MapServerImage::kUnknown ? value : std::min(row[x], value);
     }
   });
-  std::vector<std::size_t> thin;
-  for (std::size_t i = 0; i < image.pixels.size(); ++i) {
-    if (image.pixels[i] != kThin) continue;
-    thin.push_back(i);
-    image.pixels[i] = MapServerImage::kFree;
-  }
   fronts.draw<2>(image.pixels.data(), {image.height, image.width}, pixel, kLarge, MapServerImage::kFree,
                  MapServerImage::kOccupied, MapServerImage::kUnknown);
   image.occupy_single(std::move(thin));

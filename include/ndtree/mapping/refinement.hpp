@@ -5,6 +5,7 @@
 
 #include <optional>
 
+#include "ndtree/cell/change_detection.hpp"
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_merge.hpp"
 #include "ndtree/cell/evidence_model.hpp"
@@ -80,9 +81,11 @@ struct EvidenceRefinement {
   /// Keeps the probability of a smallest cell that would split if it could: something thin may be in it,
   /// however many beams pass beside it. So a cell that was hit once stays apart from its siblings until about
   /// four beams have passed it, and one that is hit again within ten: a rod that few beams meet is not
-  /// forgotten. @pre partial_log_odds. @returns whether the cell changed.
+  /// forgotten. A dozen scans in a row that all pass it end that: what stood there has left. @pre
+  /// partial_log_odds. @returns whether the cell changed.
   NDTREE_ALWAYS_INLINE bool keep_partial(EvidenceCell& cell) const {
-    return cell.hits() > 0 && static_cast<double>(cell.log_odds()) < *partial_log_odds && raise_partial(cell);
+    return cell.hits() > 0 && static_cast<double>(cell.log_odds()) < *partial_log_odds &&
+           !ChangeDetection::is_passed_by_all(cell) && raise_partial(cell);
   }
   /// Whether siblings do not merge since the merged cell's own counts would split it: with
   /// partial_probability, they would else split and merge in turn, and each time lose evidence of passes.

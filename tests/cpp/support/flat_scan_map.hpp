@@ -125,7 +125,8 @@ class FlatScanMap {
           cell.set_known_levels(std::max(cell.known_levels(), static_cast<std::uint32_t>(levels)));
         }
         predicted_remerges += is_predicted_to_remerge;
-        if (next.level == -num_levels_ && keeps_occupied() && cell.hits() > 0 && is_partial(cell))
+        if (next.level == -num_levels_ && keeps_occupied() && cell.hits() > 0 &&
+            (cell.streak() < 12u || cell.streak_is_of_hits()) && is_partial(cell))
           kept_occupied += model_.raise(
               cell, std::log(options_.partial_probability / (1.0 - options_.partial_probability)));
         if (cell == before) continue;

@@ -75,7 +75,13 @@ class PassingBeams : public ::testing::Test {};
 using Some = ::testing::Types<Shape<2, 1>, Shape<2, 2>, Shape<3, 2>, Shape<2, 3>>;
 TYPED_TEST_SUITE(PassingBeams, Some, ShapeNames);
 
-/// In edges of a smallest cell: how far a beam goes through those that are asked about.
+/// Scans after which nothing is left where equal beams passed something that was seen before, through at
+/// least half an edge of its cells: less says too little for a change. A cell remembers evidence of 200 nats,
+/// or 235 hits; of equal passes it counts at least one in two scans.
+constexpr int kScansToClear = 400;
+
+/// In edges of a smallest cell: how far a beam goes through those that are asked about. Evidence is in
+/// proportion to ways, so half of this takes twice as many scans.
 constexpr double kLeastWay = 0.5;
 
 /// One point on each beam in each smallest cell that it crosses over at least kLeastWay, but for the last.
@@ -100,6 +106,35 @@ std::vector<Vector<D>> points_crossed(const Vector<D>& origin, const std::vector
         points.push_back(origin + 0.5 * (borders[i - 1] + borders[i]) * d);
   }
   return points;
+}
+
+TYPED_TEST(PassingBeams, EqualBeamsClearWhatTheyPassAndItStaysClear) {
+  NDTREE_SHAPE;
+  int cases = 0;
+  for (const double sample_beams : {0.5, 8.0})
+    for (const int beams : {1, 3, 40}) {
+      if (D == 1 && beams > 1) continue;
+      Random random(10 * beams + D);
+      SCOPED_TRACE(random.trace());
+      MapOptions options = options_of(0.05, N);
+      options.sample_beams = sample_beams;
+      AdaptiveMap<N, D> map(options);
+      const Vector<D> origin = Vector<D>::Constant(0.021);
+      std::vector<Vector<D>> directions;
+      for (int i = 0; i < beams; ++i) directions.push_back(direction<D>(random));
+      for (int i = 0; i < 40; ++i) map.insert(fan<D>(origin, directions, 1.0, 0.04, random));
+      EXPECT_GT(occupied_leaves(map), 0);
+      const Scan<D> passing = fan<D>(origin, directions, 2.0, 0.0, random, false);
+      const auto crossed = points_crossed<D>(origin, directions, 1.5, options.min_cell_size);
+      for (int i = 0; i < kScansToClear; ++i) map.insert(passing);
+      EXPECT_EQ(occupied_of(map, crossed), 0) << beams << " beams";
+      for (int i = 0; i < 30; ++i) {
+        map.insert(passing);
+        ASSERT_EQ(occupied_of(map, crossed), 0) << "and stays so";
+      }
+      ++cases;
+    }
+  EXPECT_EQ(cases, D == 1 ? 2 : 6);
 }
 
 /// Scans after which every cell that equal beams cross is free, whatever the options. The slowest are cells

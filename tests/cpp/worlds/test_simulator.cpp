@@ -61,7 +61,7 @@ void expect_distance_equals_marching(const SimulatedLog<D>& log, int beams, doub
     const auto distance = log.world.distance(origin, direction, reach);
     double by_shape = std::numeric_limits<double>::infinity();
     bool contained = false;
-    for (const Shape<D>& shape : log.world.shapes()) {
+    for (const ::ndtree::Shape<D>& shape : log.world.shapes()) {
       by_shape = std::min(by_shape, shape.distance(origin, direction).value_or(by_shape));
       contained = contained || shape.contains(origin);
     }
@@ -95,8 +95,8 @@ TEST(World, DistanceEqualsMarchingInTheStreet) {
   expect_distance_equals_marching(simulate_street(perfect(50)), 400, 60.0);
 }
 
-Shape<3> shape_at_two(int round_axes) {
-  Shape<3> shape;
+::ndtree::Shape<3> shape_at_two(int round_axes) {
+  ::ndtree::Shape<3> shape;
   shape.center << 2, 0, 0;
   shape.half << 1, 1, 1;
   shape.round_axes = round_axes;
@@ -145,7 +145,7 @@ TEST(World, EmptyAndBrokenWorlds) {
   EXPECT_FALSE(empty.contains({0, 0}));
   EXPECT_FALSE(empty.distance({0, 0}, {1, 0}, 10.0));
   EXPECT_FALSE(empty.bounds());
-  Shape<3> flat = shape_at_two(0);
+  ::ndtree::Shape<3> flat = shape_at_two(0);
   flat.half[1] = 0.0;
   try {
     const World<3> world({shape_at_two(0), flat});
@@ -464,7 +464,7 @@ TEST(Sensors, CameraLooksAlongTheWayWithItsTopUp) {
 }
 
 TEST(Sensors, TooNearIsNoMeasurement) {
-  Shape<2> wall;
+  ::ndtree::Shape<2> wall;
   wall.center << 0.2, 0.0;
   wall.half << 0.1, 5.0;
   SimulatedLog<2> log{World<2>({wall}), PlanarLaser{kPi, 3, {}}.directions(), {}, {}, perfect(1), {}, {}};
@@ -535,7 +535,7 @@ void expect_exact_truth_of_what_moves(Simulate&& simulate, SimulationOptions opt
     const auto scan = log.scan(i);
     const std::vector<bool> truth = log.moved(i);
     ASSERT_EQ(truth.size(), static_cast<std::size_t>(scan.size()));
-    std::vector<Shape<D>> things;
+    std::vector<::ndtree::Shape<D>> things;
     for (const auto& thing : log.moving)
       for (const auto& shape : thing.shapes(log.times[i], scan.origins.col(0))) things.push_back(shape);
     for (Eigen::Index k = 0; k < scan.size(); k += 7) {

@@ -168,7 +168,9 @@ class Localizer:
         """
         around, sensor = self._around, self._around.matrix_of(odometry)
         at, ends = around.level(sensor), around.ends(points, sensor)
-        if self._guess is not None:
+        has_points = len(ends) >= _LEAST_POINTS
+        waits = self._guess is not None and not has_points  # For points that tell a height.
+        if self._guess is not None and not waits:
             poses, self._guess = around.heights(ends, self._guess), None
             self._hypotheses = [self._guessed(pose @ inverse(at)) for pose in poses]
             if self._hypotheses:
@@ -177,8 +179,8 @@ class Localizer:
                 self._lose()
         self.scans += 1
         self._follower.note(at)
-        match = self._weigh(ends, at) if len(ends) >= _LEAST_POINTS else None
-        if match is None:
+        match = self._weigh(ends, at) if has_points else None
+        if match is None and not waits:
             self._miss()
         told, here = self._told, self._told.map_odometry
         is_matched = told.matched is None or told.matched is at
@@ -374,14 +376,15 @@ class Localizer:
         return [around.match(ends, near, WIDEST), *(around.match(ends, pose, LEAST) for pose in poses)]
 
 
-def place_of(text: str) -> Floats:
-    """Of X,Y,YAW or X,Y,Z,YAW; ValueError says what is wrong."""
+def place_of(text: str, dim: int = 2) -> Floats:
+    """Of X,Y,YAW, or in space also of X,Y,Z,YAW; ValueError says what is wrong."""
+    forms = {3: "X,Y,YAW", 4: "X,Y,Z,YAW"} if dim == 3 else {3: "X,Y,YAW"}
     try:
         place = np.array([float(one) for one in text.split(",")])
     except ValueError:
         place = np.zeros(0)
-    if len(place) not in (3, 4) or not np.isfinite(place).all():
-        raise ValueError(f"guess = {text}: must be X,Y,YAW or X,Y,Z,YAW in m and rad")
+    if len(place) not in forms or not np.isfinite(place).all():
+        raise ValueError(f"guess = {text}: must be {' or '.join(forms.values())} in m and rad")
     return place
 
 

@@ -18,7 +18,7 @@ from ndtree.plot.cubes import occupied, projected
 from ndtree.plot.figures import FORMATS
 from ndtree.plot.flat import cell_sizes, cells, occupancy, slice
 from ndtree.plot.pages import overview, overview_3d, side_by_side, side_by_side_3d
-from ndtree.plot.truth import reliability, truth_against_cells
+from ndtree.plot.truth import reliability, truth_against_cells, truth_by_cell_size
 
 __all__ = [
     "COLORS",
@@ -38,4 +38,5 @@ __all__ = [
     "side_by_side_3d",
     "slice",
     "truth_against_cells",
+    "truth_by_cell_size",
 ]

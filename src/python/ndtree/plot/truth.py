@@ -9,15 +9,64 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from ndtree.plot.figures import Path, Picture, written
+from ndtree.plot.figures import Path, Picture, axes_or_new, written
 
 _MARKERS = "osD^vP*X"
 #: Bins of fewer pairs are not drawn: their shares are chance.
 FEWEST_PAIRS = 20
 _PANELS = (("free", "cells called free"), ("occupied", "cells called occupied"))
+
+
+def truth_by_cell_size(comparison: Mapping[str, Any], ax: Axes | None = None, *, of: str = "free") -> Axes:
+    """Draw how true the maps of a comparison are where the adaptive map's cells have each size.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        With scans held out, and with an adaptive map.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure if left out.
+    of : {"free", "endpoints"}
+        Free space that the maps call free, or end points at an occupied cell.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        A line for each map over the cell size; bars say where the samples are.
+    """
+    measures = {
+        "free": ("free", "samples", "free space called free"),
+        "endpoints": ("endpoints_near", "endpoints", "end points at an occupied cell"),
+    }
+    if of not in measures:
+        raise ValueError(f"of = {of!r}: must be {' or '.join(measures)}")
+    by_size = comparison["truth_by_cell_size"]
+    if by_size is None:
+        raise ValueError("no truth by cell size: the comparison needs scans held out and an adaptive map")
+    right, total, label = measures[of]
+    rows = [row for row in by_size["sizes"] if row["size"] is not None and row[total]]
+    if not rows:
+        raise ValueError("no truth by cell size: no sample of the comparison lies in the map")
+    size = np.array([row["size"] for row in rows])
+    count = np.array([row[total] for row in rows], dtype=np.float64)
+    ax = axes_or_new(ax)
+    ax.set_xscale("log")
+    ax.bar(size, count / count.sum(), 0.3 * size, color="0.85", zorder=0, label="fraction of all")
+    for name in rows[0][right]:
+        share = np.array([row[right][name] for row in rows]) / count
+        ax.plot(size, share, marker="o", markersize=4, label=name)
+    ax.set_xticks(size, [f"{one:g}" for one in size])
+    ax.minorticks_off()
+    ax.set_ylim(0.0, 1.02)
+    ax.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
+    ax.set_xlabel(f"cell size of the {by_size['of']} map [m]")
+    ax.set_ylabel(label)
+    ax.legend()
+    return ax
 
 
 def truth_against_cells(

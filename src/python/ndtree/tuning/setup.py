@@ -244,6 +244,8 @@ class _Log:
         stamps = np.array([one.stamp for run in moving for one in run])
         self.has_times = bool((np.diff(stamps) > 0).all())
         self.velocities = np.zeros((len(self.clouds), 6))
+        #: Poses by the scans before and behind alone, whose noise is not that of a pose itself.
+        self.by_others = self.poses
         if self.has_times and moving:
             moves = [[self._velocity(a, b) for a, b in zip(run, run[1:])] for run in moving]
             usual = [[one[0], *(0.5 * (a + b) for a, b in zip(one, one[1:])), one[-1]] for one in moves]
@@ -252,10 +254,18 @@ class _Log:
             self.trail = poses, np.array([one for run in usual for one in run]), stamps
             at = np.searchsorted(stamps, [one.stamp for one in self.clouds])
             self.velocities = self.trail[1][at].reshape(-1, 6)
+            self.by_others = np.array([self._by_others(i) for i in at]).reshape(-1, 4, 4)
 
     def _velocity(self, one: Cloud, other: Cloud) -> Floats:
         motion = self.seat @ np.linalg.inv(one.pose) @ other.pose @ self.seat.T
         return _vector(motion) / (other.stamp - one.stamp)
+
+    def _by_others(self, at: int) -> Floats:
+        poses, _, stamps = self.trail
+        before, behind = at - 1, at + 1
+        part = (stamps[at] - stamps[before]) / (stamps[behind] - stamps[before])
+        result: Floats = poses[before] @ _moved(part * _vector(np.linalg.inv(poses[before]) @ poses[behind]))
+        return result
 
     def motions(self, pairs: Floats, kind: str = "", values: Floats | None = None) -> Floats:
         """(n, 4, 4) of the robot by its poses, of a sensor that is tilted or late by some values."""
@@ -357,13 +367,18 @@ class _Log:
         return result
 
     def slopes(self, pairs: Floats, told: Floats) -> Floats:
-        """(n, 6, 8) how errors of motions (n, 4, 4) grow with each thing that may be wrong."""
+        """(n, 6, 8) how errors of motions (n, 4, 4) grow with each thing that may be wrong.
+
+        What is proportional to the way goes by other poses' ways (an instrumental variable): along a corridor
+        only the way across is seen, whose told part is noise, and that is in the error, too, the other way.
+        """
         place, rotation = told[:, :3, 3], told[:, :3, :3]
+        way = _between(self.by_others, pairs)[:, :3, 3]
         turn = np.array([turn_of(one) for one in rotation]).reshape(-1, 3)
         slopes = np.zeros((len(told), 6, 8))
         far = np.where(np.linalg.norm(place, axis=1) > _LEAST_MOTION[0], 1.0, 0.0)[:, None]
-        slopes[:, :2, 0] = far * np.column_stack((place[:, 1], -place[:, 0]))
-        slopes[:, :3, 1] = far * place
+        slopes[:, :2, 0] = far * np.column_stack((way[:, 1], -way[:, 0]))
+        slopes[:, :3, 1] = far * way
         still = rotation - np.eye(3)
         slopes[:, :3, 2:4] = still[:, :, :2]
         one, two = (self.velocities[pairs[:, k]] for k in (0, 1))

@@ -22,8 +22,9 @@ REFRESH = 0.2
 LINE_EVERY = 10.0
 
 
-#: Shows a text, which is told whether a bar is beside it, and how much is done, of how much; 0 is unknown.
-_Show = Callable[[Callable[[bool], str], float, float], None]
+#: Of a step, shows a text, which is told whether a bar is beside it, and how much is done, of how much; 0 is
+#: unknown.
+_Show = Callable[[str, Callable[[bool], str], float, float], None]
 
 
 @contextmanager
@@ -37,7 +38,7 @@ def _shown(*columns: str) -> Iterator[_Show]:
         console = Console(stderr=True)
     if console is None or not console.is_terminal:
 
-        def say(text: Callable[[bool], str], done: float, total: float) -> None:
+        def say(step: str, text: Callable[[bool], str], done: float, total: float) -> None:
             nonlocal last
             if time.monotonic() - last >= LINE_EVERY:
                 last = time.monotonic()
@@ -53,14 +54,15 @@ def _shown(*columns: str) -> Iterator[_Show]:
     ]
     with bars.Progress(*made, console=console, transient=True) as bar:
         task, before = bar.add_task("", total=None), 0.0
+        shown: str | None = None
 
-        def advance(text: Callable[[bool], str], done: float, total: float) -> None:
-            nonlocal last, before
-            if done < before:  # Another step.
+        def advance(step: str, text: Callable[[bool], str], done: float, total: float) -> None:
+            nonlocal last, shown, before
+            if step != shown or done < before:
                 bar.reset(task)
-            elif time.monotonic() - last < REFRESH:
+            elif done != total and time.monotonic() - last < REFRESH:
                 return
-            last, before = time.monotonic(), done
+            last, shown, before = time.monotonic(), step, done
             bar.update(task, description=text(True), completed=done, total=total or None)
 
         yield advance
@@ -84,7 +86,7 @@ def progress() -> Iterator[Progress]:
 
         def advance(what: str, done: int, total: int) -> None:
             count = f"{what}: {done:,} of {total:,}" if total else f"{what}: {done:,}"
-            show(lambda has_bar: what if has_bar else count, done, total)
+            show(what, lambda has_bar: what if has_bar else count, done, total)
 
         yield advance
 
@@ -105,7 +107,7 @@ def mapping_progress(log: Log | Again, target: OccupancyMap) -> Iterator[Callabl
                 line = mapping_line(scans, beams, time.monotonic() - begin, target)
                 return line if has_bar or share is None else f"{100 * share:.0f} %: {line}"
 
-            show(text, share or 0.0, 0.0 if share is None else 1.0)
+            show("", text, share or 0.0, 0.0 if share is None else 1.0)
 
         yield advance
 

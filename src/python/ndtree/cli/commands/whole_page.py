@@ -36,12 +36,12 @@ def whole_page(name: str, command: Any) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _isoption(parameter: Any) -> bool:
+def _is_option(parameter: Any) -> bool:
     return parameter.param_type_name == "option" and parameter.name != "help"
 
 
 def head(name: str, command: Any) -> list[str]:
-    shown = [(one.metavar or one.name.upper(), one) for one in command.params if not _isoption(one)]
+    shown = [(one.metavar or one.name.upper(), one) for one in command.params if not _is_option(one)]
     words = [word if one.required else f"[{word}]" for word, one in shown]
     summary = plain((command.help or "").split("\n\n")[0])
     return [f"usage: ndtree {name} {' '.join(words)} [OPTIONS]", "", *textwrap.wrap(summary, WIDTH)]
@@ -50,7 +50,7 @@ def head(name: str, command: Any) -> list[str]:
 def arguments(command: Any) -> list[str]:
     lines: list[str] = []
     for one in command.params:
-        if not _isoption(one):
+        if not _is_option(one):
             lines += entry(one.metavar or one.name.upper(), plain(one.help))
     return lines
 

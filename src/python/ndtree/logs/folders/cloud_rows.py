@@ -138,7 +138,7 @@ def _ply(source: str, target: str, keep: Bools, moved: Numbers | None) -> None:
     others = [one for one in elements if one.count and one.name != "vertex"]
     if others and not keep.all():
         raise ValueError(f"{source}: has {others[0].name}s beside its points, expected points alone")
-    if vertex.has_lists:
+    if any(one.count for one in vertex.properties):
         raise ValueError(f"{source}: its points have lists, expected single values")
     if elements[0] is not vertex:
         raise ValueError(f"{source}: its points come behind others, expected them first")
@@ -147,7 +147,8 @@ def _ply(source: str, target: str, keep: Bools, moved: Numbers | None) -> None:
         body = _text(rows[: vertex.count], keep, moved)
         rest = b"".join(row + b"\n" for row in rows[vertex.count :])
     else:
-        table = np.frombuffer(data, vertex.dtype(order), count=vertex.count)
+        dtype = np.dtype([(f"{i}", order + p.kind) for i, p in enumerate(vertex.properties)])
+        table = np.frombuffer(data, dtype, count=vertex.count)
         rest = data[table.nbytes :]
         body = _binary(table, keep, moved, order)
     head = re.sub(rb"(?m)^element vertex\s+\d+", b"element vertex %d" % np.count_nonzero(keep), head)

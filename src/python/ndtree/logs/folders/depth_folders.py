@@ -234,6 +234,8 @@ def _images(path: str) -> tuple[list[float], list[str]]:
             try:
                 stamp, name = fields
                 stamps.append(float(stamp))
+                if not math.isfinite(stamps[-1]):
+                    raise ValueError
             except ValueError:
                 raise wrong_line(path, number, line, "a time [s] and the name of an image") from None
             names.append(name.strip())

@@ -195,6 +195,8 @@ def _named_numbers(path: str, names: str) -> dict[str, list[float]]:
 def _velodyne_in(path: str) -> Pose:
     """T_camera_velodyne of a calibration file."""
     found = _named_numbers(path, "Tr")["Tr"]
+    if len(found) != 12:
+        raise ValueError(f"{path}: Tr: expected a 3x4 matrix (found {len(found)} numbers)")
     with at_place(f"{path}: Tr", "a 3x4 matrix"):
         return Pose.from_matrix(np.array(found).reshape(3, 4))
 

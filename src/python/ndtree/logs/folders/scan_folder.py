@@ -105,8 +105,10 @@ def _poses_in(folder: str, scans: Scans) -> FoundPoses:
 
 def pose_beside(scans: Scans) -> FoundPoses:
     """A pose beside the only file."""
-    names = [one for one in _entries(scans.folder or ".") if may_be_pose(os.path.join(scans.folder, one))]
-    (beside,) = _beside(scans.names, [one for one in names if one not in scans.names])
+    (name,) = scans.names
+    names = [f"{stem_of(name)}{ending}" for ending in POSE_ENDINGS]
+    names = [one for one in names if one != name and may_be_pose(os.path.join(scans.folder, one))]
+    (beside,) = _beside(scans.names, names)
     return FoundPoses((os.path.join(scans.folder, beside),)) if beside else FoundPoses()
 
 
