@@ -70,7 +70,7 @@ def test_who_walks_is_no_obstacle(moves: bool) -> None:
     robot = Robot(moves=moves)
     robot.drive(120)
     assert max(robot.raw) > 40 and np.mean(robot.raw[60:]) > 15
-    assert max(robot.shown) < 0.65 * max(robot.raw) and np.mean(robot.shown[60:]) < 0.3 * np.mean(
+    assert max(robot.shown) < 0.5 * max(robot.raw) and np.mean(robot.shown[60:]) < 0.3 * np.mean(
         robot.raw[60:]
     )
     assert (robot.published[0] == 100).sum() > 300, "walls are there"

@@ -45,7 +45,7 @@ class ChangeDetection {
   [[nodiscard]] static std::uint32_t doubting_scans(const EvidenceCell& cell) {
     return is_doubted(cell) ? cell.streak() : 0;
   }
-  /// Whether so many scans in a row passed all of a cell, whatever its state, that nothing is in it.
+  /// Whether a dozen scans in a row passed all of a cell, whatever its state: nothing is in it.
   [[nodiscard]] NDTREE_ALWAYS_INLINE static bool is_passed_by_all(const EvidenceCell& cell) {
     return cell.streak() >= kLeastScans && !cell.streak_is_of_hits();
   }

@@ -62,7 +62,9 @@ class Passing:
         columns, since = self._marks
         young = scan.stamp - since <= _FORGOTTEN * stays
         columns, since = columns[young & (since <= scan.stamp)], since[young & (since <= scan.stamp)]
-        came = self._columns_of(ends[m.moved(ends) > 0.5])
+        moved = m.moved(ends)
+        # Where somebody walked a scan ago, the map is free, but undecided.
+        came = self._columns_of(ends[(moved > 0.5) | ((moved >= 0.5) & (m.state(ends) == FREE))])
         # One alone is an edge of what stands: beside others it is part of something.
         came = came[np.isin(came[:, None] + _BESIDE, came).sum(axis=1) > 1]
         hit = np.setdiff1d(self._columns_of(ends), came)
