@@ -37,12 +37,15 @@ def array_of(m: Any, grid: GridFollower, wall_depth: float | None) -> np.ndarray
     size = np.array(grid.values.shape[::-1])
     box = np.array([grid.origin, grid.origin + size * grid.cell_size])
     states = m.to_grid(box, grid.cell_size, wall_depth=wall_depth)
-    leaves, thin, wall = m.leaves(), np.zeros(states.shape, bool), np.pad(states == 1, 1)
+    leaves, drawn, wall = m.leaves(), np.where(states == 1, 100, states), np.pad(states == 1, 1)
     for lower, edge in zip(leaves.lower[leaves.thin], leaves.size[leaves.thin]):
         first, last = ((lower + by - grid.origin) / grid.cell_size for by in (1e-6, edge - 1e-6))
-        thin[tuple(slice(int(a), int(b) + 1) for a, b in zip(first, last))] = True
-    beside = wall[2:, 1:-1] | wall[:-2, 1:-1] | wall[1:-1, 2:] | wall[1:-1, :-2]
-    return np.where((states == 1) | (thin & ~beside), 100, states).T
+        inside, around = (
+            [slice(int(a) + 1 - k, int(b) + 2 + k) for a, b in zip(first, last)] for k in (0, 1)
+        )
+        if not (wall[around[0], inside[1]].any() or wall[inside[0], around[1]].any()):
+            drawn[tuple(slice(one.start - 1, one.stop - 1) for one in inside)] = 100
+    return drawn.T
 
 
 class Listener:
