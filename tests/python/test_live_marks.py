@@ -27,7 +27,10 @@ def noted(
     def moved(points: np.ndarray) -> np.ndarray:
         return np.array([tuple(np.floor(point[:2]).astype(int)) in came for point in points], float)
 
-    m: Any = SimpleNamespace(options={"min_cell_size": 1.0}, dim=ends.shape[1], moved=moved)
+    def state(points: np.ndarray) -> np.ndarray:
+        return np.full(len(points), -1)
+
+    m: Any = SimpleNamespace(options={"min_cell_size": 1.0}, dim=ends.shape[1], moved=moved, state=state)
     passing.note(m, ndtree.Scan(ends, origin, stamp=stamp))
     places = passing.places()
     assert (places % 1.0 == 0.5).all(), "centres"
@@ -111,7 +114,8 @@ def test_what_comes_again_too_soon_does_not_begin_anew() -> None:
 
 
 def test_points_without_a_sensor_and_heights_of_the_plane_say_nothing() -> None:
-    m: Any = SimpleNamespace(options={"min_cell_size": 1.0}, dim=2, moved=lambda ends: np.ones(len(ends)))
+    ones = {"moved": lambda ends: np.ones(len(ends)), "state": lambda ends: np.zeros(len(ends))}
+    m: Any = SimpleNamespace(options={"min_cell_size": 1.0}, dim=2, **ones)
     ends = np.array([[5.5, -4.5], [6.5, -4.5]])
     passing = Passing(lambda: STAYS, lambda: (0.0, 1.0))
     passing.note(m, ndtree.Scan(ends, np.zeros(2), points_only=True))
