@@ -206,7 +206,7 @@ def ramp(rng: Random) -> World:
         x = np.clip(at[:, 0] - 3, 0, length * np.cos(pitch))
         return np.c_[x * np.tan(pitch), np.where((x > 0) & (x < length * np.cos(pitch)), pitch, 0.0)]
 
-    return World(scene, np.array([[-2.0, 0], [8, 0]]), rng.uniform(0.6, 1.5), False, rise)
+    return World(scene, np.array([[-2.0, 0], [8, 0]]), rng.uniform(0.6, 1.5), ramp=rise)
 
 
 def street(rng: Random) -> World:
