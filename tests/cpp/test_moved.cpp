@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "moved_answers.hpp"
 #include "ndtree/core/random.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/evaluation/beam_image.hpp"
@@ -375,33 +376,16 @@ TEST(Moved, BeamsPassARodBesideAndAnEmptyPlaceAnywhere) {
   EXPECT_EQ(MovedPosterior::odds_of_thin(0.3F, kInfinite), 0.0F) << "at a border of the view";
 }
 
-/// What is said of each end point.
-template <int D>
-std::vector<float> answers_of(const SimulatedLog<D>& log, const MovedOptions& options, std::size_t threads) {
-  MovedEvidence<D> evidence(options);
-  std::vector<Scan<D>> scans;
-  for (std::size_t i = 0; i < log.size(); ++i) scans.push_back(log.scan(i));
-  for (const auto& scan : scans) evidence.add(scan.view());
-  for (const auto& scan : scans) evidence.look(scan.view(), std::numeric_limits<double>::infinity(), threads);
-  std::vector<float> all;
-  for (const auto& scan : scans) {
-    std::vector<float> answers(static_cast<std::size_t>(scan.size()));
-    evidence.probabilities(scan.endpoints.data(), answers.size(), answers.data());
-    all.insert(all.end(), answers.begin(), answers.end());
-  }
-  return all;
-}
-
 TEST(Moved, ThreadsChangeNothing) {
   SimulationOptions simulation;
   simulation.scans = 4;
   simulation.people = 3;
   MovedOptions options;
   options.range_sigma = 0.02;
-  const auto log = simulate_apartment(simulation);
-  const std::vector<float> one = answers_of(log, options, 1);
+  const auto scans = scans_of(simulate_apartment(simulation));
+  const std::vector<float> one = moved_answers(scans, options, 1);
   for (const std::size_t threads : {2u, 5u}) {
-    const std::vector<float> many = answers_of(log, options, threads);
+    const std::vector<float> many = moved_answers(scans, options, threads);
     ASSERT_EQ(one.size(), many.size());
     EXPECT_EQ(std::memcmp(one.data(), many.data(), one.size() * sizeof(float)), 0);
   }
@@ -413,10 +397,11 @@ TEST(Moved, NumbersAtATimeChangeNothing) {
   MovedOptions options;
   options.range_sigma = 0.02;
   const auto compare = [&](const auto& log) {
+    const auto scans = scans_of(log);
     Simd::limit(1);
-    const std::vector<float> one = answers_of(log, options, 1);
+    const std::vector<float> one = moved_answers(scans, options, 1);
     Simd::limit(Simd::kWidest);
-    const std::vector<float> many = answers_of(log, options, 1);
+    const std::vector<float> many = moved_answers(scans, options, 1);
     ASSERT_EQ(one.size(), many.size());
     EXPECT_GT(one.size(), 10'000U);
     EXPECT_EQ(std::memcmp(one.data(), many.data(), one.size() * sizeof(float)), 0);

@@ -10,6 +10,7 @@
 #include <limits>
 #include <vector>
 
+#include "moved_answers.hpp"
 #include "ndtree/evaluation/moved.hpp"
 #include "ndtree/logs/simulator.hpp"
 
@@ -26,24 +27,19 @@ struct Shares {
 
 template <int D>
 Shares shares_of(const SimulatedLog<D>& log, const MovedOptions& options, std::size_t threads) {
-  MovedEvidence<D> evidence(options);
-  std::vector<Scan<D>> scans;
-  for (std::size_t i = 0; i < log.size(); ++i) scans.push_back(log.scan(i));
-  for (const auto& scan : scans) evidence.add(scan.view());
-  for (const auto& scan : scans) evidence.look(scan.view(), std::numeric_limits<double>::infinity(), threads);
+  const std::vector<Scan<D>> scans = scans_of(log);
   Shares shares;
+  shares.all = moved_answers(scans, options, threads);
+  const float* answer = shares.all.data();
   long said[2] = {0, 0};
   long all[2] = {0, 0};
   for (std::size_t i = 0; i < log.size(); ++i) {
     const std::vector<bool> truth = log.moved(i);
-    std::vector<float> answers(truth.size());
-    evidence.probabilities(scans[i].endpoints.data(), truth.size(), answers.data());
-    for (std::size_t k = 0; k < truth.size(); ++k) {
+    for (std::size_t k = 0; k < truth.size(); ++k, ++answer) {
       if (!scans[i].returned[static_cast<Eigen::Index>(k)]) continue;
       ++all[truth[k] ? 1 : 0];
-      said[truth[k] ? 1 : 0] += answers[k] > 0.5F ? 1 : 0;
+      said[truth[k] ? 1 : 0] += *answer > 0.5F ? 1 : 0;
     }
-    shares.all.insert(shares.all.end(), answers.begin(), answers.end());
   }
   shares.standing = static_cast<double>(said[0]) / static_cast<double>(std::max(1L, all[0]));
   shares.moving = static_cast<double>(said[1]) / static_cast<double>(std::max(1L, all[1]));

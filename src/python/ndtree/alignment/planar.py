@@ -54,9 +54,14 @@ def turned(covariance: Floats, angle: float) -> Floats:
     return result
 
 
+def yaw_of(matrix: Floats) -> float:
+    """Where the x axis of a pose or a rotation points, seen from above [rad]."""
+    return math.atan2(matrix[1, 0], matrix[0, 0])
+
+
 def pose_of(matrix: Floats) -> Floats:
     """The row of a (3, 3) matrix."""
-    return np.array([matrix[0, 2], matrix[1, 2], math.atan2(matrix[1, 0], matrix[0, 0])])
+    return np.array([matrix[0, 2], matrix[1, 2], yaw_of(matrix)])
 
 
 def thinned(points: Floats, size: float) -> Floats:

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ndtree._native._core import OccupancyMap
+from ndtree.alignment.planar import yaw_of
 from ndtree.live.following import GUESS, LEAST, WIDEST, Follower, inverse
 from ndtree.live.hypotheses import (
     NOT_HERE,
@@ -391,7 +392,7 @@ def place_of(text: str, dim: int = 2) -> Floats:
 def quaternion_of(pose: Floats) -> tuple[float, float, float, float]:
     """x, y, z and w of the turn of a pose in the plane or in space."""
     if len(pose) == 3:
-        return quaternion_of_yaw(math.atan2(pose[1, 0], pose[0, 0]))
+        return quaternion_of_yaw(yaw_of(pose))
     x, y, z, w = quaternions_of(pose[None, :3, :3])[0].tolist()
     return x, y, z, w
 

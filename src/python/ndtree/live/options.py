@@ -89,9 +89,9 @@ class LiveOptions(SimpleNamespace):
         `odometry`: As for `Slam`.
         Raises ValueError if a number is out of its limits.
         """
-        dim = begun.dim if self.localize and isinstance(begun, OccupancyMap) else 2
-        place = place_of(self.initial_pose, dim) if self.initial_pose else None
         target = begun if isinstance(begun, OccupancyMap) else None
+        dim = target.dim if self.localize and target is not None else 2
+        place = place_of(self.initial_pose, dim) if self.initial_pose else None
         session = begun if isinstance(begun, Session) else None
         memory = int(self.follow_memory * 2**20)
         moves = bool(self.slam or self.follow)

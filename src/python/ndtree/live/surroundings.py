@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ndtree._native._core import Matcher, OccupancyMap, pose_matrix
+from ndtree.alignment.planar import pose_of, yaw_of
 from ndtree.live.hypotheses import (
     BEFORE,
     PIECE,
@@ -209,7 +210,7 @@ class InSpace(Surroundings):
         return pose
 
     def level(self, at: Floats) -> Floats:
-        return self.matrix_of([*at[:3, 3], math.atan2(at[1, 0], at[0, 0])])
+        return self.matrix_of([*at[:3, 3], yaw_of(at)])
 
     def ends(self, points: ArrayLike, at: Floats) -> Floats:
         ends = self._finite(points) @ (self.level(at)[:3, :3].T @ at[:3, :3]).T
@@ -276,10 +277,9 @@ class InSpace(Surroundings):
     def _above(self, ends: Floats, pose: Floats, window: tuple[float, ...]) -> list[Floats]:
         """Poses in a window of x, y and yaw that explain a scan from above, at the height of a pose."""
         few = thinned(self._telling(ends), LOST)[:, :2]
-        plane = pose_matrix([*pose[:2, 3], math.atan2(pose[1, 0], pose[0, 0])], dim=2)
+        plane = pose_matrix([*pose[:2, 3], yaw_of(pose)], dim=2)
         modes = self._coarse.modes(few, plane, window=window, apart=2.0 * self._step, most=MOST)
-        found = [np.asarray(mode.pose) for mode in modes]
-        result = [self.guess_of([*one[:2, 2], math.atan2(one[1, 0], one[0, 0])]) for one in found]
+        result = [self.guess_of(pose_of(np.asarray(mode.pose))) for mode in modes]
         for one in result:
             one[2, 3] = pose[2, 3]
         return result

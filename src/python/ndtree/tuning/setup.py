@@ -27,7 +27,7 @@ from functools import partial
 
 import numpy as np
 
-from ndtree.alignment.planar import Floats
+from ndtree.alignment.planar import Floats, yaw_of
 from ndtree.logs.poses.pose import about_axes, matrices_of, quaternions_of
 from ndtree.tuning.setup_error import (
     BOTH,
@@ -426,7 +426,7 @@ def _heading(rotation: Floats, first: Floats) -> float:
     """By how a sensor is turned from a first rotation, whatever looks up in that."""
     since = rotation @ first.T
     turn = math.atan2(since[1, 0] - since[0, 1], since[0, 0] + since[1, 1])
-    return math.atan2(first[1, 0], first[0, 0]) + turn
+    return yaw_of(first) + turn
 
 
 def _moved(vector: Floats) -> Floats:

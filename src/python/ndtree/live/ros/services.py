@@ -177,7 +177,7 @@ class Services:
 
 
 def _along(points: Any, header: Any) -> list[PoseStamped]:
-    """Poses on a way, each of which looks along what follows."""
+    """Poses on a way; each looks along what follows."""
     ahead = np.diff(points, axis=0)
     turns = (quaternion_of_yaw(math.atan2(way[1], way[0])) for way in (*ahead, *ahead[-1:]))
     return [

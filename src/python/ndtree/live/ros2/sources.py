@@ -28,8 +28,8 @@ SENSOR_DEPTH, POSE_DEPTH = 50, 1000
 class Sources(Listener):
     """Subscriptions of a node to sensors, transforms and poses.
 
-    `lost` counts by the numbers that publishers give messages, where the middleware tells these, else those
-    of which it says itself that it lost them, which may be fewer.
+    `lost` counts by the numbers that publishers give messages, where the middleware tells these, else what
+    it says that it lost, which may be fewer.
 
     `put`: Is given each Raw message.
     `reading`: As for `Listener`.

@@ -245,7 +245,7 @@ def _of_g2o(path: str) -> _Poses:
 
 
 def _of_log(path: str) -> _Poses:
-    """Three whole numbers, of which the first is that of the frame, and the four rows of camera to world."""
+    """Three whole numbers, the frame's first, and the four rows of camera to world."""
     numbers, matrices = [], []
     rows = list(_rows(path))
     for at in range(0, len(rows), 5):
