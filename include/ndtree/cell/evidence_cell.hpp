@@ -33,11 +33,12 @@ struct ScanEvidence {
   std::uint32_t hits = 0;     ///< Beams that ended in the cell.
   std::uint32_t misses = 0;   ///< Beams that passed it, or, without return, the part up to their end.
   // Hits, and misses that are clearly free or without return, of beams for which a child's edge is at least
-  // noise_sigmas standard deviations. A miss within the noise of its end point is not resolvable.
+  // noise_sigmas standard deviations, and of hits the beam's width. A miss within the noise of its end point
+  // is not resolvable.
   std::uint32_t resolvable_hits = 0;
   std::uint32_t resolvable_misses = 0;
-  /// Resolvable hits that are evidence for a part of the cell only: behind a free way of more than 3 sigma
-  /// through the cell, or any in a cell with an edge of more than 3 sigma.
+  /// Hits of small noise that are evidence for a part of the cell only: behind a free way of more than 3
+  /// sigma through the cell, or any in a cell with an edge of more than 3 sigma.
   std::uint32_t partial_hits = 0;
   std::uint32_t beams = 0;  ///< Beams with any evidence for the cell.
   /// Other beams that ended before the cell, by less than three standard deviations: it is too coarse to take

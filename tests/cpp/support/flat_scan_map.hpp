@@ -222,7 +222,7 @@ class FlatScanMap {
         sum.free += std::lrint(-nats * 256.0f);
       if (hit) {
         ++sum.hits;
-        sum.resolvable_hits += resolvable;
+        sum.resolvable_hits += resolvable && child_size >= width_per_range() * beam.range;
         sum.partial_hits +=
             resolvable && ((beam.range - enter) * per_sigma > 3.0f || size > 3.0f * beam.sigma);
       } else if (!behind_surface) {

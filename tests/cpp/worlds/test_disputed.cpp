@@ -68,8 +68,8 @@ TEST(Disputed, WhereSomethingStoodForAWhile) {
   for (int i = 0; i < 11; ++i) map.insert(scan_to(4.0));
   const std::optional<double> disputed = disputed_fraction(map);
   ASSERT_TRUE(disputed);
-  EXPECT_GT(*disputed, 0.001);
-  EXPECT_LT(*disputed, 0.2);
+  EXPECT_GT(*disputed, 0.0);
+  EXPECT_LT(*disputed, 0.002) << "most of what left is forgotten: it is free, and disputes nothing";
   double observed = 0.0;
   double volume = 0.0;
   for_each_leaf(map.tree(), [&](const auto& leaf) {

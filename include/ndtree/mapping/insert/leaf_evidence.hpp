@@ -202,7 +202,7 @@ class LeafEvidence {
           sum, all_.near_end(size_, beam.range, beam.sigma, enter, exit_or_surface, holds_end, entry_behind));
       if (holds_end) {
         ++sum.hits;
-        sum.resolvable_hits += is_resolvable();
+        sum.resolvable_hits += is_resolvable() && all_.fits_child(size_, beam.range);
         sum.partial_hits += is_resolvable() && is_partial_hit(size_, beam.sigma, entry_behind);
       } else {
         sum.misses += !is_behind_surface;
@@ -306,6 +306,11 @@ class LeafEvidence {
   template <class Floats>
   [[nodiscard]] NDTREE_ALWAYS_INLINE auto is_resolvable(const Size& size, const Floats& sigma) const {
     return size.child >= noise_sigmas_ * sigma;
+  }
+  /// Whether a beam is no wider at its end point than the leaf's children.
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE auto fits_child(const Size& size, const Floats& range) const {
+    return Floats(size.child) >= sensor_.cone_width(range);
   }
   /// The evidence, see BeamWeight, for a cell whose exit is not clearly before a beam's end point.
   /// @param exit_or_surface where it leaves the cell, or what counts as that [m].
@@ -472,7 +477,7 @@ class LeafEvidence {
     if (hits.set() == 0) return misses;
     const EightMask resolved = hits & is_resolvable(size, beams.sigma);
     sum.hits += hits.count();
-    sum.resolvable_hits += resolved.count();
+    sum.resolvable_hits += has_cone_ ? (resolved & fits_child(size, beams.range)).count() : resolved.count();
     sum.partial_hits += (resolved & is_partial_hit(size, beams.sigma, entry_behind)).count();
     return misses;
   }
