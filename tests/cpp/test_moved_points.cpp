@@ -20,8 +20,9 @@ namespace ndtree::test::test_moved_points {
 namespace {
 
 /// The rule as it is said: one minus the largest probability of the cell and the cells beside it; cells that
-/// may hold something thin count 0.5 at least. 0.5 at most while a cell with evidence remembers that a beam
-/// ended in it, and 0.5 of what is unknown or may have left.
+/// may hold something thin count 0.5 at least, cells beside it that the last scan passed 0.5 at most. 0.5 at
+/// most while a cell with evidence remembers that a beam ended in it, and 0.5 of what is unknown or may have
+/// left.
 template <class Map>
 float expected(const Map& map, const Vector<Map::kDim>& point) {
   constexpr int D = Map::kDim;
@@ -36,12 +37,18 @@ float expected(const Map& map, const Vector<Map::kDim>& point) {
   take(most);
   if constexpr (std::is_same_v<typename Map::Cell, EvidenceCell>) {
     const EvidenceCell cell = cell_at(map, point);
-    const bool has_left = !cell.streak_is_of_hits() && cell.streak() >= std::min(cell.hits() + 1, 3U);
-    if (cell.hits() > 0 && cell.probability() < 0.5 && has_left) return 0.5F;
-    if (cell.hits() > 0) take(0.5F);
+    const std::uint32_t passes = cell.streak_is_of_hits() ? 0 : cell.streak();
+    if (cell.hits() > 0 && cell.probability() < 0.5) {
+      if (passes >= std::min(cell.hits() + 1, 3U)) return 0.5F;
+      take(0.5F);
+    }
   }
   const auto ask = [&](const Vector<D>& step) {
-    take(static_cast<float>(probability(map, Vector<D>(point + step))));
+    const auto cell = cell_at(map, Vector<D>(point + step));
+    auto p = static_cast<float>(cell.probability());
+    if constexpr (std::is_same_v<typename Map::Cell, EvidenceCell>)
+      if (!cell.streak_is_of_hits() && cell.streak() > 0) p = std::min(p, 0.5F);
+    take(p);
   };
   for (int axis = 0; axis < D; ++axis)
     for (const double side : {-1.0, -0.5, 0.5, 1.0}) ask(Vector<D>(side * reach * Vector<D>::Unit(axis)));

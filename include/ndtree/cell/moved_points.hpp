@@ -37,23 +37,35 @@ struct MovedMargin {
 /// Of what nothing can be said.
 inline constexpr float kMovedUnknown = 0.5F;
 
+/// Scans in a row whose beams all passed a cell; 0 of one that does not count them.
+template <class Cell>
+[[nodiscard]] std::uint32_t passing_scans(const Cell& cell) {
+  if constexpr (std::is_same_v<Cell, EvidenceCell>) return cell.streak_is_of_hits() ? 0 : cell.streak();
+  return 0;
+}
 /// The probability that a point's own cell is occupied, as probability_moved() takes it: just below 0.5 at
 /// least while a cell with evidence remembers a beam that ended in it. Most beams pass a rod's cell, and a
 /// larger cell that is free holds rods and edges; counts do not tell these from what left, until the cell has
-/// changed. 0.5, whatever is beside it, once all beams of more scans in a row than those that ended there
-/// have passed, or of three: what is beside it may have left with it.
+/// changed. 0.5, whatever is beside it, once more scans in a row than
+/// beams that ended there have passed, or three: what is beside it may have left with it.
 template <class Cell>
 [[nodiscard]] float probability_standing(const Cell& cell) {
   constexpr float kMayHold = 0.49999F;
-  constexpr std::uint32_t kMostPasses =
-      3;  // Hits count beams, passes scans: some beams of one scan end here.
+  constexpr std::uint32_t kMostPasses = 3;  // Some beams of one scan end here, others do not.
   const auto probability = static_cast<float>(cell.probability());
   if constexpr (std::is_same_v<Cell, EvidenceCell>) {
     if (cell.hits() == 0 || probability >= kMovedUnknown) return probability;
-    const std::uint32_t passes = cell.streak_is_of_hits() ? 0 : cell.streak();
-    return passes >= std::min(cell.hits() + 1, kMostPasses) ? kMovedUnknown : std::max(probability, kMayHold);
+    return passing_scans(cell) >= std::min(cell.hits() + 1, kMostPasses) ? kMovedUnknown
+                                                                         : std::max(probability, kMayHold);
   }
   return probability;
+}
+/// The probability that a cell beside a point is occupied: at most 0.5 if the last scan passed all of it,
+/// since it may be leaving with what is in the point's cell.
+template <class Cell>
+[[nodiscard]] float probability_beside(const Cell& cell) {
+  const auto probability = static_cast<float>(cell.probability());
+  return passing_scans(cell) > 0 ? std::min(probability, kMovedUnknown) : probability;
 }
 
 /// Steps to the cells beside a point: of `reach` and of half of it along each axis, both ways, and of half of
@@ -73,14 +85,15 @@ template <int D>
 
 /// That what returned at points is not part of what stands: one minus the probability that the point's cell
 /// is occupied, or a cell beside it, where that is more: a surface in the next cell explains the point.
-/// See steps_beside(). Nothing can be said, 0.5, of what is unknown, whatever is beside it, and where the
-/// cell or one beside it may hold something thin, if nothing stands there. O(n).
+/// See steps_beside(), probability_standing(), probability_beside(). Nothing can be said, 0.5, of what is
+/// unknown, whatever is beside it, and where the cell or one beside it may hold something thin, if nothing
+/// stands there. O(n).
 /// @param points D numbers each [m].
 /// @param standing_at called as (points, n, out): writes probability_standing() of each.
-/// @param probability_at likewise: writes the probability that each is occupied.
-template <int D, class StandingAt, class ProbabilityAt>
+/// @param beside_at likewise: writes probability_beside() of each.
+template <int D, class StandingAt, class BesideAt>
 void probability_moved(const double* points, std::size_t n, const MovedMargin& margin,
-                       const StandingAt& standing_at, const ProbabilityAt& probability_at, float* out) {
+                       const StandingAt& standing_at, const BesideAt& beside_at, float* out) {
   constexpr std::size_t kAtOnce = 4096;
   constexpr std::size_t kDim = D;
   constexpr float kStands = 0.6F;  // Odds of 3 to 2: what is beside such a cell changes no decision.
@@ -107,7 +120,7 @@ void probability_moved(const double* points, std::size_t n, const MovedMargin& m
       for (std::size_t i = 0; i < open.size(); ++i)
         for (std::size_t k = 0; k < kDim; ++k)
           beside[i * kDim + k] = here[open[i] * kDim + k] + step[static_cast<int>(k)];
-      probability_at(beside.data(), open.size(), there.data());
+      beside_at(beside.data(), open.size(), there.data());
       for (std::size_t i = 0; i < open.size(); ++i)
         results[open[i]] = std::max(results[open[i]], at_least_unknown(there[i]));
     }
@@ -116,10 +129,9 @@ void probability_moved(const double* points, std::size_t n, const MovedMargin& m
 }
 
 /// Probability that the end point of each beam of a scan moved; 0.5 for beams that do not return within
-/// `max_range`.
-template <int D, class StandingAt, class ProbabilityAt>
-std::vector<float> probability_moved(const ScanView<D>& scan, double max_range, const MovedMargin& margin,
-                                     const StandingAt& standing_at, const ProbabilityAt& probability_at) {
+/// `max_range`. @param moved_at called as (points, n, out): writes probability_moved() of each.
+template <int D, class MovedAt>
+std::vector<float> probability_moved(const ScanView<D>& scan, double max_range, const MovedAt& moved_at) {
   std::vector<double> points;
   std::vector<std::size_t> beams;
   for (Eigen::Index i = 0; i < scan.size; ++i) {
@@ -129,8 +141,8 @@ std::vector<float> probability_moved(const ScanView<D>& scan, double max_range, 
     points.insert(points.end(), beam.endpoint.data(), beam.endpoint.data() + D);
   }
   std::vector<float> of_returned(beams.size());
-  probability_moved<D>(points.data(), beams.size(), margin, standing_at, probability_at, of_returned.data());
-  std::vector<float> moved(static_cast<std::size_t>(scan.size), 0.5F);
+  moved_at(points.data(), beams.size(), of_returned.data());
+  std::vector<float> moved(static_cast<std::size_t>(scan.size), kMovedUnknown);
   for (std::size_t i = 0; i < beams.size(); ++i) moved[beams[i]] = of_returned[i];
   return moved;
 }

@@ -379,14 +379,15 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
       return [&](const double* points, std::size_t n, float* out) {
         for (std::size_t i = 0; i < n; ++i) {
           const auto leaf = tree_.find_leaf(Vector<D>(Eigen::Map<const Vector<D>>(points + i * D)));
-          out[i] = leaf ? answer(leaf->cell()) : 0.5F;
+          out[i] = leaf ? answer(leaf->cell()) : kMovedUnknown;
         }
       };
     };
     const auto standing = [](const auto& cell) { return probability_standing(cell); };
-    const auto probability = [](const auto& cell) { return static_cast<float>(cell.probability()); };
-    return probability_moved(scan, max_range, MovedMargin::of(options_), asking(standing),
-                             asking(probability));
+    const auto beside = [](const auto& cell) { return probability_beside(cell); };
+    return probability_moved(scan, max_range, [&](const double* points, std::size_t n, float* out) {
+      probability_moved<D>(points, n, MovedMargin::of(options_), asking(standing), asking(beside), out);
+    });
   }
 
   InsertReport integrate(const ScanView<D>& scan, double max_range, int threads,

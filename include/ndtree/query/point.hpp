@@ -176,22 +176,24 @@ void for_each_cell_at(const Map& map, const double* points, std::size_t n, Visit
 }
 
 /// That what returned at points is not part of what stands, by the map's cells: see the function of this name
-/// for any source of probabilities. 0.5 where unknown.
+/// for any source of probabilities. 0.5 where unknown. @param points D numbers each [m].
+template <class Map>
+void probability_moved(const Map& map, const double* points, std::size_t n, float* out) {
+  constexpr int D = Map::kDim;
+  const auto standing_at = [&map](const double* some, std::size_t k, float* of) {
+    for_each_cell_at(map, some, k,
+                     [of](std::size_t i, const auto& cell) { of[i] = probability_standing(cell); });
+  };
+  const auto beside_at = [&map](const double* some, std::size_t n, float* out) {
+    for_each_cell_at(map, some, n,
+                     [out](std::size_t i, const auto& cell) { out[i] = probability_beside(cell); });
+  };
+  probability_moved<D>(points, n, MovedMargin::of(map.options()), standing_at, beside_at, out);
+}
 template <class Map>
 [[nodiscard]] std::vector<float> probability_moved(const Map& map, const Points<Map::kDim>& points) {
-  constexpr int D = Map::kDim;
-  const auto probability_at = [&map](const double* some, std::size_t n, float* out) {
-    for_each_cell_at(map, some, n, [out](std::size_t i, const auto& cell) {
-      out[i] = static_cast<float>(cell.probability());
-    });
-  };
-  const auto standing_at = [&map](const double* some, std::size_t n, float* out) {
-    for_each_cell_at(map, some, n,
-                     [out](std::size_t i, const auto& cell) { out[i] = probability_standing(cell); });
-  };
   std::vector<float> moved(static_cast<std::size_t>(points.cols()));
-  probability_moved<D>(points.data(), moved.size(), MovedMargin::of(map.options()), standing_at,
-                       probability_at, moved.data());
+  probability_moved(map, points.data(), moved.size(), moved.data());
   return moved;
 }
 

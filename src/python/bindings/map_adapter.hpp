@@ -90,9 +90,8 @@ class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
       out[i] = static_cast<float>(cell.probability());
     });
   }
-  void standing(const double* points, std::size_t n, float* out) const final {
-    for_each_cell_at(cells(), points, n,
-                     [out](std::size_t i, const auto& cell) { out[i] = probability_standing(cell); });
+  void moved(const double* points, std::size_t n, float* out) const final {
+    probability_moved(cells(), points, n, out);
   }
   void hit_rate(const double* points, std::size_t n, double interval, const HitRateArrays& out) const final {
     Pace pace;

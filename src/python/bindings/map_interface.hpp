@@ -104,8 +104,8 @@ class MapInterface {
   /// Gives unused memory back, where the map can.
   virtual void shrink_to_fit() {}
   virtual void probability(const double* points, std::size_t n, float* out) const = 0;
-  /// See probability_standing().
-  virtual void standing(const double* points, std::size_t n, float* out) const = 0;
+  /// See probability_moved().
+  virtual void moved(const double* points, std::size_t n, float* out) const = 0;
   /// Hit rates, NaN where nothing was observed. @param interval in (0, 1), or 0: bounds are not written.
   /// @throws std::invalid_argument for bounds of a map that keeps no counts.
   virtual void hit_rate(const double* points, std::size_t n, double interval,

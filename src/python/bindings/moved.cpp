@@ -118,34 +118,17 @@ py::array_t<double> cells(const AnyMovedEvidence& any) {
   return out;
 }
 
-// The map as probability_moved() asks it.
-auto standing_of(const MapInterface& map) {
-  return [&map](const double* points, std::size_t n, float* out) { map.standing(points, n, out); };
-}
-auto probabilities_of(const MapInterface& map) {
-  return [&map](const double* points, std::size_t n, float* out) { map.probability(points, n, out); };
-}
-
-/// Calls `use(std::integral_constant<int, D>())` with the map's dimension.
-template <class Use>
-void with_dim(const MapInterface& map, const Use& use) {
-  if (map.dim() == 2)
-    use(std::integral_constant<int, 2>());
-  else if (map.dim() == 3)
-    use(std::integral_constant<int, 3>());
-  else
-    use(std::integral_constant<int, 4>());
-}
-
 }  // namespace
 
 std::vector<float> moved_before(const MapInterface& map, const BeamPointers& beams, double max_range) {
-  std::vector<float> moved;
-  with_dim(map, [&](auto dim) {
-    moved = probability_moved(beams.view<dim>(), max_range, MovedMargin::of(map.options()), standing_of(map),
-                              probabilities_of(map));
-  });
-  return moved;
+  const auto moved = [&](auto dim) {
+    return probability_moved(
+        beams.view<dim>(), max_range,
+        [&map](const double* points, std::size_t n, float* out) { map.moved(points, n, out); });
+  };
+  if (map.dim() == 2) return moved(std::integral_constant<int, 2>());
+  if (map.dim() == 3) return moved(std::integral_constant<int, 3>());
+  return moved(std::integral_constant<int, 4>());
 }
 
 void bind_moved(py::module_& module) {
@@ -188,12 +171,7 @@ void bind_moved(py::module_& module) {
         float* const results = out.mutable_data();
         const double* const data = points.data();
         const auto n = static_cast<std::size_t>(points.shape(0));
-        map.read([&](const MapInterface& m) {
-          with_dim(m, [&](auto dim) {
-            probability_moved<dim>(data, n, MovedMargin::of(m.options()), standing_of(m), probabilities_of(m),
-                                   results);
-          });
-        });
+        map.read([&](const MapInterface& m) { m.moved(data, n, results); });
         return out;
       },
       "points"_a, doc::OccupancyMap_moved);

@@ -35,8 +35,9 @@ class OctomapAdapter final : public QueryAdapter<OctomapBaseline, D> {
   [[nodiscard]] const MapOptions& options() const override { return map_.options(); }
   [[nodiscard]] bool clones_cheaply() const override { return false; }
   /// It keeps no hits beside its log-odds, which are what it knows.
-  void standing(const double* points, std::size_t n, float* out) const override {
-    this->probability(points, n, out);
+  void moved(const double* points, std::size_t n, float* out) const override {
+    const auto ask = [this](const double* some, std::size_t k, float* of) { this->probability(some, k, of); };
+    probability_moved<D>(points, n, MovedMargin::of(options()), ask, ask, out);
   }
   void hit_rate(const double* points, std::size_t n, double interval,
                 const HitRateArrays& out) const override {
