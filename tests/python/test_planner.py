@@ -299,6 +299,23 @@ def test_corridors_are_free_and_overlap(dim: int, name: str) -> None:
             planner.corridors(points, reach=reach)
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_command_draws_the_path_on_the_map(tmp_path: Path, dim: int) -> None:
+    pytest.importorskip("typer")
+    pytest.importorskip("matplotlib")
+    from calling import cli
+    from matplotlib.image import imread
+
+    rooms(dim).save(tmp_path / "rooms.ndt")
+    ends = [",".join(["-3.3", "-1", "0.25"][:dim]), ",".join(["3.3", "-1", "0.25"][:dim])]
+    call = ["plan", tmp_path / "rooms.ndt", "--from", ends[0], "--to", ends[1], "--body", "0.2"]
+    done = cli(*call, "--picture", tmp_path / "path.png")
+    assert done.exit_code == 0, done.stderr
+    red, green, blue = np.moveaxis(imread(tmp_path / "path.png")[..., :3], 2, 0)
+    assert np.count_nonzero((red > 0.7) & (green < 0.3)) > 100, "the path"
+    assert np.count_nonzero((red < 0.1) & (blue < 0.1)) > 300, "walls"
+
+
 def test_the_command_writes_a_path(tmp_path: Path) -> None:
     pytest.importorskip("typer")
     from calling import cli

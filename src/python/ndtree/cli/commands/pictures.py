@@ -2,6 +2,7 @@
 """Pictures, pages and films of maps."""
 
 import math
+import statistics
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -108,13 +109,18 @@ def draw(
 
 
 def draw_tracks(plot: Any, tracks: Mapping[str, tuple[OccupancyMap, Any]], path: Path) -> None:
-    """Flat maps beside each other by their titles, each with a track (n, 2) through it."""
+    """Maps beside each other by their titles, each with a track (n, dim) through it, in space from above."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5.0 * len(tracks), 4.0), layout="constrained")
     for ax, (title, (m, track)) in zip(figure.subplots(1, len(tracks), squeeze=False)[0], tracks.items()):
-        plot.occupancy(m, ax)
-        ax.plot(*track.T, color="tab:red", linewidth=1.5)
+        if m.dim == 3:  # The middle of the track's heights: where half of it is above.
+            height = statistics.median(track[:, 2].tolist())
+            plot.slice(m, z=height, ax=ax)
+            title = f"{title}, map at z = {height:.2f} m"
+        else:
+            plot.occupancy(m, ax)
+        ax.plot(*track.T[:2], color="tab:red", linewidth=1.5)
         ax.set_title(title, fontsize=10)
     with replaced(path) as part:
         figure.savefig(part, format=path.suffix[1:], dpi=90, bbox_inches="tight")

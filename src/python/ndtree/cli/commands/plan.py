@@ -39,8 +39,8 @@ def plan(source: MapArgument, call: Call) -> None:
     plot = plotting() if call.picture is not None else None
     check_picture(plot, call.picture)
     m = load_map(source)
-    if call.picture is not None and m.dim != 2:
-        raise WrongCall(f"--picture {call.picture}: of paths in 2-D maps alone, and {source} is {m.dim}-D")
+    if call.picture is not None and m.dim > 3:
+        raise WrongCall(f"--picture {call.picture}: {source} is {m.dim}-D, expected 2-D or 3-D")
     way = m.plan(
         _point("--from", call.start_at, m.dim),
         _point("--to", call.goal, m.dim),
