@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
+from matplotlib.artist import allow_rasterization
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from numpy.typing import ArrayLike
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 MAX_VECTOR_FACES = 20_000  # More are an image in SVG and PDF, too.
 _OUTLINE = 0.8  # Brightness of a face's border, of that of the face.
 _LINEWIDTH = 0.25  # Of it [points].
+_PART = 1 << 14  # Faces that are drawn at a time.
 
 
 class ViewOptions(TypedDict, total=False):
@@ -181,17 +183,32 @@ def draw_cubes(
     corners = _corners(cubes, bounds, number, axis, to_viewer >= 0, screen)
     shades = np.array([0.15, 0.5, 1.0]) * 0.38 + 0.62
     fill = fills[number] * shades[axis, None]  # Darker to the sides.
-    first, one, two = np.moveaxis(corners, 1, 0)
-    faces = PolyCollection(
-        np.stack([first, one, one + two - first, two], axis=1),
-        facecolors=fill,
-        edgecolors=_OUTLINE * fill,
-        linewidths=_LINEWIDTH,
-        rasterized=len(corners) > MAX_VECTOR_FACES,
-    )
-    ax.add_collection(faces, autolim=False)
+    ax.add_collection(_Faces(corners, fill), autolim=False)
     ax.set_axis_off()
     return ax
+
+
+class _Faces(PolyCollection):
+    """Parallelograms of three corners each, drawn part by part: all their paths would take a kilobyte each."""
+
+    def __init__(self, corners: Floats, fill: Floats) -> None:
+        super().__init__([], linewidths=_LINEWIDTH, rasterized=len(corners) > MAX_VECTOR_FACES)
+        self._corners, self._fill = corners, fill
+        self._take(0)
+
+    def _take(self, begin: int) -> None:
+        some = slice(begin, begin + _PART)
+        first, one, two = np.moveaxis(self._corners[some], 1, 0)
+        self.set_verts(np.stack([first, one, one + two - first, two], axis=1))
+        self.set(facecolor=self._fill[some], edgecolor=_OUTLINE * self._fill[some])
+
+    @allow_rasterization
+    def draw(self, renderer: Any) -> None:
+        if self.get_visible():
+            for begin in range(0, len(self._fill), _PART):
+                self._take(begin)
+                super().draw(renderer)
+        self.stale = False
 
 
 def _open_faces(cubes: Cells, to_viewer: Floats) -> tuple[Integers, Integers]:
