@@ -372,7 +372,7 @@ def npz(said: str, **changes: np.ndarray | None) -> tuple[Callable[[Path], Path]
 
 
 BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
-    "truncated gzip": (cut_gzip, r"behind line \d+: the gzip stream is cut off"),
+    "truncated gzip": (cut_gzip, r"after line \d+: the gzip stream is cut off"),
     "gzip of a few bytes": (
         written("a.gz", gzip.compress(FLASER.encode())[:12]),
         "the gzip stream is cut off",

@@ -80,7 +80,7 @@ def align(
         if is_confirmed(again, scale, motion):
             track = again
     if not stamps:
-        raise ValueError(f"{log.name}: no scans, expected at least one")
+        raise log.without_scans()
     graph = Graph(track)
     if close_loops:
         graph.close(progress)

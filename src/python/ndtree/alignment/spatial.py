@@ -258,7 +258,7 @@ def _by_odometry(log: Log, max_range: float, progress: Progress) -> SpatialAlign
         kept.append(spread_evenly(points, POINTS).astype(np.float32))
         progress("matching scans", len(poses), total)
     if not poses:
-        raise ValueError(f"{log.name}: no scans, expected at least one")
+        raise log.without_scans()
     return SpatialAlignment(
         source=log,
         poses=np.array(poses),

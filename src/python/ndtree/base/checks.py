@@ -119,7 +119,8 @@ def parsed(file: Path) -> dict[str, Any]:
         with open(file, "rb") as opened:
             return tomllib.load(opened)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{file}: {error}: expected TOML") from None
+        said = "is no text" if isinstance(error, UnicodeDecodeError) else error
+        raise ValueError(f"{file}: {said}, expected TOML") from None
 
 
 pair_or_none = _checked(

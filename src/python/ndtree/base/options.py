@@ -127,7 +127,7 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "gltf, vtk, leaves, grid.", "NAME", "as the ending says", "a kind that was not recognised",
                "convert"),
         Option("cell_size", float, "Cell size in all files but .ndt [m].", "M", "the map's own",
-               "a coarser file", "convert"),
+               "a coarser file", "convert", unit="m", limits=_POSITIVE, above=True),
         Option("height", tuple[float, float], "Image of a 3-D map: heights of its cells [m].", "LOW HIGH",
                "all heights", "what a robot of that height meets [m]", "convert"),
         Option("wall_depth", float, "In an image, depth to which large occupied cells are drawn behind free "
@@ -140,7 +140,7 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
         Option("mark", bool, "Keep all points, with the probability of each in a field moved.", "",
                "what moved is left out", "a viewer shows the probability of each point", "clean", False),
         Option("save_every", float, "Write MAP at this interval, too [s].", "S", "at the end alone",
-               "a robot that may lose its power", "live"),
+               "a robot that may lose its power", "live", unit="s", limits=_POSITIVE, above=True),
         Option("serve", str, "Serve it to ndtree view http://HOST:PORT; without HOST, only to this computer.",
                "[HOST:]PORT", "off", "look at it from another computer: ndtree view http://HOST:PORT",
                "live node", of_node="[HOST:]PORT for ndtree view http://HOST:PORT; 0.0.0.0 as the HOST: all "
@@ -290,7 +290,7 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                "a picture instead of the page", "view"),
         Option("color", ("height", "size", "probability"), "Meaning of colors; in 2-D probability, or states "
                "(--png).", "", "height; in 2-D probability", "sizes of cells, or how sure", "view"),
-        Option("slice_", str, "Cut a 3-D map, as at z=1.2.", "AXIS=M", "below the ceiling",
+        Option("slice_at", str, "Cut a 3-D map, as at z=1.2.", "AXIS=M", "below the ceiling",
                "look into a room, as z=1.2", "view", flags="--slice"),
         Option("free", bool, "Show free cells.", "", "in 2-D", "free cells, too", "view",
                flags="--free/--no-free"),
@@ -350,20 +350,22 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
     "How does it run live?": (
         Option("rate", float, "Seconds of LOG played in one second; 0: as fast as possible, nothing is "
                "dropped.", "SPEED", ": the recording's own pace", "0: as fast as it goes, and nothing is "
-               "dropped", "live", 1.0),
+               "dropped", "live", 1.0, limits=_POSITIVE),
         Option("queue", int, "Most scans that may wait; beyond that, the oldest is dropped.", "N", "",
                "a shorter delay, or fewer drops", "live node", 100, "scans", _COUNT, node_limits=_MANY),
         Option("patience", float, "Longest time that a scan waits for its pose [s].", "S", "",
-               "poses come late", "live node", 1.0, "s", node_limits=_UP_TO_1000),
+               "poses come late", "live node", 1.0, "s", _POSITIVE, node_limits=_UP_TO_1000),
         Option("look", float, "ROS bags: length of the beginning that decides what is mapped, and how [s].",
                "S", "", "more messages to decide by, and a later start", "live node", 2.0, "s",
-               node_limits=_UP_TO_1000),
+               _POSITIVE, node_limits=_UP_TO_1000),
         Option("window", float, "Forget cells farther from the sensor than this [m].", "M", "the whole map",
-               "a robot that needs its surroundings alone", "live node", of_node="Cells farther from the "
+               "a robot that needs its surroundings alone", "live node", unit="m", limits=_POSITIVE,
+               above=True, of_node="Cells farther from the "
                "sensor are forgotten [m]; 0: none."),
         Option("fade", float, "Forget cells not seen for this long [s].", "S", "nothing fades",
-               "things that move all day; walls that are not seen go, too", "live node",
-               of_node="Cells not seen for this long are forgotten [s]; 0: none."),
+               "things that move all day; walls that are not seen go, too", "live node", unit="s",
+               limits=_POSITIVE, above=True, of_node="Cells not seen for this long are forgotten [s]; 0: "
+               "none."),
         Option("resume", Path, "Continue a saved map.", "MAP", "an empty map", "continue a saved map",
                "live"),
         Option("slam", bool, "Find the poses of a planar laser from its scans and odometry, and correct "

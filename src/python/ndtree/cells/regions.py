@@ -39,6 +39,8 @@ def observed_region(every: Cells, track: ArrayLike | None = None) -> tuple[float
     `track` (array_like, (n, dim)): Where the robot drove [m].
     """
     seen = every.where(every.observed)
+    if not len(seen.size):
+        raise ValueError("nothing was observed that could be drawn")
     volume = seen.size.astype(np.float64) ** every.dim
     low, high = _bounds_of_hits(every)
     for a in range(every.dim):

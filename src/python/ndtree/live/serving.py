@@ -11,6 +11,7 @@ import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
 from ndtree.base.callers import LOCAL_NAMES, MOST_CONNECTIONS, why_not
 
@@ -51,6 +52,8 @@ class MapServer:
             self._server = _Server((host, port), handler)
         except OverflowError:
             raise OSError(f"port = {port}: must be from 0 to 65535") from None
+        except OSError as error:
+            raise OSError(error.errno, f"cannot listen there: {error.strerror}", f"{host}:{port}") from None
         self._host = host
         self._thread = threading.Thread(
             target=self._server.serve_forever, kwargs={"poll_interval": 0.1}, name="ndtree-serve", daemon=True
@@ -188,5 +191,5 @@ def address_of(text: str) -> tuple[str, int]:
     """Host and port of ``[HOST:]PORT``; ValueError says what is wrong."""
     host, _, port = text.rpartition(":")
     if not port.isascii() or not port.isdigit() or int(port) > 65535:
-        raise ValueError(f"serve = {text}: must be PORT or HOST:PORT, with a port from 0 to 65535")
+        raise WrongValue.of("serve", text, "PORT or HOST:PORT, with a port from 0 to 65535")
     return host or HOST, int(port)

@@ -43,7 +43,8 @@ class RunningMap:
             raise OSError(f"{self.url}: answers {error.code}, expected a live map of ndtree") from None
         except OSError as error:
             reason = getattr(error, "reason", error)
-            raise OSError(f"{self.url}: {reason}: expected a live map of ndtree to answer") from None
+            reason = getattr(reason, "strerror", None) or reason
+            raise OSError(f"{self.url}: {reason}, expected a live map of ndtree to answer") from None
         try:
             m = from_bytes(data)
         except (RuntimeError, ValueError) as error:

@@ -189,7 +189,7 @@ def draw_cubes(
 
 
 class _Faces(PolyCollection):
-    """Parallelograms of three corners each, drawn part by part: all their paths would take a kilobyte each."""
+    """Parallelograms of three corners each, drawn part by part: a path takes a kilobyte."""
 
     def __init__(self, corners: Floats, fill: Floats) -> None:
         super().__init__([], linewidths=_LINEWIDTH, rasterized=len(corners) > MAX_VECTOR_FACES)

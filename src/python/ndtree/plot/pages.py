@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
+from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
 from ndtree.cells.lattice import Cells, cells_through, observed_bounds, occupied_cells
 from ndtree.cells.regions import ceiling, found_region, picture_region
@@ -209,6 +210,10 @@ def _draw_3d(maps: dict[str, OccupancyMap], shown: _Page, width: float, dpi: flo
     for m in maps.values():
         require_dim(m, 3)
     held, cut_above, region = axis_number(shown.slice_axis), shown.cut_above, shown.region
+    lowest, highest = (corner[held] for corner in observed_bounds(next(iter(maps.values()))))
+    if shown.slice_at is not None and not lowest <= shown.slice_at < highest:
+        seen = f"from {lowest:.2f} to {highest:.2f} m, where something was observed"
+        raise WrongValue.of("slice_at", f"{shown.slice_at:g} m", seen)
     titles = [title_of_map(m, kind) for kind, m in maps.items()]
     every = [occupied_cells(m) for m in maps.values()]
     others = [a for a in range(3) if a != held]

@@ -154,7 +154,7 @@ class FirstLook:
 
 
 @checked
-def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
+def first_look(log: Log, *, with_sigma: bool = True, progress: Progress | None = None) -> FirstLook:
     """Read a log once, and find the options with which it should be mapped.
 
     160 to 320 scans from all over the log are looked at, in runs of four. The noise of the ranges is measured
@@ -163,6 +163,8 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
 
     Parameters
     ----------
+    with_sigma : bool
+        Measure the noise; else it is what such sensors usually have.
     progress : callable, optional
         Called as ``progress(what, done, total)``.
 
@@ -179,8 +181,8 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
     read_seconds = looked.times * (time.perf_counter() - begin)
     sample = [scan for run in runs for scan in run]
     if not sample:
-        raise ValueError(f"{log.name}: no scans, expected at least one")
-    noise = range_noise(scan for scan in sample if scan.range_sigma is None)
+        raise log.without_scans()
+    noise = range_noise(scan for scan in sample if scan.range_sigma is None) if with_sigma else None
     told = [scan.range_sigma is not None for scan in sample if len(scan)]
     if noise is not None:
         sigma, quadratic = noise[0].value, noise[1].value

@@ -77,7 +77,8 @@ def inspect(
         return Config(values, None, tuple(map(Text, notes)))
     decides = choose_no_return and log.may_be_zero and log.rules.zero_is is None
     may_be_cut_off = log.may_be_cut_off and log.rules.cut_off is UNSEARCHED
-    look = first_look(log.ruled(zero_is=NO_ECHO) if decides else log, progress=progress)
+    looked_at = log.ruled(zero_is=NO_ECHO) if decides else log
+    look = first_look(looked_at, with_sigma=choose_sigma, progress=progress)
     choose_no_return = choose_no_return and (log.knows_no_returns or look.limit is not None)
     zeros = min(1.0, look.zeros / look.beams) if look.beams else 0.0
     if decides:

@@ -18,7 +18,8 @@ from ndtree.base.words import listed, number_of
 from ndtree.cli.commands.flags import Call, GivenLog, command, opened
 from ndtree.cli.commands.logs import inspected, warn_of_skipped
 from ndtree.cli.commands.mapping import mapped, written
-from ndtree.cli.commands.output import check_picture, is_stdout, write_json
+from ndtree.cli.commands.messages import indented
+from ndtree.cli.commands.output import check_dim, check_picture, is_stdout, write_json
 from ndtree.cli.commands.pictures import plotting
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log
@@ -48,6 +49,8 @@ def align_(log: GivenLog, call: Call, given: Config) -> None:
     if by_kiss_icp:
         given = Config({name: one for name, one in given.values.items() if name != "odometry"})
     source = opened_at_rest(given, log)
+    if call.map_file is not None:
+        check_dim("--map", call.map_file, source.dim)
     if call.picture is not None:
         check_picture(plotting(), call.picture)
     if by_kiss_icp and source.dim != 3:
@@ -92,4 +95,4 @@ def aligned(
 def print_alignment(log: Log, found: Union[Alignment, SpatialAlignment]) -> None:
     """How far poses moved, and whether to trust them."""
     print(f"{log.name}: {number_of(len(found.poses), 'scan')} aligned")
-    print(f"  {found}")
+    print(indented(str(found)))

@@ -13,6 +13,7 @@ import typer
 import typer.core
 import typer.main
 
+from ndtree._errors import leading_key, marked
 from ndtree.base.exit_status import BAD_INPUT, WRONG_CALL, WrongCall
 from ndtree.cli import interrupt
 from ndtree.cli.help import asks_for_all, page, page_asked_for
@@ -137,7 +138,7 @@ def guarded(name: str, arguments: dict[str, Any]) -> Iterator[None]:
     except (WrongCall, WrongOption, ImportError) as error:
         _end(error, WRONG_CALL, has_flags)
     except (OSError, ValueError, MemoryError, RuntimeError) as error:
-        _end(reason_of(error), BAD_INPUT, has_flags)
+        _end(reason_of(error), WRONG_CALL if leading_key(marked(error)) else BAD_INPUT, has_flags)
 
 
 def reason_of(error: Exception) -> Union[str, Exception]:

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from ndtree._errors import naming
 from ndtree.base.files import require_no_input
 from ndtree.cli.commands.flags import Call, MapArgument, command
 from ndtree.cli.commands.logs import made, placed_map
@@ -38,5 +39,9 @@ def convert_(
     options = {name: value for name, value in given.items() if value is not None}
     made(lambda: format_of(output, call.format, options))
     require_no_input(output, [source])
-    convert(placed_map(source, is_moved=call.cell_size is None), output, format=call.format, **options)
+    placed = placed_map(source, is_moved=call.cell_size is None)
+    try:
+        convert(placed, output, format=call.format, **options)
+    except ValueError as error:
+        raise naming(error, "cell_size", "height") from None
     print(f"{source}: wrote {output}")

@@ -124,7 +124,8 @@ def log_figures(log: Log, *, most: int | None = None) -> dict[str, Any]:
 def print_contents(path: Path, held: dict[str, Any]) -> None:
     """The topics of a bag."""
     start, end = held["start"], held["end"]
-    print(f"{path}: {end - start:.1f} s from {start:.3f} to {end:.3f} s")
+    times = f"{end - start:.1f} s from {start:.3f} to {end:.3f} s"
+    print(f"{path}: {times if held['topics'] else 'no messages'}")
     rows = [
         [
             topic["topic"],

@@ -106,8 +106,12 @@ def _given(options: list[Option], typed: dict[str, Any]) -> Config:
     """What was typed, instead of what a file says."""
     for one in options:
         value = typed[one.name]
-        if one.above and one.limits and value is not None and not value > one.limits[0]:
-            raise WrongCall(f"{one.flag} {value:g}: must be > {one.limits[0]:g} {one.unit}".rstrip())
+        if one.limits and isinstance(value, float):
+            try:
+                one.check(value)
+            except ValueError:
+                said = f"{one.flag} {value:g}: must be {one.expected} {one.unit}"
+                raise WrongCall(said.rstrip()) from None
     given = Config.of(**{one.name: typed[one.name] for one in options if one.role})
     file = typed.get("config")
     return given if file is None else Config.load(file).overridden(given.values)
@@ -151,6 +155,11 @@ def require_none(given: Config, instead_of: str) -> None:
 
 def _check_values(given: Config) -> None:
     """Refuses values that are wrong for any log."""
+    nearest, farthest = given.get("min_range", 0.0), given.get("max_range", math.inf)
+    if not nearest < farthest:
+        raise WrongCall(f"--min-range {nearest:g} m: must be < --max-range {farthest:g} m")
+    if given.get("fixed") and "refinement" in given.values:
+        raise WrongCall("--refinement: not with --fixed, whose cells neither split nor merge")
     for name, parse in (("mount", mount_of), ("origin_of_scan", point_of)):
         try:
             if given.get(name) is not None:

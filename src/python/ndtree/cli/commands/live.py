@@ -90,8 +90,6 @@ def _refuse_mixtures(call: Call, given: Config) -> None:
     for name in (["save_every"] if call.save_every is not None else []) + given.typed:
         if call.localize is not None:
             raise WrongCall(f"{flag_of(name)}: not with --localize, which makes no map")
-    if call.rate < 0:
-        raise WrongCall(f"--rate {call.rate:g}: must be >= 0; 0 is as fast as it goes")
     if call.resume is not None and (given.typed or call.fixed):
         name = "fixed" if call.fixed else given.typed[0]
         raise WrongCall(f"{flag_of(name)}: the map of --resume has its own options")
@@ -115,6 +113,7 @@ class _Run:
     def prepared(self, stack: ExitStack) -> Iterator[tuple[Any, float]]:
         """What is in the recording, for a mapper that is there then."""
         call, options = self._call, self._options
+        served = [_served(call.serve, stack)] if call.serve is not None else []
         intake, items = _source(call, self._given, options, stack)
         moving = None
         if call.slam and not isinstance(intake, MessagesIntake):
@@ -127,7 +126,7 @@ class _Run:
         self.mapper = LiveMapper(
             intake,
             self._how,
-            sinks=[*saver, *self._sinks(intake, way, stack)],
+            sinks=[*saver, *served, *self._sinks(intake, way, stack)],
             way=way,
             localized=self._found.append if self._how.localizer is not None else None,
         )
@@ -136,11 +135,10 @@ class _Run:
     def _sinks(self, intake: Intake, way: Way, stack: ExitStack) -> list[Any]:
         """What shows the map while it grows."""
         call = self._call
-        served = [_served(call.serve, stack)] if call.serve is not None else []
         self._page = Page(call.port) if call.watch else None
         shown = sinks_of(call, lambda: _frame(intake), way, stack)
         self._url = url_of(shown)
-        return [*served, *filter(None, [self._page]), *shown]
+        return [*filter(None, [self._page]), *shown]
 
     def report(self, seconds: float) -> None:
         """Say and write what was made in so long, and show it until the user interrupts."""
@@ -186,8 +184,9 @@ def _check_followed(bag: Bag, follow: str) -> None:
     topic = bag.topic(follow)
     if topic is None or topic.type != PATH:
         found = "is not there" if topic is None else f"is of type {short(topic.type)}"
-        paths = listed(bag.of_type(PATH))
-        raise WrongCall(f"--follow {follow}: {found}, expected tf, or a Path as one of {paths}")
+        paths = bag.of_type(PATH)
+        others = f", or a Path as one of {listed(paths)}" if paths else ""
+        raise WrongCall(f"--follow {follow}: {found}, expected tf{others}")
 
 
 def _served(serve: str, stack: ExitStack) -> MapServer:

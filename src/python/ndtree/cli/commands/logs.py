@@ -39,7 +39,7 @@ def open_log(
             raise WrongCall("--scans: is for simulated logs only")
         return opened(given, path)
     if world is None:
-        raise WrongCall("expected a LOG")
+        raise WrongCall("LOG is missing, expected one, or --world NAME")
     require_none(given, f"the simulated {world}")
     simulated = simulate(world, seed=seed, scans=scans)  # type: ignore[arg-type]
     if given.get("dim", simulated.dim) != simulated.dim:

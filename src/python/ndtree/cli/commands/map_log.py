@@ -17,7 +17,7 @@ from ndtree.cli.commands.logs import inspected, made, skipped, warn_of_skipped
 from ndtree.cli.commands.map_tiles import is_tiled, map_into_tiles, print_tiled
 from ndtree.cli.commands.mapping import Mapped, mapped, written
 from ndtree.cli.commands.messages import in_words
-from ndtree.cli.commands.output import check_output, check_picture, fits_map, is_stdout, write_json
+from ndtree.cli.commands.output import check_dim, check_output, check_picture, fits_map, is_stdout, write_json
 from ndtree.cli.commands.pictures import observers_of, plotting, stay
 from ndtree.cli.commands.shows import showing, wait_at
 from ndtree.logs import JoinedLog, Log
@@ -63,8 +63,9 @@ def map_(logs: GivenLogs, call: Call, given: Config) -> None:
             check_output("-o", path, logs, fits_map)
         _map_each(logs, outputs, wanted, call.json_file)
         return
-    if output is None:
-        output = _named_as(logs[0])
+    is_folder = output is not None and output.is_dir() and not (call.merge or is_tiled(output))
+    if output is None or is_folder:
+        output = _named_as(logs[0]) if output is None else output / _map_name(logs[0])
         check_output("-o", output, logs, fits_map)
     begin = time.perf_counter()
     log = wanted.open(logs)
@@ -75,6 +76,7 @@ def map_(logs: GivenLogs, call: Call, given: Config) -> None:
         _map_tiled(wanted, log, output, call)
         return
     _refuse(of_tiles, f"is for a map in tiles, -o {output}")
+    check_dim("-o", output, log.dim)
     check_picture(plot, call.picture)
     with ExitStack() as stack:
         shown = showing(call, stack)

@@ -12,7 +12,7 @@ from typing import Any, Optional
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree._errors import located, naming
+from ndtree._errors import WrongValue, key, located, naming
 from ndtree._native._core import OccupancyMap
 from ndtree.base.progress import Progress
 from ndtree.base.scan import Scan
@@ -156,13 +156,14 @@ class Passage:
     def report(self, counts: dict[str, int]) -> dict[str, int]:
         """What a map counted, with the beams that it never saw. @raises ValueError if it saw nothing."""
         if not self.scans:
-            raise ValueError(f"{self.log.name}: no scans, expected at least one")
+            raise self.log.without_scans()
         if self.ignored:
             counts = {**counts, "beams": counts["beams"] + self.ignored, "ignored": self.ignored}
         if not any(counts[kind] for kind in ("returned", "not_returned", "beyond_max_range")):
-            raise ValueError(
-                f"{self.log.name}: nothing to map in {number_of(self.scans, 'scan')}, {counted(counts)}"
-            )
+            some = [key(name) for name in ("min_range", "max_range", "box") if name in self.config.values]
+            found = f"{number_of(self.scans, 'scan')}, {counted(counts)}"
+            why = f", with {listed(some)}" if some else ""
+            raise WrongValue(f"{self.log.name}: nothing to map in {found}{why}")
         return counts
 
 

@@ -21,7 +21,7 @@ from ndtree.logs import kind_of
 from ndtree.logs.core.archive import is_archive
 from ndtree.logs.ros.files.bag import METADATA_BEGINS
 from ndtree.maps.open import TILES_SUFFIX, YAML_SUFFIXES, is_map
-from ndtree.maps.writers import format_of
+from ndtree.maps.writers import FORMATS, format_of
 
 
 def write_json(figures: dict[str, Any], target: Optional[Path]) -> None:
@@ -62,9 +62,13 @@ def check_outputs(command: str, arguments: dict[str, Any]) -> None:
         flag = "OUT" if is_argument else min(option(name, command).flags.split() or [flag_of(name)], key=len)
         if name == "output" and _is_folder(command, Path(value), arguments):
             check_no_input(flag, Path(value), inputs)
+            if Path(value).exists() and not Path(value).is_dir():
+                raise WrongCall(f"{flag} {value}: is a file, expected a folder")
         else:
             fits = _fitting(command, name, Path(value), arguments)
             by_ending = fits is fits_map and command != "convert"  # Which has a flag for the format.
+            if fits is is_trajectory and any(Path(value).suffix in one.suffixes for one in FORMATS):
+                raise WrongCall(f"{flag} {value}: poses are text, expected another ending, such as .txt")
             check_output(flag, Path(value), inputs, fits, by_ending=by_ending)
 
 
@@ -79,7 +83,7 @@ def check_output(
     """Refuses a file that is read, that would replace one of another kind, or that cannot be written."""
     for path in _together(flag, target):
         check_no_input(flag, path, inputs)
-        if by_ending and path == target:
+        if by_ending and path == target and not path.is_dir():
             try:
                 format_of(target, None, {})
             except ValueError as error:
@@ -91,6 +95,14 @@ def check_output(
                 f"{flag} {path}: is {_kind_of(path)}, expected a new name, or --force to replace it"
             ) from None
     _check_target(target)
+
+
+def check_dim(flag: str, target: Path, dim: int) -> None:
+    """Refuses a file whose format cannot hold the map of a log, before that is mapped."""
+    dims = format_of(target, None, {}).dims
+    if dim not in dims:
+        only = " and ".join(f"{one}-D" for one in dims)
+        raise WrongCall(f"{flag} {target}: the log is {dim}-D, and such files hold {only} maps, as .ndt does")
 
 
 def check_no_input(flag: str, target: Path, inputs: Sequence[Path]) -> None:
@@ -120,8 +132,9 @@ def _inputs(arguments: dict[str, Any]) -> list[Path]:
 
 def _is_folder(command: str, target: Path, arguments: dict[str, Any]) -> bool:
     if command == "map":
-        several = len(arguments["logs"]) > 1 and not arguments["merge"]
-        return several or target.suffix.lower() == TILES_SUFFIX
+        several = len(arguments["logs"]) > 1
+        is_folder = not arguments["merge"] and (several or target.is_dir())
+        return is_folder or target.suffix.lower() == TILES_SUFFIX
     return command in _FOLDERS or (command == "clean" and target.suffix.lower() not in ENDINGS)
 
 

@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from ndtree._errors import naming
 from ndtree._native._core import Sphere
 from ndtree._native.results import Path as Way
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.words import number_of
 from ndtree.cli.commands.flags import Call, MapArgument, command
 from ndtree.cli.commands.logs import load_map
+from ndtree.cli.commands.messages import in_words
 from ndtree.cli.commands.output import check_picture, is_stdout, write, write_json
 from ndtree.cli.commands.pictures import draw_tracks, plotting
 
@@ -41,14 +43,13 @@ def plan(source: MapArgument, call: Call) -> None:
     m = load_map(source)
     if call.picture is not None and m.dim > 3:
         raise WrongCall(f"--picture {call.picture}: {source} is {m.dim}-D, expected 2-D or 3-D")
-    way = m.plan(
-        _point("--from", call.start_at, m.dim),
-        _point("--to", call.goal, m.dim),
-        body=Sphere(call.radius),
-        clearance=call.clearance,
-        unknown=_unknown(call.unknown_space),
-        max_seconds=call.max_seconds,
-    )
+    ends = _point("--from", call.start_at, m.dim), _point("--to", call.goal, m.dim)
+    body, unknown = Sphere(call.radius), _unknown(call.unknown_space)
+    limits: dict[str, Any] = {"clearance": call.clearance, "max_seconds": call.max_seconds}
+    try:
+        way = m.plan(*ends, body=body, unknown=unknown, **limits)
+    except ValueError as error:
+        raise ValueError(in_words(naming(error, "start", "goal"))) from None
     if not way:
         raise ValueError(f"no path found: {way.reason}")
     if call.output is not None:

@@ -10,7 +10,7 @@ from enum import Enum
 from typing import Any
 
 from ndtree._native._calls import ELSEWHERE
-from ndtree.base.options import option
+from ndtree.base.options import OPTIONS, option
 
 #: What others call an option, by a part of the flag.
 _ELSEWHERE = (
@@ -110,8 +110,11 @@ def _value_of(parameter: Any, words: Sequence[str]) -> str:
 
 def _meant(flag: str, command: Any) -> str:
     known = [one for parameter in command.params for one in parameter.opts if one.startswith("--")]
-    near = get_close_matches(flag, known, 1, 0.75)
-    near = near or [meant for part, meant in _ELSEWHERE if part in flag and meant in known]
+    near = [meant for part, meant in _ELSEWHERE if part in flag and meant in known]
     near = near or [one for one in ("--output", "--png") if flag == "-o" and one in known]
+    near = near or [one for one in known if flag.startswith("--") and flag[2:] in one]
+    takers = [f"ndtree {name}" for one in OPTIONS if one.flag == flag for name in one.of.split()]
+    if takers and not near:
+        return f" here: it is one of {' and '.join(takers[:2])}".replace("ndtree node", "the nodes")
     near = near or get_close_matches(flag, known, 1, _ALIKE)
     return f": did you mean {near[0]}?" if near else ""

@@ -26,7 +26,7 @@ _MAPS = "A map: .ndt, .bt, .ot, .yaml of map_server; http://ROBOT:PORT."
 
 @command(
     "view",
-    usual="open_ png color slice_ log",
+    usual="open_ png color slice_at log",
     examples=(
         "ndtree view intel.ndt --open",
         "ndtree view room.ndt --color size --slice z=1.2 --log room.npz",
@@ -41,7 +41,7 @@ def view(
 
     Rooms are cut below their ceiling unless --slice is given; the page's switch "Slice" shows all.
     """
-    axis, at = parsed_slice(call.slice_)
+    axis, at = parsed_slice(call.slice_at)
     if call.log is None:
         require_none(given, "a map alone")
     if call.png is not None:

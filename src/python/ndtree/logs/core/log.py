@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ndtree._errors import Text
+from ndtree._errors import Text, WrongValue, key
 from ndtree._native import _core
 from ndtree._native._checked import checked
 from ndtree.base.files import require_no_input
@@ -311,6 +311,10 @@ class Log(ABC):
     def _scans(self) -> Iterator[Scan]:
         """Read the scans from the first on."""
 
+    def without_scans(self) -> ValueError:
+        """The error of who needs a scan and was given none."""
+        return ValueError(f"{self.name}: no scans, expected at least one")
+
     def skip(self, kind: str, error: Exception) -> None:
         """Raise an error, or with ``keep_going`` note it: the reader then goes on behind the damage.
 
@@ -455,6 +459,14 @@ class SelectedLog(DerivedLog):
     def __init__(self, log: Log, selection: Selection) -> None:
         super().__init__(log)
         self._selection = selection
+
+    def without_scans(self) -> ValueError:
+        """The error, which names the times that were asked for."""
+        if not self._selection.is_timed:
+            return self._log.without_scans()
+        times = " to ".join(f"{one:g}" for one in self._selection.times)
+        said = f"{key('start')} and {key('stop')}, {times} s, leave no scan"
+        return WrongValue(f"{self.name}: {said}, expected seconds after the log's first")
 
     def _scans(self) -> Iterator[Scan]:
         return self._selection.of(self._log, self.name)

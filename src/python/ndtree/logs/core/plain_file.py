@@ -103,7 +103,7 @@ class PlainFile:
             try:
                 line = readline(LINE_BYTES + 1)
             except DamagedStream as error:
-                what = f"{self.path}: behind line {self.line}: {error}, expected a whole one"
+                what = f"{self.path}: after line {self.line}: {error}, expected a whole one"
                 raise DamagedStream(what, error.kind, error.is_cut_off) from None
             if not line:
                 return

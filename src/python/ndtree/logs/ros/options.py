@@ -43,7 +43,12 @@ class Wanted:
 def listed(topics: list[Topic]) -> str:
     """Topics for errors."""
     shown = [f"{topic.name} ({short(topic.type)})" for topic in topics[:12]]
-    return ", ".join(shown + ["..."] * (len(topics) > 12)) or "none"
+    return ", ".join(shown + ["..."] * (len(topics) > 12))
+
+
+def instead(topics: list[Topic]) -> str:
+    """What was expected instead of a topic that is wrong."""
+    return f"expected one of {listed(topics)}" if topics else "expected another bag: this has none"
 
 
 @dataclass(frozen=True)
@@ -115,6 +120,5 @@ class BagOptions:
         topic = bag.topic(wanted)
         if topic is None or topic.type not in types or not topic.messages:
             what = "Odometry" if self.odometry is not None else f"poses ({POSE_NAMES})"
-            found = listed(bag.of_type(*types))
-            raise ValueError(f"{bag.path}: no {what} in {wanted}, expected one of {found}")
+            raise ValueError(f"{bag.path}: no {what} in {wanted}, {instead(bag.of_type(*types))}")
         return replace(self, poses=topic.name)

@@ -36,7 +36,7 @@ from ndtree.logs.ros.messages.foxglove import head_of
 from ndtree.logs.ros.messages.laser import laser_beams, multi_echo_beams, range_beams
 from ndtree.logs.ros.messages.own import point_beams
 from ndtree.logs.ros.messages.sweep import AS_SAID, BY_WORD, GROUP, OFF, Sweep, sharpest, turning
-from ndtree.logs.ros.options import BagOptions, Wanted, listed
+from ndtree.logs.ros.options import BagOptions, Wanted, instead
 from ndtree.logs.ros.placement.placement import STILL, Placement
 from ndtree.logs.ros.storage import Raw
 from ndtree.logs.ros.survey import Survey
@@ -175,8 +175,7 @@ def chosen(bag: Bag, wanted: list[Wanted]) -> list[Topic]:
     for one in wanted:
         topic = bag.topic(one.name)
         if topic is None:
-            some = listed(bag.of_type(*SENSORS))
-            raise ValueError(f"{bag.path}: no topic {one.name}, expected one of {some}")
+            raise ValueError(f"{bag.path}: no topic {one.name}, {instead(bag.of_type(*SENSORS))}")
         if topic.type not in SENSORS:
             raise ValueError(f"{bag.path}: {topic.name} is of type {topic.type}, expected {SENSOR_NAMES}")
         if not topic.messages:

@@ -58,7 +58,7 @@ class BalLog(ModelLog):
         while done < count:
             block = list(islice(lines, min(LINES_AT_ONCE, count - done)))
             if not block:
-                raise ValueError(f"{self.path}: behind line {last}: cut off, expected more observations")
+                raise ValueError(f"{self.path}: after line {last}: cut off, expected more observations")
             table = table_of([line for _, line in block], 4)
             if table is None:
                 wrong = next(number for number, line in block if table_of([line], 4) is None)

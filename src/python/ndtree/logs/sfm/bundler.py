@@ -91,7 +91,7 @@ class _Lines:
         try:
             return next(self._lines)
         except StopIteration:
-            raise ValueError(f"{self.path}: behind line {self.number}: cut off, expected {what}") from None
+            raise ValueError(f"{self.path}: after line {self.number}: cut off, expected {what}") from None
 
     def _wrong(self, what: str) -> ValueError:
         return ValueError(f"{self.path}: line {self.number}: expected {what}")

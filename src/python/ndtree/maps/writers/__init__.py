@@ -24,6 +24,7 @@ class MapFormat:
     """One row of the table of formats.
 
     `fits`: Whether a file that begins as this format's is no recording, and may be replaced.
+    `dims`: Of the maps that it can hold.
     """
 
     name: str  # The word for ``format=``.
@@ -31,6 +32,7 @@ class MapFormat:
     options: tuple[str, ...]  # Which of `OPTIONS` it reads.
     write: Callable[..., None]  # ``write(map, path, **options)``; the file appears whole or not at all.
     fits: Callable[[str], bool] = lambda path: True
+    dims: tuple[int, ...] = (2, 3)
 
 
 def _save(m: OccupancyMap, path: Path) -> None:
@@ -46,7 +48,7 @@ def _octomap(m: OccupancyMap, path: Path, *, cell_size: float | None = None) -> 
 #: Of several formats with one ending, the first is chosen unless another is named.
 FORMATS = (
     MapFormat("ndtree", (".ndt",), (), _save),
-    MapFormat("octomap", (".bt", ".ot"), ("cell_size",), _octomap),
+    MapFormat("octomap", (".bt", ".ot"), ("cell_size",), _octomap, dims=(3,)),
     MapFormat(
         "map_server", (".yaml", ".pgm", ".png"), ("cell_size", "height", "wall_depth"), map_server.write
     ),

@@ -14,7 +14,7 @@ from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import replaced
 from ndtree.cells.lattice import Cells, covered_faces
-from ndtree.maps.writers.cells import as_float32, in_space, selected
+from ndtree.maps.writers.cells import as_float32, distinct, in_space, selected
 
 # Colors by height, from low to high: a few stops that are told apart in grey, too.
 _STOPS = np.array([[68, 58, 130], [45, 112, 142], [53, 183, 121], [253, 231, 37]], dtype=np.float64)
@@ -42,8 +42,7 @@ def quads(cells: Cells) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
                 parts.append(_face(seen, u, v, side * np.eye(3, dtype=np.int64)[axis]))
     else:
         raise ValueError(f"a map with dim = {dim}: must be 2 or 3")
-    points = np.concatenate(parts).reshape(-1, dim)
-    corners, number = np.unique(points, axis=0, return_inverse=True)
+    corners, number = distinct(np.concatenate(parts).reshape(-1, dim))
     return corners, number.reshape(-1, 4)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import replaced
-from ndtree.maps.writers.cells import in_space, selected
+from ndtree.maps.writers.cells import distinct, in_space, selected
 
 # Corners in the order of VTK's quad and hexahedron.
 _CORNERS = {
@@ -35,7 +35,7 @@ def write(
     cells = selected(m, states, cell_size)
     along = _CORNERS[m.dim]
     corners = cells.lower[:, None, :] + cells.size[:, None, None] * along
-    points, number = np.unique(corners.reshape(-1, m.dim), axis=0, return_inverse=True)
+    points, number = distinct(corners.reshape(-1, m.dim))
     grid = meshio.Mesh(
         in_space(points * cells.unit),
         [("quad" if m.dim == 2 else "hexahedron", number.reshape(-1, len(along)))],

@@ -61,7 +61,7 @@ class Source:
             yield i, beams
             self.progress(what, i + 1, self._total)
         if i < 0:
-            raise ValueError(f"{self.log.name}: no scans, expected at least one")
+            raise self.log.without_scans()
 
     @contextmanager
     def naming(self, i: int) -> Iterator[None]:
