@@ -176,7 +176,7 @@ def test_the_command_fades_as_the_class_does(tmp_path: Path) -> None:
     assert target.read_bytes() == made(ndtree.AdaptiveMap, 2, Fading(10.0)).to_bytes()
     assert target.read_bytes() != made(ndtree.AdaptiveMap, 2, None).to_bytes()
     refused = cli(*words, 0)
-    assert refused.exit_code == 2 and "fade = 0 s: must be > 0 and finite" in refused.stderr
+    assert refused.exit_code == 2 and "--fade 0: must be a number > 0 s" in refused.stderr
 
 
 def test_it_is_looked_for_after_a_tenth_of_the_time() -> None:

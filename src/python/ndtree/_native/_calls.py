@@ -145,6 +145,8 @@ def require_options(name: str, keywords: Mapping[str, Any], known: Collection[st
     refinement = keywords.get("refinement", "fixed" if name == "FixedMap" else "evidence")
     if not isinstance(refinement, str):
         return  # Said by the call itself.
+    if {"cell_size", "min_cell_size"} <= keywords.keys() and "cell_size" in INTERNAL_KEYWORDS.get(name, ()):
+        raise WrongOption(f"{name}(): cell_size and {key('min_cell_size')}: expected one of them")
     for option in keywords:
         if option in INTERNAL_KEYWORDS.get(name, ()):
             continue

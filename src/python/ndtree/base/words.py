@@ -13,6 +13,14 @@ def number_of(count: int, thing: str) -> str:
     return f"{count:,} {thing}{'' if count == 1 else 's'}"
 
 
+def percent(share: float) -> str:
+    """As "41 %", "0.41 %" and "less than 0.01 %"."""
+    value = 100 * share
+    if 0 < value < 0.01:
+        return "less than 0.01 %"
+    return f"{value:.0f} %" if value >= 9.95 else f"{value:.2g} %"
+
+
 def in_full(value: float, digits: int | None = None) -> str:
     """A number without an exponent: rounded to some digits, or exact; or as "inf" and "nan"."""
     if not math.isfinite(value):

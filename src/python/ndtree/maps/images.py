@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import os
 import struct
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -136,6 +137,9 @@ def _entries(name: str) -> dict[Any, Any]:
                 raise ValueError(f"more than {_MOST_NESTED} levels, expected fewer")
             self.depth += 1
             node = super().compose_node(parent, index)
+            names = [str(one.value) for one, _ in node.value] if isinstance(node, yaml.MappingNode) else []
+            if len(set(names)) < len(names):
+                raise ValueError(f"{Counter(names).most_common(1)[0][0]} is there twice, expected once")
             self.depth -= 1
             return node
 
@@ -178,7 +182,7 @@ def _number(name: str, entries: dict[Any, Any], key: str, default: float | None 
 def _image_of(name: str, image: str) -> str:
     """The path of the image that a YAML file names."""
     path = os.path.join(os.path.dirname(name), image)
-    if not os.path.exists(path):
+    if not os.path.exists(path) or os.path.isdir(path):
         beside = os.path.basename(image.replace("\\", "/"))
         is_there = os.path.isfile(os.path.join(os.path.dirname(name), beside))
         wanted = f"{beside}, which is beside it" if is_there else "a file"

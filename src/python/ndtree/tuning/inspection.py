@@ -11,6 +11,7 @@ from typing import Any
 from ndtree._errors import Text, key
 from ndtree._native._checked import checked
 from ndtree.base.progress import Progress
+from ndtree.base.words import percent
 from ndtree.evaluation.no_returns import AUTO
 from ndtree.logs import Log
 from ndtree.logs.core.rules import INVALID, MEASURED, NO_ECHO, UNSEARCHED, USUAL, Decision
@@ -84,7 +85,7 @@ def inspect(
     if decides:
         says_nothing = look.no_returns.choice == "ignore" or not zeros
         word = "invalid" if says_nothing else "no echo"
-        why = f"{100 * zeros:.2g} % of the ranges are 0, taken for {word}" if zeros else "no range is 0"
+        why = f"{percent(zeros)} of the ranges are 0, taken for {word}" if zeros else "no range is 0"
         values["zero_is"] = Decision(INVALID if says_nothing else NO_ECHO, MEASURED, why)
     if look.limit is not None or may_be_cut_off:
         limit = [] if look.limit is None else [look.limit.at, look.limit.tolerance]

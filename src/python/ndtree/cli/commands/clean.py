@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 
-from ndtree.base.words import listed, number_of
+from ndtree.base.words import listed, number_of, percent
 from ndtree.cli.commands.flags import Call, GivenLog, command, opened
 from ndtree.cli.commands.logs import inspected, made, skipped, warn_of_skipped
 from ndtree.cli.commands.messages import indented
@@ -72,7 +72,7 @@ def clean(log: GivenLog, call: Call, given: Config) -> None:
         print(f"{source.name}: {number_of(cleaned.scans, 'scan')}, {points_read}")
         for line in config.notes:
             print(indented(line))
-        moved = f"{number_of(cleaned.moved, 'point')} moved ({100 * share:.1f} %)"
+        moved = f"{number_of(cleaned.moved, 'point')} moved ({percent(share)})"
         unsure = f"; seen too rarely to tell: {cleaned.unknown:,}" if cleaned.unknown else ""
         print(f"  {moved}{unsure}")
         if points.tilt.is_notable:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ndtree._native._core import OccupancyMap, default_options, leaf_counts
-from ndtree.base.words import aligned, number_of
+from ndtree.base.words import aligned, number_of, percent
 from ndtree.cells.lattice import observed_bounds
 from ndtree.cli.commands.logs import length_of
 from ndtree.cli.commands.messages import indented
@@ -65,9 +65,7 @@ def print_map(figures: dict[str, Any]) -> None:
             f"to {point(figures['observed_bounds']['upper'])} m"
         )
     if figures["disputed"] is not None:
-        percent = 100 * figures["disputed"]
-        shown = "less than 0.01" if 0 < percent < 0.01 else f"{percent:.2g}"
-        print(f"  disputed: {shown} % of the observed {_SPACES[figures['dim']]}")
+        print(f"  disputed: {percent(figures['disputed'])} of the observed {_SPACES[figures['dim']]}")
     for row in figures["cell_sizes"]:
         print(f"  cells of {row['size']:g} m: {row['observed']:,}")
 

@@ -78,7 +78,7 @@ def _print_head(mapper: LiveMapper, name: str) -> None:
 
 def _delays(mapper: LiveMapper, what: str) -> str:
     median, late = (1e3 * mapper.figures.delay(q) for q in (0.5, 0.99))
-    return f"from arrival to {what}: {median:.1f} ms, 99 % within {late:.1f} ms"
+    return f"from arrival to {what}: median {median:.1f} ms, 99 % within {late:.1f} ms"
 
 
 def _wrote(output: Optional[Path]) -> str:

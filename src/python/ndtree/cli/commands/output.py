@@ -67,9 +67,13 @@ def check_outputs(command: str, arguments: dict[str, Any]) -> None:
         else:
             fits = _fitting(command, name, Path(value), arguments)
             by_ending = fits is fits_map and command != "convert"  # Which has a flag for the format.
-            if fits is is_trajectory and any(Path(value).suffix in one.suffixes for one in FORMATS):
-                raise WrongCall(f"{flag} {value}: poses are text, expected another ending, such as .txt")
             check_output(flag, Path(value), inputs, fits, by_ending=by_ending)
+            if (
+                fits is is_trajectory
+                and not arguments.get("force")
+                and any(Path(value).suffix in one.suffixes for one in FORMATS)
+            ):
+                raise WrongCall(f"{flag} {value}: poses are text, expected another ending, such as .txt")
 
 
 def check_output(

@@ -58,8 +58,8 @@ def plan(source: MapArgument, call: Call) -> None:
         draw_tracks(plot, {f"{way.length:.1f} m": (m, way.points)}, call.picture)
     if not is_stdout(call.output):
         print(
-            f"{source}: {way.length:.3f} m in {number_of(len(way) - 1, 'segment')}, "
-            f"{way.clearance:.3f} m from obstacles; {number_of(way.expanded, 'cell')} expanded"
+            f"{source}: a path of {way.length:.2f} m in {number_of(len(way) - 1, 'segment')}; the body keeps "
+            f"{way.clearance:.3f} m from obstacles (--clearance M: farther)"
         )
 
 

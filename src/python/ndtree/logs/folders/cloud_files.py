@@ -140,12 +140,14 @@ def pcd_viewpoint(path: str) -> Pose:
                 break
             if line.startswith(b"VIEWPOINT"):
                 fields = line.decode("ascii", "replace").split()[1:]
+                said = f"{path}: VIEWPOINT: found {' '.join(fields)!r}, expected x y z qw qx qy qz"
+                if len(fields) != 7:
+                    raise ValueError(said)
                 try:
                     x, y, z, qw, qx, qy, qz = (float(field) for field in fields)
                     return Pose.from_quaternion((x, y, z), (qx, qy, qz, qw))
                 except ValueError as error:
-                    said = f"VIEWPOINT: found {' '.join(fields)!r}, expected x y z qw qx qy qz ({error})"
-                    raise ValueError(f"{path}: {said}") from None
+                    raise ValueError(f"{said} ({error})") from None
     return Pose.identity()
 
 

@@ -39,6 +39,7 @@ from ndtree.logs.folders.scan_folder import (
     poses_of,
     scans_in,
     times_of,
+    unread_poses,
 )
 from ndtree.logs.folders.text_clouds import ENDINGS, MAYBE, columns_in, ends_as_points
 from ndtree.logs.formats.text import dimension_of, first_fields, looks_like_points
@@ -125,7 +126,7 @@ class PointCloudLog(FolderLog):
             others = _misfit(poses, found.trajectory, is_above) if must_fit else ""
             self._trajectory, found = (None, FoundPoses()) if others else (poses, found)
         if not found and not self._have_viewpoints():
-            raise without_sensor(source.path, self._said(), more=self._more(others))
+            raise without_sensor(source.path, self._said(), more=self._more(others or unread_poses(scans)))
         self._beside = found.beside
         one = found.trajectory or next((name for name in found.beside if name), None)
         if one is not None and os.path.dirname(one) != scans.folder:

@@ -14,7 +14,7 @@ from ndtree.logs.core.plain_file import open_plain
 from ndtree.logs.folders.cloud_files import BIN_CLOUD, TEXT_CLOUD, CloudFile, kind_of_name, may_be_points
 from ndtree.logs.folders.folder import number_in, stem_of
 from ndtree.logs.folders.text_clouds import MAYBE, columns_of
-from ndtree.logs.poses.trajectory_files import read_pose, trajectory_kind
+from ndtree.logs.poses.trajectory_files import read_pose, read_trajectory, trajectory_kind
 
 #: Folders beside the scans in which poses may be.
 POSE_FOLDERS = (
@@ -239,6 +239,18 @@ def only_trajectory(folder: str, names: Sequence[str]) -> str | None:
         ways = "".join(f"\n  {key('trajectory')} {shlex.quote(path)}" for path in found[:_SHOWN])
         raise WrongValue(f"{folder}: {len(found)} trajectories, expected one of them:{ways}")
     return found[0] if found else None
+
+
+def unread_poses(scans: Scans) -> str:
+    """What is wrong with a file beside the scans that is called poses and has none; empty without one."""
+    for name in _entries(scans.folder):
+        is_called = name.lower().startswith(POSE_FOLDERS) and name.lower().endswith(TRAJECTORY_ENDINGS)
+        if is_called and name not in scans.names:
+            try:
+                read_trajectory(os.path.join(scans.folder, name))
+            except (OSError, ValueError) as error:
+                return f"FILE (poses of the sensor), not {error}"
+    return ""
 
 
 def may_be_pose(path: str) -> bool:

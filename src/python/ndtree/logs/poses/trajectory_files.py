@@ -19,7 +19,7 @@ from ndtree.logs.poses.pose import ROTATION_TOLERANCE, Pose, matrices_of
 from ndtree.logs.poses.pose_columns import TUM, PoseColumns, columns_named, order_in_doubt, seconds_of
 from ndtree.logs.poses.trajectory import Trajectory
 
-EXPECTED = "expected 8 numbers a line (t x y z qx qy qz qw), or 12 or 16 (3x4 or 4x4 matrix)"
+EXPECTED = "expected 8 numbers a line (t x y z qx qy qz qw), or 12 or 16 (3x4, or 4x4 ending in 0 0 0 1)"
 #: Vertices of g2o with a pose, and how many numbers follow their id.
 _VERTICES = {"VERTEX_SE3:QUAT": 7, "VERTEX_SE2": 3}
 _OF_G2O = re.compile(r"(?:VERTEX|EDGE|FIX|PARAMS)(?:_|$)")
