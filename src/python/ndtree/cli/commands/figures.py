@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ndtree._native._core import OccupancyMap, default_options, leaf_counts
-from ndtree.base.words import aligned, number_of, percent
+from ndtree.base.words import aligned, in_full, number_of, percent
 from ndtree.cells.lattice import observed_bounds
 from ndtree.cli.commands.logs import length_of
 from ndtree.cli.commands.messages import indented
@@ -130,7 +130,7 @@ def print_contents(path: Path, held: dict[str, Any]) -> None:
             topic["type"],
             str(topic["messages"]),
             topic["frame"] or "",
-            "" if topic["rate"] is None else f"{topic['rate']:.3g} Hz",
+            "" if topic["rate"] is None else f"{in_full(topic['rate'], 3)} Hz",
             topic["encoding"] or "",
         ]
         for topic in held["topics"]
