@@ -219,7 +219,7 @@ def test_a_log_without_one_valid_beam_makes_no_map(ros2: Messages, tmp_path: Pat
     from calling import cli
 
     drive = Drive(planar=True)
-    for ranges, said in (([np.nan] * 3, "15 beams: 15 ignored"), ([], "0 beams")):
+    for ranges, said in (([np.nan] * 3, "15 beams: 15 invalid"), ([], "0 beams")):
         content = drive.transforms(ros2) + [("/scan", t, ros2.laser(t, "sensor", ranges)) for t in SCAN_TIMES]
         path = write_bag(tmp_path / f"bag{len(ranges)}", ros2, sorted(content, key=lambda one: one[1]))
         done = cli("map", path, "-o", tmp_path / "a.ndt")

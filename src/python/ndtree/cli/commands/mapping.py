@@ -130,6 +130,7 @@ class Passage:
     again: Optional[Again] = None  # Its scans, where others have gone over them.
     scans: int = 0
     ignored: int = 0  # Beams without return, which the settings leave out.
+    invalid: int = 0  # Of these, those without a direction or length.
 
     def into(
         self, insert: Callable[[Scan], Any], is_final: Callable[[ValueError], bool] = lambda _: False
@@ -137,8 +138,11 @@ class Passage:
         """Each scan that was inserted, with what that gave; skips others, unless an error `is_final`."""
         for number, (scan, took) in enumerate(timed(self.log if self.again is None else self.again)):
             self.read_seconds += took
-            beams, scan = len(scan), self.config.usable(scan)
-            self.ignored += beams - len(scan)
+            whole, scan = scan, self.config.usable(scan)
+            if len(scan) < len(whole):
+                left_out = whole.endpoints[~whole.did_return]
+                self.invalid += int(np.count_nonzero(~np.isfinite(left_out).all(axis=1)))
+                self.ignored += len(left_out)
             name = f"{self.log.name}: scan {number}"
             try:
                 one = insert(scan)
@@ -158,7 +162,9 @@ class Passage:
         if not self.scans:
             raise self.log.without_scans()
         if self.ignored:
-            counts = {**counts, "beams": counts["beams"] + self.ignored, "ignored": self.ignored}
+            counts = {**counts, "beams": counts["beams"] + self.ignored}
+            counts["invalid"] += self.invalid
+            counts["ignored"] = self.ignored - self.invalid
         if not any(counts[kind] for kind in ("returned", "not_returned", "beyond_max_range")):
             some = [key(name) for name in ("min_range", "max_range", "box") if name in self.config.values]
             found = f"{number_of(self.scans, 'scan')}, {counted(counts)}"

@@ -144,7 +144,7 @@ def _sizes_table(comparison: Mapping[str, Any]) -> list[str]:
         ("end points at occupied, by the size of cells", "endpoints_near", "endpoints"),
     ):
         lines += ["", f"{title} ({by_size['of']})", line(" " * 20, names)]
-        for row in by_size["sizes"]:
+        for row in (one for one in by_size["sizes"] if one[total]):
             size = "  not mapped" if row["size"] is None else f"  {row['size']:.4g} m"
             label = f"{size:<12}{grouped(row[total]):>8}"
             shares = [_ratio(row[right][name], row[total], percent) for name in names]
