@@ -75,7 +75,7 @@ CALLS: tuple[tuple[str, int, str], ...] = (
     ("live office.npz --rate inf", 2, "--rate inf: must be a number >= 0"),
     ("map office.npz -o o.ndt --rate 0", 2, "--rate: no such option here: it is one of ndtree live"),
     ("map office.npz -o o.ndt --min-range 9 --max-range 3", 2, "--min-range 9 m: must be < --max-range 3 m"),
-    ("map office.npz -o o.ndt --min-range 500", 1, "nothing to map in 5 scans, 0 beams, with --min-range"),
+    ("map office.npz -o o.ndt --min-range 500", 1, "nothing to map in 2 scans, 0 beams, with --min-range"),
     ("map office.npz -o o.ndt --fixed --refinement paper", 2, "--refinement: not with --fixed"),
     ("align office.npz -o p.ndt", 2, "-o p.ndt: poses are text, expected another ending"),
     ("fleet office.npz -o office.ndt", 2, "is a file, expected a folder"),

@@ -55,6 +55,7 @@ def command(name: str, *, usual: str, examples: tuple[str, ...]) -> Callable[[Ca
             typed = {key: _plain(value) for key, value in typed.items()}
             arguments = {one.name: typed[one.name] for one in own}
             with guarded(name, typed):
+                _require_within_limits(options, typed)
                 if any(one.name == "given" for one in takes):
                     arguments["given"] = _given(options, typed)
                 function(**arguments, call=Call(**typed))
@@ -102,8 +103,8 @@ def _plain(value: Any) -> Any:
     return value.value if isinstance(value, Enum) else value
 
 
-def _given(options: list[Option], typed: dict[str, Any]) -> Config:
-    """What was typed, instead of what a file says."""
+def _require_within_limits(options: list[Option], typed: dict[str, Any]) -> None:
+    """Refuses numbers that the parser lets through: infinite ones, those that are none, and the bound."""
     for one in options:
         value = typed[one.name]
         if one.limits and isinstance(value, float):
@@ -112,6 +113,10 @@ def _given(options: list[Option], typed: dict[str, Any]) -> Config:
             except ValueError:
                 said = f"{one.flag} {value:g}: must be {one.expected} {one.unit}"
                 raise WrongCall(said.rstrip()) from None
+
+
+def _given(options: list[Option], typed: dict[str, Any]) -> Config:
+    """What was typed, instead of what a file says."""
     given = Config.of(**{one.name: typed[one.name] for one in options if one.role})
     file = typed.get("config")
     return given if file is None else Config.load(file).overridden(given.values)
