@@ -169,7 +169,10 @@ def faces_of(ax: Any) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(
     "branching, azimuth, elevation", [(2, -60.0, 50.0), (2, 215.0, -30.0), (3, 35.0, 20.0), (3, 130.0, 60.0)]
 )
-def test_what_is_in_front_is_drawn_last(branching: int, azimuth: float, elevation: float) -> None:
+def test_what_is_in_front_is_drawn_last(
+    branching: int, azimuth: float, elevation: float, monkeypatch: Any
+) -> None:
+    monkeypatch.setattr(cubes, "_PART", 1 << 30)  # All are there to be looked at.
     m = with_room(ndtree.AdaptiveMap(dim=3, branching=branching, max_cell_size=0.9, min_cell_size=0.1), 30)
     region = (-5.0, 5.0) * 3
     heights = (-2.0, 2.0)
@@ -261,6 +264,16 @@ def test_many_faces_are_an_image_in_vector_graphics(solid: Any, tmp_path: Path, 
         plot.occupied(solid).figure.savefig(path)
         sizes.append((path.stat().st_size, path.read_text().count("<image")))
     assert sizes[1][0] < 0.5 * sizes[0][0] and [count for _, count in sizes] == [0, 1]
+
+
+def test_faces_drawn_part_by_part_make_the_same_picture(solid: Any, monkeypatch: Any) -> None:
+    drawn = []
+    for part in (1 << 30, 100):
+        monkeypatch.setattr(cubes, "_PART", part)
+        canvas: Any = plot.occupied(solid).figure.canvas
+        canvas.draw()
+        drawn.append(np.array(canvas.buffer_rgba()))
+    np.testing.assert_array_equal(*drawn)
 
 
 # --- Files, errors, speed ---------------------------------------------------------------------------
