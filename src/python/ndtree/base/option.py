@@ -149,8 +149,9 @@ class Option:
             some = list(given or ()) if isinstance(given, (list, tuple, type(None))) else [given]
             value = [one for i, one in enumerate(some) if one != "" and one not in some[:i]] or self.start
             expected = "a list of names"
-        if type(value) is self.kind and value == self.start:
-            return value
+        is_number = self.kind is float and type(value) is int  # As 0 is typed for ROS 1.
+        if value == self.start and (type(value) is self.kind or is_number):
+            return self.start
         check = self._check_of(self.range)
         try:
             return check(value)
