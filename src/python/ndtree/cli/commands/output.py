@@ -106,7 +106,9 @@ def check_dim(flag: str, target: Path, dim: int) -> None:
     dims = format_of(target, None, {}).dims
     if dim not in dims:
         only = " and ".join(f"{one}-D" for one in dims)
-        raise WrongCall(f"{flag} {target}: the log is {dim}-D, and such files hold {only} maps, as .ndt does")
+        raise WrongCall(
+            f"{flag} {target}: the log is {dim}-D, and such files hold {only} maps alone, expected .ndt"
+        )
 
 
 def check_no_input(flag: str, target: Path, inputs: Sequence[Path]) -> None:

@@ -462,11 +462,12 @@ class SelectedLog(DerivedLog):
 
     def without_scans(self) -> ValueError:
         """The error, which names the times that were asked for."""
-        if not self._selection.is_timed:
+        times = {"start": self._selection.start, "stop": self._selection.stop}
+        given = [f"{key(name)} = {time:g} s" for name, time in times.items() if time is not None]
+        if not given:
             return self._log.without_scans()
-        times = " to ".join(f"{one:g}" for one in self._selection.times)
-        said = f"{key('start')} and {key('stop')}, {times} s, leave no scan"
-        return WrongValue(f"{self.name}: {said}, expected seconds after the log's first")
+        said = f"no scans with {' and '.join(given)}, expected seconds after the log's first scan"
+        return WrongValue(f"{self.name}: {said}")
 
     def _scans(self) -> Iterator[Scan]:
         return self._selection.of(self._log, self.name)
