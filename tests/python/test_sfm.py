@@ -397,7 +397,7 @@ CHANGED: dict[tuple[Callable[[Path, World], Path], str], dict[str, tuple[Change,
     },
     (colmap_binary, "cameras.bin"): {
         "model 77": (camera_of_model(77), "camera 1 of 5: found model 77"),
-        "more cameras": (lambda c: c + b"\0", "behind camera 5 of 5: more by"),
+        "more cameras": (lambda c: c + b"\0", "after camera 5 of 5: more by"),
     },
     (colmap_binary, "images.bin"): {
         "images.bin cut off": (cut(0.5), "image 3 of 5: the file is cut off"),

@@ -62,7 +62,7 @@ class PtxLog(LineLog):
             begin = file.line + 1
             block = list(islice(file, min(left, _BLOCK)))
             if not block:
-                raise ValueError(f"{self.path}: ends behind {count - left} points, expected {count}")
+                raise ValueError(f"{self.path}: ends after {count - left} points, expected {count}")
             width = width or len(block[0].split())
             if width not in _POINT:
                 raise wrong_line(self.path, begin, block[0], "x y z intensity of a point, with r g b or not")

@@ -168,7 +168,7 @@ class _Text:
             # The line of features, which is blank for an image without.
             where_seen, second = next(lines, ("", ""))
             if not where_seen:
-                raise ValueError(f"{path}: behind {where}: cut off, expected a line of X Y POINT3D_ID")
+                raise ValueError(f"{path}: after {where}: cut off, expected a line of X Y POINT3D_ID")
             features = second.split()
             try:
                 seen = np.array(features[2::3], dtype=np.int64)
@@ -282,7 +282,7 @@ def _records(file: IO[bytes], path: str, what: str, *, smallest: int) -> Iterato
     for i in range(count):
         yield f"{what} {i + 1} of {count}"
     if file.read(1):
-        raise ValueError(f"{path}: behind {what} {count} of {count}: more bytes, expected the end")
+        raise ValueError(f"{path}: after {what} {count} of {count}: more bytes, expected the end")
 
 
 def _take(file: IO[bytes], path: str, where: str, size: int) -> bytes:
