@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 import ndtree
 from ndtree.evaluation.certificate import conformal_bound, free_and_wrong
-from ndtree.evaluation.comparison.truth import hit_log_score
-from ndtree.evaluation.reliability import expected_calibration_error, reliability_of
+from ndtree.evaluation.comparison.truth import expected_calibration_error, hit_log_score, reliability_of
 from ndtree.evaluation.sampling import beam_points
 
 DATA = Path(os.environ.get("NDTREE_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))

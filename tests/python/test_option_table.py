@@ -60,7 +60,7 @@ PLACES = {
     ),
     "file": ("print(ndtree.Config.of(wall_sag=0.5).toml())", "[map]\nwall_sag = 0.5"),
     "parameter": (
-        "from ndtree.live.ros1.parameters import Parameters; "
+        "from ndtree.live.ros.parameters import Parameters; "
         "print(Parameters({'wall_sag': 1}, lambda name, value: value, print).map_options)",
         "{'wall_sag': 1.0}",
     ),
@@ -136,14 +136,14 @@ OPTION_PLACES = {
         "[log]\ndrum = 3",
     ),
     "parameter": (
-        "from ndtree.live.ros1.parameters import Parameters\n"
+        "from ndtree.live.ros.parameters import Parameters\n"
         "from ndtree.live.ros.parameters import config_of\n"
         "held = Parameters({'drum': 3}, lambda name, value: value, print)\n"
         "print(config_of(held.value).selection)",
         "{'drum': 3}",
     ),
     "limits": (
-        "from ndtree.live.ros1.parameters import Parameters\n"
+        "from ndtree.live.ros.parameters import Parameters\n"
         "try: Parameters({'drum': 10}, lambda name, value: value, print)\n"
         "except ValueError as error: print(error)",
         "drum = 10: must be a whole number from 1 to 9",

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from ndtree.logs import read
-from ndtree.logs.ros.messages import rvl
+from ndtree.logs.ros.messages.image import rvl_image
 
 
 def rvl_of(image: np.ndarray) -> bytes:
@@ -81,9 +81,9 @@ def test_packed_depth_images(ros2: Messages, metres: bool, packing: str, tmp_pat
 )  # fmt: skip
 def test_rvl_is_unpacked_to_what_was_packed(image: np.ndarray, cut: int) -> None:
     packed = rvl_of(image)
-    np.testing.assert_array_equal(rvl.unpacked(packed), image)
+    np.testing.assert_array_equal(rvl_image(packed), image)
     try:  # What is cut off is told, or was padding.
-        np.testing.assert_array_equal(rvl.unpacked(packed[:-cut]), image)
+        np.testing.assert_array_equal(rvl_image(packed[:-cut]), image)
     except ValueError as error:
         assert "expected" in str(error)
 
@@ -101,4 +101,4 @@ def test_rvl_is_unpacked_to_what_was_packed(image: np.ndarray, cut: int) -> None
 )
 def test_rvl_that_is_damaged_is_told(data: bytes, said: str) -> None:
     with pytest.raises(ValueError, match=said):
-        rvl.unpacked(data)
+        rvl_image(data)

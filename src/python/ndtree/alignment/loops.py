@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ndtree._native._core import Matcher, solve_pose_graph
-from ndtree.alignment.outline import Outline
 from ndtree.alignment.planar import Floats, between, composed, placed, pose_of, thinned
+from ndtree.alignment.sensor_scans import Outline
 from ndtree.alignment.track import Track
 from ndtree.base.progress import Progress, no_progress
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scans of a log in their sensor's frame, with the pose that the log gives them."""
+"""Scans of a log in their sensor's frame, with the pose that the log gives them, and how far they saw."""
 
 from __future__ import annotations
 
@@ -68,3 +68,33 @@ def sensor_scan(scan: Scan, max_range: float) -> SensorScan:
     free = np.isfinite(ranges) & (ranges > _LEAST_RANGE)
     points = spread_evenly(local[ends_to_match(scan, ranges, max_range)], MOST_BEAMS)
     return SensorScan(points, local[free], pose, scan.stamp, scan.heading is not None)
+
+
+_MARGIN = 0.15  # Of ranges that are the same [m].
+
+
+class Outline:
+    """How far a scan saw, by bearing: what lies where it saw through contradicts it."""
+
+    def __init__(self, scan: SensorScan) -> None:
+        bearings = np.arctan2(scan.free[:, 1], scan.free[:, 0])
+        order = np.argsort(bearings, kind="stable")
+        self._bearings = bearings[order]
+        self._ranges = np.hypot(scan.free[:, 0], scan.free[:, 1])[order]
+        gaps = np.diff(self._bearings)
+        self._widest = 2.5 * float(np.median(gaps)) if len(gaps) else 0.0
+
+    def judge(self, points: Floats) -> tuple[int, int]:
+        """How many points of this scan's frame lie where it saw a surface, and where it saw through."""
+        if len(self._bearings) < 4:
+            return 0, 0
+        ranges = np.hypot(points[:, 0], points[:, 1])
+        bearings = np.arctan2(points[:, 1], points[:, 0])
+        after = np.searchsorted(self._bearings, bearings)
+        inside = (after > 1) & (after < len(self._bearings) - 1)
+        after, ranges = after[inside], ranges[inside]
+        inside = self._bearings[after] - self._bearings[after - 1] <= self._widest
+        after, ranges = after[inside], ranges[inside]
+        around = np.stack([self._ranges[after + i] for i in (-2, -1, 0, 1)])
+        low, high = around.min(axis=0) - _MARGIN, around.max(axis=0) + _MARGIN
+        return int(np.count_nonzero((ranges > low) & (ranges < high))), int(np.count_nonzero(ranges <= low))

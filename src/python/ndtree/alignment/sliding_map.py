@@ -6,9 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from ndtree._native._core import Matcher
-from ndtree.alignment.outline import Outline
 from ndtree.alignment.planar import Floats, between, placed
-from ndtree.alignment.sensor_scans import SensorScan
+from ndtree.alignment.sensor_scans import Outline, SensorScan
 from ndtree.alignment.track import Track
 
 MAP_WAY = 10.0  # How long the way of the key scans is, at most [m],

@@ -24,12 +24,12 @@ from ndtree.evaluation.comparison.truth import (
     claims_of,
     finite_or_none,
     held_out_truth,
+    reliability_of,
     seen_space,
     truth_by_size,
 )
 from ndtree.evaluation.exact_truth import ExactTruth
 from ndtree.evaluation.no_returns import AUTO, believed
-from ndtree.evaluation.reliability import reliability_of
 from ndtree.logs.core.log import Log, require_log
 from ndtree.logs.formats.simulated import SimulatedLog
 

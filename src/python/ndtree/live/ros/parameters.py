@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ndtree._errors import WrongValue, leading_key, marked, spelled
-from ndtree.base.options import options_of
+from ndtree.base.options import MAP_OPTIONS, options_of
 from ndtree.live.options import LiveOptions
 from ndtree.live.slam import scans_beside
 from ndtree.tuning.config import Config
@@ -92,3 +92,44 @@ def live_options_of(value: Callable[[str], Any]) -> LiveOptions:
     is_there = bool(file) and kept.exists()
     said["resume"] = (file or "map_file") if value("resume") and (is_there or value("localize")) else None
     return LiveOptions(said)
+
+
+_ROWS = {row.key: row for row in ROWS}
+_OPTIONS = {option.name: option for option in MAP_OPTIONS}
+
+
+class Parameters:
+    """Values of all parameters; those that may change are looked up each time.
+
+    `given`: What the server has for the node.
+    `current`: Tells what the server has of a name now.
+    `warn`: Called with what is wrong with a value that was set while the node maps; the one of before holds.
+    Raises ValueError if there is no parameter of a name, or a value is not of its type or out of its limits.
+    """
+
+    def __init__(
+        self, given: dict[str, Any], current: Callable[[str, Any], Any], warn: Callable[[str], None]
+    ) -> None:
+        self._current, self._warn = current, warn
+        self._warned: dict[str, Any] = {}
+        for name in given:
+            if name not in _ROWS and name not in _OPTIONS:
+                known = ", ".join(sorted([*_ROWS, *_OPTIONS]))
+                raise ValueError(f"~{name}: there is no such parameter, expected one of {known}")
+        self._values = {row.key: row.taken(given.get(row.key, row.start)) for row in ROWS}
+        self.map_options = {
+            name: option.taken(given[name]) for name, option in _OPTIONS.items() if name in given
+        }
+
+    def value(self, name: str) -> Any:
+        """Of a parameter, as it is now."""
+        if name not in CHANGING:
+            return self._values[name]
+        found = self._current(name, self._values[name])
+        try:
+            self._values[name] = _ROWS[name].taken(found)
+        except ValueError as error:
+            if self._warned.get(name) != found:
+                self._warned[name] = found
+                self._warn(f"{error}; {self._values[name]} holds")
+        return self._values[name]
