@@ -6,7 +6,6 @@
 
 #include "ndtree/evaluation/calibration.hpp"
 #include "ndtree/evaluation/claims.hpp"
-#include "ndtree/evaluation/held_out.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
 #include "ndtree/evaluation/log_sample.hpp"
 #include "ndtree/evaluation/moved.hpp"

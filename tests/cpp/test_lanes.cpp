@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/unfused.hpp"
+#include "ndtree/core/simd.hpp"
 #include "support/random.hpp"
 
 namespace ndtree::test::test_lanes {

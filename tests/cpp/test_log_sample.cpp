@@ -7,7 +7,6 @@
 #include <utility>
 #include <vector>
 
-#include "ndtree/evaluation/held_out.hpp"
 #include "ndtree/evaluation/log_sample.hpp"
 
 namespace ndtree::test::test_log_sample {

@@ -14,10 +14,10 @@
 #include "ndtree/core/random.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/evaluation/beam_image.hpp"
-#include "ndtree/evaluation/cell_numbers.hpp"
 #include "ndtree/evaluation/moved.hpp"
 #include "ndtree/evaluation/moved_posterior.hpp"
 #include "ndtree/evaluation/range_pyramid.hpp"
+#include "ndtree/evaluation/surface_cells.hpp"
 #include "ndtree/logs/simulator.hpp"
 #include "refusals.hpp"
 

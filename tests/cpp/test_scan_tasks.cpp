@@ -11,7 +11,7 @@
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/parallel.hpp"
-#include "ndtree/mapping/insert/task_order.hpp"
+#include "ndtree/mapping/insert/task_lists.hpp"
 #include "ndtree/mapping/insert/tasks.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 #include "random.hpp"

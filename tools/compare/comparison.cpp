@@ -9,7 +9,6 @@
 #include <utility>
 #include <variant>
 
-#include "ndtree/evaluation/held_out.hpp"
 #include "ndtree/evaluation/log_sample.hpp"
 #include "ndtree/tree/visit.hpp"
 #include "resident_memory.hpp"

@@ -10,7 +10,7 @@
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/cubic_table.hpp"
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/unfused.hpp"
+#include "ndtree/core/simd.hpp"
 
 namespace ndtree {
 

@@ -10,7 +10,6 @@
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_memory.hpp"
-#include "ndtree/cell/evidence_options.hpp"
 #include "ndtree/core/simd.hpp"
 
 namespace ndtree {

@@ -10,8 +10,7 @@
 #include "ndtree/cell/change_detection.hpp"
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_memory.hpp"
-#include "ndtree/cell/evidence_options.hpp"
-#include "ndtree/core/unfused.hpp"
+#include "ndtree/core/simd.hpp"
 
 namespace ndtree {
 

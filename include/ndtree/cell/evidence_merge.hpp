@@ -17,7 +17,7 @@
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/core/beta.hpp"
 #include "ndtree/core/quick_log.hpp"
-#include "ndtree/core/unfused.hpp"
+#include "ndtree/core/simd.hpp"
 
 namespace ndtree {
 

@@ -14,7 +14,6 @@
 #include "ndtree/cell/child_initialisation.hpp"
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_memory.hpp"
-#include "ndtree/cell/evidence_options.hpp"
 #include "ndtree/cell/remerge_prediction.hpp"
 #include "ndtree/cell/sampling_rate.hpp"
 #include "ndtree/cell/sensor_model.hpp"

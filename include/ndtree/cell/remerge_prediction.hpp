@@ -8,7 +8,7 @@
 #include "ndtree/cell/child_initialisation.hpp"
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_memory.hpp"
-#include "ndtree/core/unfused.hpp"
+#include "ndtree/core/simd.hpp"
 
 namespace ndtree {
 

@@ -15,7 +15,7 @@
 #include "ndtree/core/log_odds.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/quick_log.hpp"
-#include "ndtree/core/unfused.hpp"
+#include "ndtree/core/simd.hpp"
 
 namespace ndtree {
 

@@ -6,8 +6,8 @@
 #include <cmath>
 #include <limits>
 
+#include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 

@@ -13,7 +13,6 @@
 #include "ndtree/core/lanes.hpp"
 #include "ndtree/core/quick_log.hpp"
 #include "ndtree/core/simd.hpp"
-#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 

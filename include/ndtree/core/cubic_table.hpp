@@ -7,7 +7,7 @@
 #include <cstddef>
 
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/unfused.hpp"
+#include "ndtree/core/simd.hpp"
 
 namespace ndtree {
 

@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-#include "ndtree/core/unfused.hpp"
+#include "ndtree/core/simd.hpp"
 
 namespace ndtree {
 

@@ -18,10 +18,16 @@
 
 #include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/cancel.hpp"
-#include "ndtree/core/even_ranges.hpp"
 #include "ndtree/core/inline.hpp"
 
 namespace ndtree {
+
+/// The end of each worker's range of tasks, if [0, tasks) is divided evenly among them, in order.
+[[nodiscard]] inline std::vector<std::size_t> even_ranges(std::size_t tasks, std::size_t workers) {
+  std::vector<std::size_t> ends(workers);
+  for (std::size_t i = 0; i < workers; ++i) ends[i] = tasks * (i + 1) / workers;
+  return ends;
+}
 
 /// Threads that wait for work until they are gone. The one that makes them is worker number 0. Work often
 /// comes in short pieces one after the other, so idle workers spin briefly before sleeping.

@@ -12,8 +12,8 @@
 #include <limits>
 #include <vector>
 
+#include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 

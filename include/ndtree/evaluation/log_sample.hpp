@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// A few scans from all over a log, and a few beams of each: what is asked before a log is mapped.
+/// A few scans from all over a log, and a few beams of each: what is asked before a log is
+/// mapped; and which scans are held out.
 #pragma once
 
 #include <Eigen/Core>
@@ -13,6 +14,11 @@
 #include "ndtree/core/types.hpp"
 
 namespace ndtree {
+
+/// Whether scan `i` of a log, counted from 0, is held out: the last of every `held_out` scans; none if 0.
+[[nodiscard]] constexpr bool is_held_out(std::size_t i, std::size_t held_out) {
+  return held_out != 0 && i % held_out == held_out - 1;
+}
 
 /// Scans in a row that are sampled together, so that some of them see the same: a run. A log is cut into
 /// runs, and the sample has at least kSampleRuns of them, if there are as many, and at most twice as many.

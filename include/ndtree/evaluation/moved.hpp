@@ -23,7 +23,6 @@
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/core/unfused.hpp"
 #include "ndtree/evaluation/beam_image.hpp"
 #include "ndtree/evaluation/moved_posterior.hpp"
 #include "ndtree/evaluation/range_pyramid.hpp"

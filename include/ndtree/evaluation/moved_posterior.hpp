@@ -12,7 +12,7 @@
 
 #include "ndtree/core/beta.hpp"
 #include "ndtree/core/option.hpp"
-#include "ndtree/core/unfused.hpp"
+#include "ndtree/core/simd.hpp"
 
 namespace ndtree {
 

@@ -15,7 +15,6 @@
 #include "ndtree/core/lanes.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/core/unfused.hpp"
 #include "ndtree/evaluation/beam_image.hpp"
 
 namespace ndtree {

@@ -9,8 +9,8 @@
 #include <limits>
 #include <string_view>
 
+#include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_merge.hpp"
-#include "ndtree/cell/evidence_options.hpp"
 #include "ndtree/cell/merge_rule.hpp"
 #include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/cell/split_test.hpp"

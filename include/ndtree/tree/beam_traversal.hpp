@@ -11,8 +11,8 @@
 #include <type_traits>
 #include <utility>
 
+#include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/core/unfused.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 
 namespace ndtree {

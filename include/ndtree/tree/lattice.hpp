@@ -15,7 +15,6 @@
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/core/unfused.hpp"
 #include "ndtree/tree/child_index.hpp"
 
 namespace ndtree {

@@ -13,7 +13,7 @@
 
 #include "binders.hpp"
 #include "docstrings.hpp"
-#include "ndtree/core/unfused.hpp"
+#include "ndtree/core/simd.hpp"
 #include "numpy.hpp"
 #include "released.hpp"
 

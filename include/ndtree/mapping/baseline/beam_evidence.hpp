@@ -8,7 +8,7 @@
 
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/inline.hpp"
-#include "ndtree/core/unfused.hpp"
+#include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/map_options.hpp"
 
 namespace ndtree {

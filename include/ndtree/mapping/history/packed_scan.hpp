@@ -16,8 +16,8 @@
 #include "ndtree/core/body.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/scan.hpp"
+#include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 

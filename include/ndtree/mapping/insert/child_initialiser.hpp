@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Evidence for the children of a leaf that splits.
+/// The children of a node, and the evidence that those of a leaf that splits begin with.
 #pragma once
 
 #include <cstddef>
@@ -9,6 +9,7 @@
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/core/lanes.hpp"
+#include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/insert/beam_lists.hpp"
 #include "ndtree/mapping/insert/coverage.hpp"
 #include "ndtree/mapping/insert/crossings.hpp"
@@ -16,6 +17,37 @@
 #include "ndtree/mapping/insert/sampling.hpp"
 
 namespace ndtree {
+
+/// Finds nodes of children in O(1) and their cells in O(D). The parent must stay where it is, and an inner
+/// node.
+template <class Tree>
+class NodeChildren {
+ public:
+  using Ref = typename Tree::Ref;
+
+  NDTREE_ALWAYS_INLINE NodeChildren(Tree& tree, const Ref& parent)
+      : parent_(parent),
+        nodes_(tree.children(*parent.node)),
+        edge_(tree.geometry().edge(parent.index.level - 1)) {}
+
+  [[nodiscard]] const Ref& parent() const { return parent_; }
+  /// Level of the children.
+  [[nodiscard]] int level() const { return parent_.index.level - 1; }
+  [[nodiscard]] typename Tree::NodeType& node(int number) const { return nodes_[number]; }
+  /// Node and cell of a child.
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Ref operator[](int number) const {
+    Ref child{nodes_ + number, {parent_.index.lower, level()}};
+    auto left = static_cast<unsigned>(number);
+    for (std::size_t a = 0; a < Tree::kDim; ++a, left /= Tree::kBranching)
+      child.index.lower[a] += static_cast<std::int64_t>(left % Tree::kBranching) * edge_;
+    return child;
+  }
+
+ private:
+  const Ref& parent_;
+  typename Tree::NodeType* nodes_;
+  std::int64_t edge_;
+};
 
 /// Initialises the children of a leaf that splits with parts of its evidence, see ChildInitialisation. A
 /// child's part depends on how many of the leaf's sampled beams passed the child, see has_passed(). Cost:

@@ -10,7 +10,7 @@
 #include <cstdint>
 
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/unfused.hpp"
+#include "ndtree/core/simd.hpp"
 #include "ndtree/tree/child_index.hpp"
 
 namespace ndtree {

@@ -10,8 +10,8 @@
 #include <cstdint>
 
 #include "ndtree/core/lanes.hpp"
+#include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/core/unfused.hpp"
 #include "ndtree/mapping/insert/packed_beams.hpp"
 #include "ndtree/tree/lattice.hpp"
 

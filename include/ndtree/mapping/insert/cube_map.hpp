@@ -14,8 +14,8 @@
 
 #include "ndtree/core/inline.hpp"
 #include "ndtree/core/lanes.hpp"
+#include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 

@@ -14,7 +14,7 @@
 #include "ndtree/cell/beam_weight.hpp"
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/unfused.hpp"
+#include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/insert/beam_lists.hpp"
 #include "ndtree/mapping/insert/coverage.hpp"
 #include "ndtree/mapping/insert/crossings.hpp"

@@ -17,8 +17,6 @@
 #include "ndtree/core/lanes.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/core/unfused.hpp"
-#include "ndtree/mapping/insert/beam_noise.hpp"
 #include "ndtree/mapping/insert/beam_rows.hpp"
 #include "ndtree/mapping/insert/cube_map.hpp"
 #include "ndtree/mapping/insert/measurements.hpp"

@@ -10,7 +10,7 @@
 #include <limits>
 
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/unfused.hpp"
+#include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/insert/beam_lists.hpp"
 #include "ndtree/mapping/insert/crossings.hpp"
 #include "ndtree/mapping/insert/packed_beams.hpp"

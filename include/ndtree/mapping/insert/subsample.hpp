@@ -15,7 +15,6 @@
 #include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/lanes.hpp"
 #include "ndtree/core/simd.hpp"
-#include "ndtree/core/unfused.hpp"
 #include "ndtree/mapping/insert/counting_sort.hpp"
 #include "ndtree/mapping/insert/cube_map.hpp"
 #include "ndtree/mapping/insert/measurements.hpp"

@@ -27,7 +27,6 @@
 #include "ndtree/mapping/insert/leaf_coverage.hpp"
 #include "ndtree/mapping/insert/leaf_evidence.hpp"
 #include "ndtree/mapping/insert/list_partition.hpp"
-#include "ndtree/mapping/insert/node_children.hpp"
 #include "ndtree/mapping/insert/packed_beams.hpp"
 #include "ndtree/mapping/insert/partition.hpp"
 #include "ndtree/mapping/insert/sampling.hpp"
