@@ -67,16 +67,11 @@ py::array_t<double> pose_matrix(const py::object& pose, int dim, const std::stri
 void bind_changes(py::module_& module) {
   module.def("pose_matrix", &pose_matrix, "pose"_a, py::kw_only(), "dim"_a, "name"_a = "pose",
              doc::pose_matrix);
-  py::class_<Changes>(module, "Changes", "Regions whose state, or cell, is another one, one entry each.")
-      .def_readonly("lower", &Changes::lower, "(n, dim) float64: lower corners [m].")
-      .def_readonly("size", &Changes::size, "(n,) float64: edge lengths [m].")
-      .def_readonly("before", &Changes::before,
-                    "(n,) int8: -1 unknown, 0 free, 1 occupied; of columns, 2 if that and larger "
-                    "than the smallest cells.")
-      .def_readonly("after", &Changes::after, "(n,) int8: the same, now.")
-      .def("__len__", [](const Changes& all) { return all.size.size(); })
-      .def("__repr__",
-           [](const Changes& all) { return "Changes(" + std::to_string(all.size.size()) + " regions)"; });
+  py::class_<Changes>(module, "Changes")
+      .def_readonly("lower", &Changes::lower)
+      .def_readonly("size", &Changes::size)
+      .def_readonly("before", &Changes::before)
+      .def_readonly("after", &Changes::after);
 
   auto base = py::reinterpret_borrow<py::class_<PythonMap>>(module.attr("OccupancyMap"));
   const auto snapshot = [](const PythonMap& map) {

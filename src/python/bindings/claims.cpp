@@ -100,26 +100,15 @@ void bind_claims(py::module_& module) {
       .def_property_readonly("seen", &seen_of, doc::SeenSpace_seen)
       .def_property_readonly("box", &box_of, doc::SeenSpace_box);
 
-  py::class_<Claims>(module, "Claims",
-                     "What a map says about space of which is known whether somebody saw it.\n\n"
-                     "Counts of points that were drawn uniformly, so that shares of them are shares of "
-                     "volume.")
-      .def_readonly("points", &Claims::points, "All.")
-      .def_readonly("seen", &Claims::seen, "Points that some scan saw.")
-      .def_readonly("free", &Claims::free, "Points that the map calls free.")
-      .def_readonly("free_and_unseen", &Claims::free_and_unseen,
-                    "Points that the map calls free, but no scan saw.")
-      .def_readonly("unknown_and_seen", &Claims::unknown_and_seen,
-                    "Points that a scan saw, but the map calls unknown.")
-      .def_property_readonly(
-          "free_unseen", [](const Claims& c) { return or_nan(c.free_unseen()); },
-          "Of the space called free, the share in [0, 1] that was not seen; nan of none.")
-      .def_property_readonly(
-          "seen_unknown", [](const Claims& c) { return or_nan(c.seen_unknown()); },
-          "Of the space seen, the share in [0, 1] that is called unknown; nan of none.")
-      .def_property_readonly(
-          "wrong_volume", [](const Claims& c) { return or_nan(c.wrong_volume()); },
-          "Both volumes over the volume seen; may exceed 1; nan if nothing was seen.");
+  py::class_<Claims>(module, "Claims")
+      .def_readonly("points", &Claims::points)
+      .def_readonly("seen", &Claims::seen)
+      .def_readonly("free", &Claims::free)
+      .def_readonly("free_and_unseen", &Claims::free_and_unseen)
+      .def_readonly("unknown_and_seen", &Claims::unknown_and_seen)
+      .def_property_readonly("free_unseen", [](const Claims& c) { return or_nan(c.free_unseen()); })
+      .def_property_readonly("seen_unknown", [](const Claims& c) { return or_nan(c.seen_unknown()); })
+      .def_property_readonly("wrong_volume", [](const Claims& c) { return or_nan(c.wrong_volume()); });
 
   auto map_class = py::reinterpret_borrow<py::class_<PythonMap>>(module.attr("OccupancyMap"));
   map_class.def(

@@ -160,14 +160,13 @@ py::dict measurements_of(const PythonHistory& h, Key key) {
 }  // namespace
 
 void bind_history(py::module_& module) {
-  py::class_<HistoryReport>(module, "HistoryReport", "What a change of poses cost.")
-      .def_readonly("moved", &HistoryReport::moved, "Scans whose poses changed, or that were removed.")
-      .def_readonly("replayed", &HistoryReport::replayed, "Scans that were mapped again, in some cubes.")
-      .def_readonly("cubes", &HistoryReport::cubes, "Cubes of max_cell_size that were made anew.")
-      .def_readonly("cube_scans", &HistoryReport::cube_scans,
-                    "Pairs of a scan and a cube that it crosses that were mapped again ...")
-      .def_readonly("all_cube_scans", &HistoryReport::all_cube_scans, "... and all of them.")
-      .def_readonly("seconds", &HistoryReport::seconds, "Wall time [s].");
+  py::class_<HistoryReport>(module, "HistoryReport")
+      .def_readonly("moved", &HistoryReport::moved)
+      .def_readonly("replayed", &HistoryReport::replayed)
+      .def_readonly("cubes", &HistoryReport::cubes)
+      .def_readonly("cube_scans", &HistoryReport::cube_scans)
+      .def_readonly("all_cube_scans", &HistoryReport::all_cube_scans)
+      .def_readonly("seconds", &HistoryReport::seconds);
 
   py::class_<PythonHistory>(module, "ScanHistory", doc::ScanHistory)
       .def(py::init([](int dim, const py::object& layers, const py::kwargs& options) {

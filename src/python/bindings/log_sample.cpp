@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "docstrings.hpp"
-#include "ndtree/evaluation/held_out.hpp"
 #include "ndtree/evaluation/no_returns.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "python_map.hpp"
@@ -60,19 +59,16 @@ void bind_log_sample(py::module_& module) {
   module.def("sample_stride", &sample_stride, "beams"_a, doc::sample_stride);
   module.def("may_be_sampled", &sampled, "scan"_a, doc::may_be_sampled);
   module.def("judge_no_returns", &judge, "scans"_a, doc::judge_no_returns);
-  py::class_<NoReturns>(module, "NoReturns", "What beams without return say.")
-      .def_property_readonly(
-          "choice", [](const NoReturns& n) { return n.choice(); }, "str: \"free\" or \"ignore\".")
-      .def_readonly("beams", &NoReturns::beams, "Without return, that tell whether they are right.")
-      .def_readonly("crossing", &NoReturns::crossing, "The share that crosses surfaces.")
-      .def_readonly("expected", &NoReturns::expected, "The share that would if they were right.")
-      .def_readonly("surfaces", &NoReturns::surfaces, "Pieces of surface that beams had to meet.")
-      .def_readonly("erased", &NoReturns::erased, "The share from which fewer returned than did not.")
-      .def_readonly("share", &NoReturns::share, "Of beams without return among all.")
-      .def_property_readonly(
-          "are_judged", [](const NoReturns& n) { return n.are_judged(); }, "Whether enough were checked.")
-      .def_property_readonly(
-          "text", [](const NoReturns& n) { return n.to_text(); }, "What was chosen and why.");
+  py::class_<NoReturns>(module, "NoReturns")
+      .def_property_readonly("choice", [](const NoReturns& n) { return n.choice(); })
+      .def_readonly("beams", &NoReturns::beams)
+      .def_readonly("crossing", &NoReturns::crossing)
+      .def_readonly("expected", &NoReturns::expected)
+      .def_readonly("surfaces", &NoReturns::surfaces)
+      .def_readonly("erased", &NoReturns::erased)
+      .def_readonly("share", &NoReturns::share)
+      .def_property_readonly("are_judged", [](const NoReturns& n) { return n.are_judged(); })
+      .def_property_readonly("text", [](const NoReturns& n) { return n.to_text(); });
 }
 
 }  // namespace ndtree::python

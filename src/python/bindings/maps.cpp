@@ -308,82 +308,53 @@ std::string describe(const char* type, const PythonMap& map, bool adaptive) {
 }
 
 void bind_maps(py::module_& module) {
-  py::class_<InsertReport>(module, "InsertReport", "What one call of insert() did.")
-      .def_readonly("beams", &InsertReport::beams, "All beams of the call: the sum of the next four.")
-      .def_readonly("returned", &InsertReport::returned, "Beams with a surface at the end point.")
-      .def_readonly("not_returned", &InsertReport::not_returned, "Beams that found free space only.")
-      .def_readonly("beyond_max_range", &InsertReport::beyond_max_range,
-                    "Beams that returned from beyond max_range: free space up to there.")
-      .def_readonly("invalid", &InsertReport::invalid, "Beams not finite or of zero length: skipped.")
-      .def_readonly("updates", &InsertReport::updates, "(beam, leaf) pairs that were added.")
-      .def_readonly("splits", &InsertReport::splits, "Leaves that were split.")
-      .def_readonly("merges", &InsertReport::merges, "Parents that took the place of their children.")
-      .def_readonly("seconds", &InsertReport::seconds, "Wall time of the insertion itself [s].")
-      .def_property_readonly(
-          "moved",
-          [](const InsertReport& r) -> py::object {
-            if (!r.moved) return py::none();
-            return py::array_t<float>(static_cast<py::ssize_t>(r.moved->size()), r.moved->data());
-          },
-          "(n,) float32, if it was asked for; else None.")
-      .def("__repr__", [](const InsertReport& r) {
-        return "InsertReport(beams=" + std::to_string(r.beams) + ", returned=" + std::to_string(r.returned) +
-               ", not_returned=" + std::to_string(r.not_returned) +
-               ", beyond_max_range=" + std::to_string(r.beyond_max_range) +
-               ", invalid=" + std::to_string(r.invalid) + ", updates=" + std::to_string(r.updates) +
-               ", splits=" + std::to_string(r.splits) + ", merges=" + std::to_string(r.merges) +
-               ", seconds=" + number_text(r.seconds) + ")";
+  // Dataclasses of ndtree/_native/results take the place of results, here and in other files: docstrings,
+  // texts and lengths are theirs.
+  py::class_<InsertReport>(module, "InsertReport")
+      .def_readonly("beams", &InsertReport::beams)
+      .def_readonly("returned", &InsertReport::returned)
+      .def_readonly("not_returned", &InsertReport::not_returned)
+      .def_readonly("beyond_max_range", &InsertReport::beyond_max_range)
+      .def_readonly("invalid", &InsertReport::invalid)
+      .def_readonly("updates", &InsertReport::updates)
+      .def_readonly("splits", &InsertReport::splits)
+      .def_readonly("merges", &InsertReport::merges)
+      .def_readonly("seconds", &InsertReport::seconds)
+      .def_property_readonly("moved", [](const InsertReport& r) -> py::object {
+        if (!r.moved) return py::none();
+        return py::array_t<float>(static_cast<py::ssize_t>(r.moved->size()), r.moved->data());
       });
 
-  py::class_<CompressReport>(module, "CompressReport", "What compress() did.")
-      .def_readonly("leaves_before", &CompressReport::leaves_before, "Observed leaves before ...")
-      .def_readonly("leaves", &CompressReport::leaves, "... and after.")
-      .def_readonly("bytes_before", &CompressReport::bytes_before, "Bytes that the map held before ...")
-      .def_readonly("bytes", &CompressReport::bytes, "... and after.")
-      .def_readonly("merges", &CompressReport::merges, "Parents that took the place of their children.")
-      .def_readonly("loss", &CompressReport::loss, "Information lost [bits].")
-      .def("__repr__", [](const CompressReport& r) {
-        return "CompressReport(leaves_before=" + std::to_string(r.leaves_before) +
-               ", leaves=" + std::to_string(r.leaves) + ", bytes_before=" + std::to_string(r.bytes_before) +
-               ", bytes=" + std::to_string(r.bytes) + ", merges=" + std::to_string(r.merges) +
-               ", loss=" + number_text(r.loss) + ")";
-      });
+  py::class_<CompressReport>(module, "CompressReport")
+      .def_readonly("leaves_before", &CompressReport::leaves_before)
+      .def_readonly("leaves", &CompressReport::leaves)
+      .def_readonly("bytes_before", &CompressReport::bytes_before)
+      .def_readonly("bytes", &CompressReport::bytes)
+      .def_readonly("merges", &CompressReport::merges)
+      .def_readonly("loss", &CompressReport::loss);
 
-  py::class_<PythonStats>(module, "MapStats", "The size of a map, and what happened to it since it was made.")
-      .def_readonly("leaves", &PythonStats::leaves, "All leaves, unknown space included.")
-      .def_readonly("observed_leaves", &PythonStats::observed_leaves,
-                    "Leaves that at least one beam updated: the cells that results count.")
-      .def_readonly("nodes", &PythonStats::nodes, "Leaves and inner nodes.")
-      .def_readonly("scans", &PythonStats::scans,
-                    "Scans inserted; the number of the next one. 0 for OctoMap.")
-      .def_readonly("updates", &PythonStats::updates, "As in InsertReport, over the map's life.")
-      .def_readonly("splits", &PythonStats::splits, "As in InsertReport, over the map's life.")
-      .def_readonly("merges", &PythonStats::merges, "As in InsertReport, over the map's life.")
-      .def_readonly("memory_bytes", &PythonStats::memory_bytes, "Bytes that the map holds, used or not.")
-      .def_readonly("pruned_leaves", &PythonStats::pruned_leaves,
-                    "Leaves after OctoMap's prune(); None for our own maps.")
-      .def("__repr__", [](const PythonStats& s) {
-        return "MapStats(leaves=" + std::to_string(s.leaves) +
-               ", observed_leaves=" + std::to_string(s.observed_leaves) +
-               ", nodes=" + std::to_string(s.nodes) + ", scans=" + std::to_string(s.scans) +
-               ", updates=" + std::to_string(s.updates) + ", splits=" + std::to_string(s.splits) +
-               ", merges=" + std::to_string(s.merges) + ", memory_bytes=" + std::to_string(s.memory_bytes) +
-               ")";
-      });
+  py::class_<PythonStats>(module, "MapStats")
+      .def_readonly("leaves", &PythonStats::leaves)
+      .def_readonly("observed_leaves", &PythonStats::observed_leaves)
+      .def_readonly("nodes", &PythonStats::nodes)
+      .def_readonly("scans", &PythonStats::scans)
+      .def_readonly("updates", &PythonStats::updates)
+      .def_readonly("splits", &PythonStats::splits)
+      .def_readonly("merges", &PythonStats::merges)
+      .def_readonly("memory_bytes", &PythonStats::memory_bytes)
+      .def_readonly("pruned_leaves", &PythonStats::pruned_leaves);
 
-  py::class_<Leaves>(module, "Leaves", "The leaves of a map, one entry each, depth first.")
-      .def_readonly("lower", &Leaves::lower, "(n, dim) float64: lower corners [m].")
-      .def_readonly("size", &Leaves::size, "(n,) float64: edge lengths [m].")
-      .def_readonly("log_odds", &Leaves::log_odds, "(n,) float32: 0 where unknown.")
-      .def_readonly("probability", &Leaves::probability, "(n,) float32: 0.5 where unknown.")
-      .def_readonly("hits", &Leaves::hits,
-                    "(n,) uint32: beams that ended in the leaf, as far as the split test remembers them.")
-      .def_readonly("misses", &Leaves::misses, "(n,) uint32: beams that passed through it, likewise.")
-      .def_readonly("observed", &Leaves::observed, "(n,) bool: at least one beam updated it.")
-      .def_readonly("state", &Leaves::state, "(n,) int8: -1 unknown, 0 free, 1 occupied.")
-      .def_readonly("disputed", &Leaves::disputed, "(n,) bool: scans in a row contradict what was before.")
-      .def_readonly("thin", &Leaves::thin, "(n,) bool: free, but holds something thinner than the leaf.")
-      .def("__len__", [](const Leaves& leaves) { return leaves.size.size(); });
+  py::class_<Leaves>(module, "Leaves")
+      .def_readonly("lower", &Leaves::lower)
+      .def_readonly("size", &Leaves::size)
+      .def_readonly("log_odds", &Leaves::log_odds)
+      .def_readonly("probability", &Leaves::probability)
+      .def_readonly("hits", &Leaves::hits)
+      .def_readonly("misses", &Leaves::misses)
+      .def_readonly("observed", &Leaves::observed)
+      .def_readonly("state", &Leaves::state)
+      .def_readonly("disputed", &Leaves::disputed)
+      .def_readonly("thin", &Leaves::thin);
 
   py::class_<HeldOutTruth>(module, "HeldOutTruth", doc::HeldOutTruth)
       .def(py::init<>())

@@ -308,18 +308,12 @@ PythonMatch match_map(const PythonMap& map, const py::object& points, const py::
 
 void bind_match(py::module_& module) {
   const MatchOptions defaults;
-  py::class_<PythonMatch>(module, "Match", "The pose of a scan that was found.")
-      .def_readonly("pose", &PythonMatch::pose, "(dim + 1, dim + 1) float64: of the sensor in the map.")
-      .def_readonly(
-          "covariance", &PythonMatch::covariance,
-          "(3, 3) or (6, 6) float64: of x, y, yaw, or of x, y, z, roll, pitch, yaw, along and about the "
-          "map's axes [m, rad].")
-      .def_readonly("score", &PythonMatch::score,
-                    "float: mean likelihood of the end points at the best pose of the window's grid, 0 to 1.")
-      .def_readonly("second", &PythonMatch::second,
-                    "float: the same of the best pose elsewhere in the window; 0 if there is none.")
-      .def_readonly("inliers", &PythonMatch::inliers,
-                    "float: fraction of the points that lie on a surface at the refined pose.");
+  py::class_<PythonMatch>(module, "Match")
+      .def_readonly("pose", &PythonMatch::pose)
+      .def_readonly("covariance", &PythonMatch::covariance)
+      .def_readonly("score", &PythonMatch::score)
+      .def_readonly("second", &PythonMatch::second)
+      .def_readonly("inliers", &PythonMatch::inliers);
 
   py::class_<PythonMatcher>(module, "Matcher", doc::Matcher)
       .def(py::init(&matcher_of_points), "points"_a, py::kw_only(), "cell_size"_a = defaults.cell_size,

@@ -154,16 +154,16 @@ GainArrays information_gain(const PythonMap& map, const py::object& poses, const
 }
 
 void bind_path(py::module_& module) {
-  py::class_<GainArrays>(module, "InformationGain", "What a scan from each of n poses would see anew.")
-      .def_readonly("volume", &GainArrays::volume, "(n,) float64: of unknown space [m^dim].")
-      .def_readonly("bits", &GainArrays::bits, "(n,) float64: about the hit rates of smallest cells.");
-  py::class_<PythonPath>(module, "Path", "A way from a start to a goal.")
-      .def_readonly("points", &PythonPath::points, "(n, dim) float64 [m]; or (n, 3), with yaw [rad].")
-      .def_readonly("status", &PythonPath::status, "'found', 'none' or 'out of time'.")
-      .def_readonly("reason", &PythonPath::reason, "Why there is none; empty if there is one.")
-      .def_readonly("length", &PythonPath::length, "[m]")
-      .def_readonly("clearance", &PythonPath::clearance, "Least distance of the body to an obstacle [m].")
-      .def_readonly("expanded", &PythonPath::expanded, "Cells that the search looked at.");
+  py::class_<GainArrays>(module, "InformationGain")
+      .def_readonly("volume", &GainArrays::volume)
+      .def_readonly("bits", &GainArrays::bits);
+  py::class_<PythonPath>(module, "Path")
+      .def_readonly("points", &PythonPath::points)
+      .def_readonly("status", &PythonPath::status)
+      .def_readonly("reason", &PythonPath::reason)
+      .def_readonly("length", &PythonPath::length)
+      .def_readonly("clearance", &PythonPath::clearance)
+      .def_readonly("expanded", &PythonPath::expanded);
 }
 
 }  // namespace

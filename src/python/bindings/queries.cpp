@@ -295,27 +295,20 @@ void bind_shapes(py::module_& module) {
 }
 
 void bind_results(py::module_& module) {
-  py::class_<NearestArrays>(module, "NearestOccupied", "What is nearest to each of n points.")
-      .def_readonly("distance", &NearestArrays::distance, "(n,) float64 [m]; inf where there is nothing.")
-      .def_readonly("point", &NearestArrays::point, "(n, dim) float64 [m]; nan where there is nothing.");
-  py::class_<RayEnds>(module, "RayEnds", "What each of n rays ends at.")
-      .def_readonly("distance", &RayEnds::distance, "(n,) float64 [m]; nan where nothing ends it.")
-      .def_readonly("state", &RayEnds::state,
-                    "(n,) int8 of what ends it: -1 unknown, 1 occupied; 0 where nothing does.")
-      .def_readonly("lower", &RayEnds::lower,
-                    "(n, dim) float64: lower corner of the cell [m]; nan where there is none.")
-      .def_readonly("size", &RayEnds::size, "(n,) float64: its edge [m]; nan where there is none.");
-  py::class_<PythonFrontier>(module, "Frontier", "Free cells beside each other that border on unknown space.")
-      .def_readonly("center", &PythonFrontier::center, "(dim,) float64: of the border [m].")
-      .def_readonly("direction", &PythonFrontier::direction,
-                    "(dim,) float64: into the unknown, of length 1; 0 if it is on all sides alike.")
-      .def_readonly("area", &PythonFrontier::area, "Of the border: [m] in 2-D, [m2] in 3-D.")
-      .def_readonly("cells", &PythonFrontier::cells, "(k, dim) float64: lower corners of the cells [m].")
-      .def_readonly("size", &PythonFrontier::size, "(k,) float64: their edges [m].")
-      .def("__repr__", [](const PythonFrontier& f) {
-        return "Frontier(center=" + py::str(py::handle(f.center)).cast<std::string>() +
-               ", area=" + number_text(f.area) + ", cells=" + std::to_string(f.size.shape(0)) + ")";
-      });
+  py::class_<NearestArrays>(module, "NearestOccupied")
+      .def_readonly("distance", &NearestArrays::distance)
+      .def_readonly("point", &NearestArrays::point);
+  py::class_<RayEnds>(module, "RayEnds")
+      .def_readonly("distance", &RayEnds::distance)
+      .def_readonly("state", &RayEnds::state)
+      .def_readonly("lower", &RayEnds::lower)
+      .def_readonly("size", &RayEnds::size);
+  py::class_<PythonFrontier>(module, "Frontier")
+      .def_readonly("center", &PythonFrontier::center)
+      .def_readonly("direction", &PythonFrontier::direction)
+      .def_readonly("area", &PythonFrontier::area)
+      .def_readonly("cells", &PythonFrontier::cells)
+      .def_readonly("size", &PythonFrontier::size);
   py::class_<PythonField>(module, "DistanceField", doc::DistanceField)
       .def_property_readonly("values", &values_of, doc::DistanceField_values)
       .def_property_readonly("lower", &lower_of, doc::DistanceField_lower)
