@@ -10,7 +10,7 @@ from typing import Any
 
 from ndtree._errors import WrongValue, key
 from ndtree._native._core import OccupancyMap
-from ndtree.maps.writers import arrays, map_server, mesh, pcd, ply, rosbag, vtu
+from ndtree.maps.writers import arrays, map_server, mesh, points, rosbag
 from ndtree.maps.writers.cells import STATES
 
 __all__ = ["FORMATS", "OPTIONS", "STATES", "MapFormat", "format_of", "write"]
@@ -59,10 +59,10 @@ FORMATS = (
         rosbag.write,
         rosbag.holds_maps_alone,
     ),
-    MapFormat("ply", (".ply",), ("cell_size", "states", "faces"), ply.write),
-    MapFormat("pcd", (".pcd",), ("cell_size", "states"), pcd.write),
-    MapFormat("gltf", (".glb", ".gltf"), ("cell_size", "states"), mesh.write),
-    MapFormat("vtk", (".vtu",), ("cell_size", "states"), vtu.write),
+    MapFormat("ply", (".ply",), ("cell_size", "states", "faces"), points.write_ply),
+    MapFormat("pcd", (".pcd",), ("cell_size", "states"), points.write_pcd),
+    MapFormat("gltf", (".glb", ".gltf"), ("cell_size", "states"), mesh.write_gltf),
+    MapFormat("vtk", (".vtu",), ("cell_size", "states"), mesh.write_vtu),
     MapFormat("leaves", (".npz",), ("cell_size", "states"), arrays.write_leaves, arrays.holds_no_scans),
     MapFormat("grid", (".npy", ".npz"), ("cell_size",), arrays.write_grid, arrays.holds_no_scans),
 )

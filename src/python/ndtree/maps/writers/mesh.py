@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The surface of cells as a mesh, without the faces that other cells hide: glTF, or PLY."""
+"""Cells as meshes: their surface, without the faces that other cells hide, as glTF or PLY; or VTK's grid."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _face(cells: Cells, u: int, v: int, base: NDArray[np.int64]) -> NDArray[np.i
     return cells.lower[:, None, :] + cells.size[:, None, None] * along
 
 
-def write(
+def write_gltf(
     m: OccupancyMap, path: Path, *, states: Sequence[str] = ("occupied",), cell_size: float | None = None
 ) -> None:
     """glTF, binary (.glb) or text with its data in it (.gltf), y upwards as glTF has it."""
@@ -70,7 +70,9 @@ def write(
         part.write_bytes(content)
 
 
-def write_ply(m: OccupancyMap, path: Path, *, states: Sequence[str], cell_size: float | None = None) -> None:
+def write_faces(
+    m: OccupancyMap, path: Path, *, states: Sequence[str], cell_size: float | None = None
+) -> None:
     """A mesh in the map's frame."""
     content = _mesh(m, states, cell_size, "the mesh's PLY").export(file_type="ply")
     with replaced(path) as part:
@@ -97,3 +99,41 @@ def height_colors(height: NDArray[np.float64]) -> NDArray[np.uint8]:
     stops = np.linspace(0, 1, len(_STOPS))
     rgb = np.column_stack([np.interp(at, stops, _STOPS[:, c]) for c in range(3)])
     return np.hstack([np.rint(rgb), np.full((len(at), 1), 255.0)]).astype(np.uint8)
+
+
+# Corners in the order of VTK's quad and hexahedron.
+_CORNERS = {
+    2: np.array([[0, 0], [1, 0], [1, 1], [0, 1]]),
+    3: np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]),
+}
+
+
+def write_vtu(
+    m: OccupancyMap,
+    path: Path,
+    *,
+    states: Sequence[str] = ("occupied", "free"),
+    cell_size: float | None = None,
+) -> None:
+    """VTK's unstructured grid (.vtu), for ParaView and PyVista: a quad or a hexahedron for each cell."""
+    with needs("VTK's files need meshio", "convert"):
+        import meshio
+    if m.dim not in _CORNERS:
+        raise ValueError(f"a map with dim = {m.dim}: must be 2 or 3")
+    cells = selected(m, states, cell_size)
+    along = _CORNERS[m.dim]
+    corners = cells.lower[:, None, :] + cells.size[:, None, None] * along
+    points, number = distinct(corners.reshape(-1, m.dim))
+    grid = meshio.Mesh(
+        in_space(points * cells.unit),
+        [("quad" if m.dim == 2 else "hexahedron", number.reshape(-1, len(along)))],
+        cell_data={
+            "probability": [cells.probability],
+            "state": [cells.state.astype(np.int32)],
+            "size": [cells.size * cells.unit],
+            "hits": [cells.hits.astype(np.int32)],
+            "misses": [cells.misses.astype(np.int32)],
+        },
+    )
+    with replaced(path) as part:
+        grid.write(part, file_format="vtu")
