@@ -13,12 +13,10 @@ from calling import cli as run
 from conftest import there
 
 import ndtree
-from ndtree.alignment.aligned_log import moved
 from ndtree.alignment.loops import Graph
 from ndtree.alignment.motion import LearnedRate, Motion
 from ndtree.alignment.planar import between, composed, placed, pose_of, seen_from, turned
-from ndtree.alignment.sensor_scans import Outline, SensorScan, pose_in_log
-from ndtree.alignment.track import Track
+from ndtree.alignment.sensor_scans import Outline, SensorScan, Track, moved, pose_in_log
 from ndtree.alignment.tracking import Tracker
 from ndtree.logs.core.log import Log
 from ndtree.logs.ros.reading import heading_of

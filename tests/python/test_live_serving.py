@@ -24,8 +24,7 @@ from calling import cli
 import ndtree
 from ndtree.base.callers import MOST_CONNECTIONS
 from ndtree.live import LiveMapper, MapServer, ScansIntake, serving
-from ndtree.live.serving import address_of
-from ndtree.maps.running import RunningMap
+from ndtree.live.serving import RunningMap, address_of
 from ndtree.tuning.config import Config
 
 SETTINGS = Config.of(no_return="free")

@@ -23,11 +23,10 @@ from slams import office as driven
 from test_align import Drifting
 
 import ndtree
-from ndtree.alignment.aligned_log import moved
 from ndtree.alignment.loops import Graph
 from ndtree.alignment.online import OnlineAlignment
 from ndtree.alignment.planar import between, composed
-from ndtree.alignment.sensor_scans import pose_in_log
+from ndtree.alignment.sensor_scans import moved, pose_in_log
 from ndtree.live import Corrections, LiveMapper, Localization, ScansIntake, Session, Slam
 from ndtree.live.slam import NOT_FOUND, scans_beside
 from ndtree.tuning.config import Config

@@ -12,8 +12,7 @@ from conftest import arrays_of
 
 import ndtree
 from ndtree.base.scan import Scan
-from ndtree.evaluation.no_returns import judge
-from ndtree.evaluation.sampling import RUN, RUNS, spread
+from ndtree.evaluation.sampling import RUN, RUNS, judge, spread
 from ndtree.tuning.first_look import NEGLIGIBLE, first_look
 
 

@@ -18,7 +18,7 @@ from ndtree.base.checks import integer, number
 from ndtree.base.options import default_of, option, options_of
 from ndtree.distributed.engines import ENGINES
 from ndtree.evaluation.exploring import STRATEGIES
-from ndtree.evaluation.no_returns import AUTO
+from ndtree.evaluation.sampling import AUTO
 from ndtree.live.ros.parameters import ROWS, check, config_of, in_parameters
 from ndtree.logs import FORMATS
 from ndtree.logs.core.rules import INVALID, NO_ECHO

@@ -12,8 +12,7 @@ from ndtree.alignment.loops import Graph
 from ndtree.alignment.motion import NO_ODOMETRY, Motion
 from ndtree.alignment.planar import Floats
 from ndtree.alignment.result import Alignment, between_keys
-from ndtree.alignment.sensor_scans import pose_in_log, sensor_scans
-from ndtree.alignment.track import Track
+from ndtree.alignment.sensor_scans import Track, pose_in_log, sensor_scans
 from ndtree.alignment.tracking import Tracker
 from ndtree.base.progress import Progress, no_progress
 from ndtree.logs.core.log import Log, SizedLog, require_log

@@ -18,8 +18,7 @@ import numpy as np
 
 from ndtree._native._core import Matcher, solve_pose_graph
 from ndtree.alignment.planar import Floats, between, composed, placed, pose_of, thinned
-from ndtree.alignment.sensor_scans import Outline
-from ndtree.alignment.track import Track
+from ndtree.alignment.sensor_scans import Outline, Track
 from ndtree.base.progress import Progress, no_progress
 
 SUBMAP_WAY = 4.0  # Of a submap [m],

@@ -19,8 +19,7 @@ from ndtree.alignment.loops import SUBMAP_SCANS, SUBMAP_WAY, Graph, Loop
 from ndtree.alignment.motion import NO_ODOMETRY, Motion
 from ndtree.alignment.planar import Floats, between, composed
 from ndtree.alignment.result import Alignment, between_keys
-from ndtree.alignment.sensor_scans import SensorScan, sensor_scan
-from ndtree.alignment.track import Track
+from ndtree.alignment.sensor_scans import SensorScan, Track, sensor_scan
 from ndtree.alignment.tracking import Tracker
 from ndtree.base.scan import Scan
 

@@ -10,11 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ndtree.alignment.aligned_log import AlignedLog
 from ndtree.alignment.loops import Loop
 from ndtree.alignment.planar import Floats, between, composed, in_space, placed
-from ndtree.alignment.sensor_scans import SensorScan
-from ndtree.alignment.track import Step
+from ndtree.alignment.sensor_scans import AlignedLog, SensorScan, Step
 from ndtree.alignment.writing import compared, draw_before_and_after, verdict, write_trajectory
 from ndtree.base.words import number_of
 from ndtree.logs.core.log import Log

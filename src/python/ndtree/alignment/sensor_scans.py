@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scans of a log in their sensor's frame, with the pose that the log gives them, and how far they saw."""
+"""Scans in their sensor's frame: what they saw and where they were; and logs whose scans are elsewhere."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.alignment.planar import Floats, seen_from
+from ndtree.alignment.planar import Floats, placed, seen_from
 from ndtree.base.scan import Scan
-from ndtree.logs.core.log import Log
+from ndtree.logs.core.log import DerivedLog, Log
 
 #: Beams of a scan that are matched, at most: evenly spread, more are no surer.
 MOST_BEAMS = 400
@@ -98,3 +98,91 @@ class Outline:
         around = np.stack([self._ranges[after + i] for i in (-2, -1, 0, 1)])
         low, high = around.min(axis=0) - _MARGIN, around.max(axis=0) + _MARGIN
         return int(np.count_nonzero((ranges > low) & (ranges < high))), int(np.count_nonzero(ranges <= low))
+
+
+@dataclass(frozen=True)
+class Step:
+    """A scan whose match contradicts odometry.
+
+    Parameters
+    ----------
+    scan : int
+        Its number.
+    is_sure : bool
+        Whether it fits as well as others do, and nowhere else near.
+    """
+
+    scan: int
+    is_sure: bool
+
+
+@dataclass
+class Track:
+    """Where scans were, each as it was matched with those before."""
+
+    poses: list[Floats] = field(default_factory=list)  # Of all scans.
+    keys: list[int] = field(default_factory=list)  # Scans that are key scans.
+    scans: list[SensorScan] = field(default_factory=list)  # Of the key scans.
+    way: list[float] = field(default_factory=list)  # Up to each key scan [m].
+    relations: list[Floats] = field(default_factory=list)  # Of each key scan to the next.
+    covariances: list[Floats] = field(default_factory=list)  # Of these.
+    lost: int = 0  # Scans that did not match.
+    against: list[Step] = field(default_factory=list)  # Odometry.
+    unfixed: list[float] = field(default_factory=list)  # Way of each scan that only odometry tells [m].
+    through: list[float] = field(
+        default_factory=list
+    )  # Of each key scan: points where those before saw through.
+    ratios: list[float] = field(default_factory=list)  # Of ways that scans say, to those of odometry.
+    final: int = 0  # Key scans up to whose last all stays as it is.
+
+    def copy(self) -> Track:
+        """One that can be gone on with by itself."""
+        return Track(
+            **{name: list(one) if isinstance(one, list) else one for name, one in vars(self).items()}
+        )
+
+
+class AlignedLog(DerivedLog):
+    """A log with other poses, one for each of its scans; it is read as lazily as the log.
+
+    Raises ValueError when it is read, if the log has another number of scans than there are poses.
+    """
+
+    def __init__(self, log: Log, poses: Floats) -> None:
+        super().__init__(log)
+        self._poses = poses
+
+    def __len__(self) -> int:
+        return len(self._poses)
+
+    def _moved(self, scan: Scan, pose: Floats) -> Scan:
+        return moved(scan, pose)
+
+    def _scans(self) -> Iterator[Scan]:
+        count = 0
+        for scan in self._log:
+            if count == len(self._poses):
+                break
+            yield self._moved(scan, self._poses[count])
+            count += 1
+        else:
+            if count == len(self._poses):
+                return
+        raise ValueError(f"{self.name}: has not the {len(self._poses)} scans that were aligned")
+
+
+def moved(scan: Scan, pose: Floats) -> Scan:
+    """A scan whose sensor is at another pose."""
+    before = pose_in_log(scan)
+
+    def there(points: Floats) -> Floats:
+        return placed(pose, seen_from(before, np.atleast_2d(points).astype(np.float64)))
+
+    origin = there(scan.origin)
+    return replace(
+        scan,
+        endpoints=there(scan.endpoints),
+        origin=origin[0] if scan.origin.ndim == 1 else origin,
+        heading=None if scan.heading is None else float(pose[2]),
+        pose_covariance=None,  # That of the log's pose.
+    )

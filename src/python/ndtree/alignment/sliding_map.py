@@ -7,8 +7,7 @@ import numpy as np
 
 from ndtree._native._core import Matcher
 from ndtree.alignment.planar import Floats, between, placed
-from ndtree.alignment.sensor_scans import Outline, SensorScan
-from ndtree.alignment.track import Track
+from ndtree.alignment.sensor_scans import Outline, SensorScan, Track
 
 MAP_WAY = 10.0  # How long the way of the key scans is, at most [m],
 _MAP_SCANS = 60  # and how many there are.

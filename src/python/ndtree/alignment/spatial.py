@@ -20,10 +20,9 @@ import numpy as np
 
 from ndtree._errors import WrongValue, key
 from ndtree._lazy import needs
-from ndtree.alignment.aligned_log import AlignedLog
 from ndtree.alignment.planar import Floats
 from ndtree.alignment.result import MOST_CONTRADICTED
-from ndtree.alignment.sensor_scans import spread_evenly
+from ndtree.alignment.sensor_scans import AlignedLog, spread_evenly
 from ndtree.alignment.spatial_loops import POINTS, SpatialGraph, SpatialLoop, require_libraries
 from ndtree.alignment.writing import compared, draw_before_and_after, verdict, write_trajectory
 from ndtree.base.progress import Progress, no_progress

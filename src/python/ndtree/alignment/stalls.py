@@ -10,9 +10,8 @@ import numpy as np
 
 from ndtree.alignment.motion import AS_BEFORE, NO_ODOMETRY, best_near, pieces_of
 from ndtree.alignment.planar import Floats, between, composed, placed, turned
-from ndtree.alignment.sensor_scans import SensorScan
+from ndtree.alignment.sensor_scans import SensorScan, Track
 from ndtree.alignment.sliding_map import SlidingMap
-from ndtree.alignment.track import Track
 
 _STALLED = 0.2  # Of what the sensor moves from scan to scan, more than which odometry tells something.
 

@@ -30,10 +30,9 @@ from ndtree.alignment.motion import (
     pieces_of,
 )
 from ndtree.alignment.planar import Floats, between, composed, pose_of, thinned, turned
-from ndtree.alignment.sensor_scans import SensorScan
+from ndtree.alignment.sensor_scans import SensorScan, Step, Track
 from ndtree.alignment.sliding_map import KEPT, MAP_WAY, SlidingMap
 from ndtree.alignment.stalls import place_again
-from ndtree.alignment.track import Step, Track
 
 _LONGER = 2.0  # Time since the last scan, times that before: it does not go on as before.
 _WIDE = np.array([1.0, 1.0, 0.6])  # Where it moved anyhow,

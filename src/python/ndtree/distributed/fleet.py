@@ -27,8 +27,7 @@ from ndtree.distributed.plan import run_all
 from ndtree.distributed.report import FleetReport, Times, report_of
 from ndtree.distributed.scans import ScanIndex, StoredScans, index_name
 from ndtree.distributed.stages import BlockRecord, FleetSettings, Job, entries_of, integrate, prepare
-from ndtree.tiles.grid import Tile, TileGrid
-from ndtree.tiles.kind import MapKind, with_counters
+from ndtree.tiles.grid import MapKind, Tile, TileGrid, with_counters
 from ndtree.tiles.manifest import TILES, Manifest, TileEntry, commit, open_manifest, store_bytes, tidy
 from ndtree.tiles.order import Sources, named, opened
 from ndtree.tiles.resident import Growth

@@ -20,8 +20,7 @@ from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
 from ndtree.distributed.blocks import Block
 from ndtree.distributed.scans import BatchWriter, IndexedScan, ScanIndex, StoredScans, Where, index_name
-from ndtree.tiles.grid import Tile, TileGrid, beams_of, reach_of
-from ndtree.tiles.kind import MapKind
+from ndtree.tiles.grid import MapKind, Tile, TileGrid, beams_of, reach_of
 from ndtree.tiles.manifest import TileEntry, store_tile
 from ndtree.tiles.order import Source, opened, placed
 from ndtree.tiles.resident import Growth

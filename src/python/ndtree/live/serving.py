@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A sink that gives a running map to who asks for it by HTTP, as ``ndtree view`` of another computer does."""
+"""A running map by HTTP: a sink that gives it to who asks, and who asks, as ``ndtree view`` elsewhere."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ import socket
 import sys
 import threading
 import time
+import urllib.error
+import urllib.request
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
+from urllib.parse import urlsplit
 
 from ndtree._errors import WrongValue
-from ndtree._native._core import OccupancyMap
+from ndtree._native._core import AdaptiveMap, FixedMap, OccupancyMap, from_bytes
 from ndtree.base.callers import LOCAL_NAMES, MOST_CONNECTIONS, why_not
 
 #: Where it listens unless it is told: to this computer alone.
@@ -193,3 +196,52 @@ def address_of(text: str) -> tuple[str, int]:
     if not port.isascii() or not port.isdigit() or int(port) > 65535:
         raise WrongValue.of("serve", text, "PORT or HOST:PORT, with a port from 0 to 65535")
     return host or HOST, int(port)
+
+
+#: A server that says nothing for so long counts as gone [s].
+PATIENCE = 10.0
+#: The largest file that is taken [bytes].
+MOST = 1 << 32
+
+
+class RunningMap:
+    """The map of a live mapper on this or another computer.
+
+    `url`: As the mapper says it: ``http://robot:8090``.
+    Raises ValueError if it is no address.
+    """
+
+    def __init__(self, url: str) -> None:
+        if not is_address(url) or not urlsplit(url).hostname:
+            raise ValueError(f"{url}: expected an address as http://robot:8090")
+        self.url = url.rstrip("/")
+        self._tag = ""
+
+    def newest(self) -> AdaptiveMap | FixedMap | None:
+        """The map as it is now; None where it is as it was, or where there is none yet.
+
+        Raises OSError if there is no answer, or one that is no map.
+        """
+        request = urllib.request.Request(f"{self.url}{PATH}", headers={"If-None-Match": self._tag})
+        try:
+            with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
+                data, tag = answer.read(MOST), answer.headers.get("ETag", "")
+        except urllib.error.HTTPError as error:
+            if error.code in (304, 503):
+                return None
+            raise OSError(f"{self.url}: answers {error.code}, expected a live map of ndtree") from None
+        except OSError as error:
+            reason = getattr(error, "reason", error)
+            reason = getattr(reason, "strerror", None) or reason
+            raise OSError(f"{self.url}: {reason}, expected a live map of ndtree to answer") from None
+        try:
+            m = from_bytes(data)
+        except (RuntimeError, ValueError) as error:
+            raise OSError(f"{self.url}: {error}, expected a live map of ndtree") from None
+        self._tag = tag
+        return m
+
+
+def is_address(name: str) -> bool:
+    """Whether something is an address, and no file."""
+    return name.startswith(("http://", "https://"))

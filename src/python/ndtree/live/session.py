@@ -15,8 +15,7 @@ from ndtree.alignment.aligning import MAX_RANGE
 from ndtree.alignment.loops import Loop
 from ndtree.alignment.online import Drive
 from ndtree.alignment.planar import placed, seen_from
-from ndtree.alignment.sensor_scans import sensor_scan
-from ndtree.alignment.track import Step, Track
+from ndtree.alignment.sensor_scans import Step, Track, sensor_scan
 from ndtree.base.files import replaced
 from ndtree.base.scan import Scan
 from ndtree.live.corrections import Corrections, Motion

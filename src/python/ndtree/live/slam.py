@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ndtree.alignment.aligned_log import moved
 from ndtree.alignment.online import OnlineAlignment
 from ndtree.alignment.planar import Floats, between, composed, in_space, pose_of, seen_from
 from ndtree.alignment.result import Alignment
-from ndtree.alignment.sensor_scans import pose_in_log
+from ndtree.alignment.sensor_scans import moved, pose_in_log
 from ndtree.base.scan import Scan
 from ndtree.live.corrections import Correction, Corrections, Motion
 from ndtree.live.following import matrix_of

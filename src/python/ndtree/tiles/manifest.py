@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
-from ndtree.tiles.grid import Tile, TileGrid
-from ndtree.tiles.kind import MapKind
+from ndtree.tiles.grid import MapKind, Tile, TileGrid
 from ndtree.tiles.storage import Storage
 
 NAME = "manifest.json"

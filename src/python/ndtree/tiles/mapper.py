@@ -18,8 +18,7 @@ from ndtree._native._checked import checked
 from ndtree._native._core import OccupancyMap
 from ndtree._native.results import InsertReport
 from ndtree.base.scan import Scan
-from ndtree.tiles.grid import Tile, TileGrid, beams_of, reach_of
-from ndtree.tiles.kind import MapKind, with_counters
+from ndtree.tiles.grid import MapKind, Tile, TileGrid, beams_of, reach_of, with_counters
 from ndtree.tiles.manifest import (
     TILES,
     Manifest,

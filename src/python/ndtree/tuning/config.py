@@ -21,7 +21,7 @@ from ndtree.base.files import begins_with, replaced
 from ndtree.base.options import MAP_OPTIONS, OPTIONS
 from ndtree.base.scan import COLOR, COLOR_RULE, Scan
 from ndtree.base.words import in_full
-from ndtree.evaluation.no_returns import AUTO
+from ndtree.evaluation.sampling import AUTO
 from ndtree.logs import FORMATS, Log, read
 from ndtree.logs.core.rules import GIVEN, MEASURED, USUAL, Decision
 from ndtree.logs.core.silence import CutOff

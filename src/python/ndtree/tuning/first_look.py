@@ -17,8 +17,7 @@ from ndtree._native._checked import checked
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.base.typing import MapOptions
-from ndtree.evaluation.no_returns import NoReturns, judge
-from ndtree.evaluation.sampling import skipping_unmappable, some_of, spread
+from ndtree.evaluation.sampling import NoReturns, judge, skipping_unmappable, some_of, spread
 from ndtree.logs.core.log import Log, require_log
 from ndtree.logs.core.rules import UNSEARCHED
 from ndtree.logs.core.silence import CutOff, CutOffSearch
@@ -158,7 +157,7 @@ def first_look(log: Log, *, with_sigma: bool = True, progress: Progress | None =
     """Read a log once, and find the options with which it should be mapped.
 
     160 to 320 scans from all over the log are looked at, in runs of four. The noise of the ranges is measured
-    as by `calibrate`. What beams without return say is decided by `ndtree.evaluation.no_returns.judge`; where
+    as by `calibrate`. What beams without return say is decided by `ndtree.evaluation.sampling.judge`; where
     they are believed, then up to 1.2 times the longest range that was measured.
 
     Parameters

@@ -12,7 +12,7 @@ from ndtree._errors import Text, key
 from ndtree._native._checked import checked
 from ndtree.base.progress import Progress
 from ndtree.base.words import percent
-from ndtree.evaluation.no_returns import AUTO
+from ndtree.evaluation.sampling import AUTO
 from ndtree.logs import Log
 from ndtree.logs.core.rules import INVALID, MEASURED, NO_ECHO, UNSEARCHED, USUAL, Decision
 from ndtree.tuning.config import Config

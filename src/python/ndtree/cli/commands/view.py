@@ -16,7 +16,7 @@ from ndtree.cli.commands.logs import length_of, load_map
 from ndtree.cli.commands.output import check_picture
 from ndtree.cli.commands.pictures import draw, parsed_slice, plotting, suited
 from ndtree.cli.commands.progress import progress
-from ndtree.maps.running import RunningMap, is_address
+from ndtree.live.serving import RunningMap, is_address
 from ndtree.tuning.config import Config
 
 #: How often a live mapper is asked for its map [s], and its rest, in times of what that took.

@@ -29,7 +29,7 @@ from ndtree.evaluation.comparison.truth import (
     truth_by_size,
 )
 from ndtree.evaluation.exact_truth import ExactTruth
-from ndtree.evaluation.no_returns import AUTO, believed
+from ndtree.evaluation.sampling import AUTO, believed
 from ndtree.logs.core.log import Log, require_log
 from ndtree.logs.formats.simulated import SimulatedLog
 
@@ -119,7 +119,7 @@ class Turns:
         Longer beams are free up to there and have no end point [m].
     no_return : str
         What a beam without return says: "free", that space is free up to its end point; "ignore", nothing;
-        "auto": what `ndtree.evaluation.no_returns.judge` finds.
+        "auto": what `ndtree.evaluation.sampling.judge` finds.
     repeat : int
         How often each map is made, in turns, for the times. Updates and cells do not depend on it.
     """

@@ -16,7 +16,7 @@ from ndtree._native._checked import checked
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.evaluation.comparison import NO_RETURN
-from ndtree.evaluation.no_returns import AUTO, believed
+from ndtree.evaluation.sampling import AUTO, believed
 from ndtree.logs.core.log import Log, require_log
 from ndtree.tuning.calibration.beams import Beams, Points, Scans, Source
 from ndtree.tuning.calibration.figures import LEAST_SIGMA, Calibration, Estimate
@@ -48,7 +48,7 @@ def calibrate(
         Longer beams are free up to there and have no end point [m].
     no_return : str
         What a beam without return says: "free", that space is free up to its end point; "ignore", nothing;
-        "auto", of a log from a file what `ndtree.evaluation.no_returns.judge` finds. Of others "free": a
+        "auto", of a log from a file what `ndtree.evaluation.sampling.judge` finds. Of others "free": a
         simulation loses as many beams as it was told to, and that is a rate to be found.
     min_cell_size : float, optional
         Of the map that the error rates are from [m]. Left out: the adaptive map's own default.
