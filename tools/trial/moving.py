@@ -10,7 +10,7 @@ import numpy as np
 
 import ndtree
 from trial import faults, maps
-from trial.command import run
+from trial.command import Done, run
 from trial.maps import Truth, count_near, judge_lost, judge_map, mapped
 from trial.outcome import Case, Outcome, limit
 from trial.robots import Recording
@@ -84,8 +84,15 @@ def moved_trial(case: Case) -> tuple[Recording, Outcome]:
     return r, outcome
 
 
-def _options(r: Recording, cell: float) -> list[str]:
-    return ["--range-sigma", f"{max(r.sensor.sigma, 0.01):g}", "--min-cell-size", f"{cell:g}"]
+def _made(case: Case, r: Recording, cell: float, call: str, target: Path, outcome: Outcome) -> Done:
+    """What ``ndtree`` makes of a recording; doubts and refusals go to `outcome`."""
+    command, how = call.split()
+    sizes = ["--range-sigma", f"{max(r.sensor.sigma, 0.01):g}", "--min-cell-size", f"{cell:g}"]
+    log, figures = r.save(target.with_name("log.npz")), target.with_name("f.json")
+    done = run(command, log, "-o", target, how, *sizes, "--json", figures)
+    outcome.words, outcome.may_doubt = done.doubts, case.fault == "pitch"
+    outcome.refused = done.error if done.status else ""
+    return done
 
 
 def clean_trial(case: Case) -> tuple[Recording, Outcome]:
@@ -93,13 +100,8 @@ def clean_trial(case: Case) -> tuple[Recording, Outcome]:
     r, cell, _ = recorded(case)
     outcome, truth = Outcome(), Truth(case.world, r, cell, case.rng)
     with tempfile.TemporaryDirectory() as folder:
-        log, target = r.save(Path(folder) / "log.npz"), Path(folder) / "marked.npz"
-        done = run(
-            "clean", log, "-o", target, "--mark", *_options(r, cell), "--json", Path(folder) / "f.json"
-        )
-        outcome.words, outcome.may_doubt = done.doubts, case.fault == "pitch"
-        if done.status:
-            outcome.refused = done.error
+        target = Path(folder) / "marked.npz"
+        if _made(case, r, cell, "clean --mark", target, outcome).status:
             return r, outcome
         with np.load(target) as marked:
             probability = marked["moved"].reshape(r.ranges.shape)
@@ -113,13 +115,9 @@ def static_trial(case: Case) -> tuple[Recording, Outcome]:
     r, cell, last = recorded(case)
     outcome, truth = Outcome(), Truth(world, r, cell, rng)
     with tempfile.TemporaryDirectory() as folder:
-        log, target = r.save(Path(folder) / "log.npz"), Path(folder) / "map.ndt"
-        done = run(
-            "map", log, "-o", target, "--static", *_options(r, cell), "--json", Path(folder) / "f.json"
-        )
-        outcome.words, outcome.may_doubt = done.doubts, case.fault == "pitch"
+        target = Path(folder) / "map.ndt"
+        done = _made(case, r, cell, "map --static", target, outcome)
         if done.status:
-            outcome.refused = done.error
             return r, outcome
         m = ndtree.load(target)
     met = count_near(truth.ends, truth.ends, 0.5 * cell) >= 5
