@@ -30,7 +30,6 @@
 #include "ndtree/planning/sweep.hpp"
 #include "ndtree/planning/turning.hpp"
 #include "ndtree/query/cells.hpp"
-#include "ndtree/query/cells_on_beam.hpp"
 #include "ndtree/query/changes.hpp"
 #include "ndtree/query/collision.hpp"
 #include "ndtree/query/disputed.hpp"

@@ -19,7 +19,6 @@
 #include "ndtree/core/types.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
-#include "ndtree/query/cells_on_beam.hpp"
 #include "ndtree/query/ray.hpp"
 
 namespace ndtree {

@@ -16,7 +16,6 @@
 #include <utility>
 #include <vector>
 
-#include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/inline.hpp"
 

@@ -17,7 +17,7 @@
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/scan.hpp"
-#include "ndtree/query/cells_on_beam.hpp"
+#include "ndtree/query/ray.hpp"
 
 namespace ndtree {
 

@@ -14,7 +14,6 @@
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/cube_set.hpp"
-#include "ndtree/tree/grow_around.hpp"
 #include "ndtree/tree/lattice.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 

@@ -14,7 +14,6 @@
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/child_index.hpp"
-#include "ndtree/tree/grow_around.hpp"
 #include "ndtree/tree/lattice.hpp"
 
 namespace ndtree {

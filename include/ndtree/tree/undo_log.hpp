@@ -9,7 +9,7 @@
 #include <type_traits>
 #include <vector>
 
-#include "ndtree/core/cache_lines.hpp"
+#include "ndtree/core/inline.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 
 namespace ndtree {

@@ -14,7 +14,6 @@
 #include "ndtree/evaluation/calibration.hpp"
 #include "ndtree/evaluation/claims.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
-#include "ndtree/query/cells_on_beam.hpp"
 #include "ndtree/query/nearest.hpp"
 #include "ndtree/query/point.hpp"
 #include "ndtree/query/ray.hpp"

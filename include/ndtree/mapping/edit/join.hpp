@@ -17,7 +17,6 @@
 #include "ndtree/mapping/insert/coverage.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/tree/adopt.hpp"
-#include "ndtree/tree/grow_around.hpp"
 #include "ndtree/tree/lattice.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 #include "ndtree/tree/visit.hpp"

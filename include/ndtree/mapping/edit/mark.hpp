@@ -23,7 +23,6 @@
 #include "ndtree/core/option.hpp"
 #include "ndtree/mapping/edit/forget.hpp"
 #include "ndtree/mapping/map_options.hpp"
-#include "ndtree/tree/grow_around.hpp"
 #include "ndtree/tree/lattice.hpp"
 
 namespace ndtree::detail {

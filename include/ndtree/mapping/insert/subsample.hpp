@@ -12,7 +12,7 @@
 #include <memory>
 #include <vector>
 
-#include "ndtree/core/cache_lines.hpp"
+#include "ndtree/core/inline.hpp"
 #include "ndtree/core/lanes.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/insert/counting_sort.hpp"

@@ -11,7 +11,7 @@
 #include <tuple>
 #include <vector>
 
-#include "ndtree/core/cache_lines.hpp"
+#include "ndtree/core/inline.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/mapping/insert/beam_lists.hpp"
 #include "ndtree/tree/lattice.hpp"

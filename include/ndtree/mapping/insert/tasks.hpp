@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "ndtree/core/cache_lines.hpp"
+#include "ndtree/core/inline.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/mapping/insert/task_lists.hpp"
 #include "ndtree/mapping/update_counters.hpp"
