@@ -13,6 +13,18 @@
 #ifdef NDTREE_HAS_EIGHTS
 namespace ndtree {
 
+// Functions that one instruction is. Its vectors are those in the types, `v`.
+#define NDTREE_OF_ONE(Result, name, Type, instruction) \
+  [[nodiscard]] NDTREE_BY_EIGHTS inline Result name(const Type& x) { return Result::from(instruction(x.v)); }
+#define NDTREE_OF_TWO(Type, name, instruction)                                    \
+  [[nodiscard]] NDTREE_BY_EIGHTS inline Type name(const Type& a, const Type& b) { \
+    return Type::from(instruction(a.v, b.v));                                     \
+  }
+#define NDTREE_COMPARED(Mask, Type, name, instruction, how)                       \
+  [[nodiscard]] NDTREE_BY_EIGHTS inline Mask name(const Type& a, const Type& b) { \
+    return {instruction(a.v, b.v, how)};                                          \
+  }
+
 /// Conditions of eight numbers.
 struct EightMask {
   __m256 v;
@@ -84,24 +96,6 @@ struct EightInts {
   NDTREE_BY_EIGHTS [[nodiscard]] static inline EightInts minus_one_where(const EightMask& mask) {
     return from(_mm256_castps_si256(mask.v));
   }
-  NDTREE_BY_EIGHTS friend inline EightInts operator+(const EightInts& a, const EightInts& b) {
-    return from(_mm256_add_epi32(a.v, b.v));
-  }
-  NDTREE_BY_EIGHTS friend inline EightInts operator-(const EightInts& a, const EightInts& b) {
-    return from(_mm256_sub_epi32(a.v, b.v));
-  }
-  NDTREE_BY_EIGHTS friend inline EightInts operator*(const EightInts& a, const EightInts& b) {
-    return from(_mm256_mullo_epi32(a.v, b.v));
-  }
-  NDTREE_BY_EIGHTS friend inline EightInts operator&(const EightInts& a, const EightInts& b) {
-    return from(_mm256_and_si256(a.v, b.v));
-  }
-  NDTREE_BY_EIGHTS friend inline EightInts operator|(const EightInts& a, const EightInts& b) {
-    return from(_mm256_or_si256(a.v, b.v));
-  }
-  NDTREE_BY_EIGHTS friend inline EightInts operator^(const EightInts& a, const EightInts& b) {
-    return from(_mm256_xor_si256(a.v, b.v));
-  }
   NDTREE_BY_EIGHTS friend inline EightMask operator==(const EightInts& a, const EightInts& b) {
     return {_mm256_castsi256_ps(_mm256_cmpeq_epi32(a.v, b.v))};
   }
@@ -121,17 +115,17 @@ struct EightInts {
     return *this;
   }
 };
+NDTREE_OF_TWO(EightInts, operator+, _mm256_add_epi32)
+NDTREE_OF_TWO(EightInts, operator-, _mm256_sub_epi32)
+NDTREE_OF_TWO(EightInts, operator*, _mm256_mullo_epi32)
+NDTREE_OF_TWO(EightInts, operator&, _mm256_and_si256)
+NDTREE_OF_TWO(EightInts, operator|, _mm256_or_si256)
+NDTREE_OF_TWO(EightInts, operator^, _mm256_xor_si256)
 
-[[nodiscard]] NDTREE_BY_EIGHTS inline EightInts max_of(const EightInts& a, const EightInts& b) {
-  return EightInts::from(_mm256_max_epi32(a.v, b.v));
-}
+NDTREE_OF_TWO(EightInts, max_of, _mm256_max_epi32)
 /// Of numbers without sign.
-[[nodiscard]] NDTREE_BY_EIGHTS inline EightInts unsigned_max_of(const EightInts& a, const EightInts& b) {
-  return EightInts::from(_mm256_max_epu32(a.v, b.v));
-}
-[[nodiscard]] NDTREE_BY_EIGHTS inline EightInts unsigned_min_of(const EightInts& a, const EightInts& b) {
-  return EightInts::from(_mm256_min_epu32(a.v, b.v));
-}
+NDTREE_OF_TWO(EightInts, unsigned_max_of, _mm256_max_epu32)
+NDTREE_OF_TWO(EightInts, unsigned_min_of, _mm256_min_epu32)
 [[nodiscard]] NDTREE_BY_EIGHTS inline EightInts select(const EightMask& condition, const EightInts& yes,
                                                        const EightInts& no) {
   return EightInts::from(_mm256_blendv_epi8(no.v, yes.v, _mm256_castps_si256(condition.v)));
@@ -147,14 +141,8 @@ struct EightInts {
   return EightInts::from(_mm256_srli_epi32(x.v, by));
 }
 /// Each by a number of its own.
-[[nodiscard]] NDTREE_BY_EIGHTS inline EightInts shifted_left(const EightInts& x, const EightInts& by) {
-  return EightInts::from(_mm256_sllv_epi32(x.v, by.v));
-}
-/// Each by a number of its own.
-[[nodiscard]] NDTREE_BY_EIGHTS inline EightInts unsigned_shifted_right(const EightInts& x,
-                                                                       const EightInts& by) {
-  return EightInts::from(_mm256_srlv_epi32(x.v, by.v));
-}
+NDTREE_OF_TWO(EightInts, shifted_left, _mm256_sllv_epi32)
+NDTREE_OF_TWO(EightInts, unsigned_shifted_right, _mm256_srlv_epi32)
 
 /// Eight floats.
 struct EightFloats {
@@ -174,77 +162,43 @@ struct EightFloats {
     return from(_mm256_loadu_ps(eight));
   }
   NDTREE_BY_EIGHTS inline void store(float* eight) const { _mm256_storeu_ps(eight, v); }
-  NDTREE_BY_EIGHTS friend inline EightFloats operator+(const EightFloats& a, const EightFloats& b) {
-    return from(_mm256_add_ps(a.v, b.v));
-  }
-  NDTREE_BY_EIGHTS friend inline EightFloats operator-(const EightFloats& a, const EightFloats& b) {
-    return from(_mm256_sub_ps(a.v, b.v));
-  }
-  NDTREE_BY_EIGHTS friend inline EightFloats operator*(const EightFloats& a, const EightFloats& b) {
-    return from(_mm256_mul_ps(a.v, b.v));
-  }
-  NDTREE_BY_EIGHTS friend inline EightFloats operator/(const EightFloats& a, const EightFloats& b) {
-    return from(_mm256_div_ps(a.v, b.v));
-  }
-  NDTREE_BY_EIGHTS friend inline EightMask operator<(const EightFloats& a, const EightFloats& b) {
-    return {_mm256_cmp_ps(a.v, b.v, _CMP_LT_OQ)};
-  }
-  NDTREE_BY_EIGHTS friend inline EightMask operator<=(const EightFloats& a, const EightFloats& b) {
-    return {_mm256_cmp_ps(a.v, b.v, _CMP_LE_OQ)};
-  }
-  NDTREE_BY_EIGHTS friend inline EightMask operator>(const EightFloats& a, const EightFloats& b) {
-    return {_mm256_cmp_ps(a.v, b.v, _CMP_GT_OQ)};
-  }
-  NDTREE_BY_EIGHTS friend inline EightMask operator>=(const EightFloats& a, const EightFloats& b) {
-    return {_mm256_cmp_ps(a.v, b.v, _CMP_GE_OQ)};
-  }
-  NDTREE_BY_EIGHTS friend inline EightMask operator==(const EightFloats& a, const EightFloats& b) {
-    return {_mm256_cmp_ps(a.v, b.v, _CMP_EQ_OQ)};
-  }
   /// 0 where a condition does not hold.
   NDTREE_BY_EIGHTS friend inline EightFloats operator&(const EightFloats& x, const EightMask& mask) {
     return from(_mm256_and_ps(x.v, mask.v));
   }
 };
+NDTREE_OF_TWO(EightFloats, operator+, _mm256_add_ps)
+NDTREE_OF_TWO(EightFloats, operator-, _mm256_sub_ps)
+NDTREE_OF_TWO(EightFloats, operator*, _mm256_mul_ps)
+NDTREE_OF_TWO(EightFloats, operator/, _mm256_div_ps)
+NDTREE_COMPARED(EightMask, EightFloats, operator<, _mm256_cmp_ps, _CMP_LT_OQ)
+NDTREE_COMPARED(EightMask, EightFloats, operator<=, _mm256_cmp_ps, _CMP_LE_OQ)
+NDTREE_COMPARED(EightMask, EightFloats, operator>, _mm256_cmp_ps, _CMP_GT_OQ)
+NDTREE_COMPARED(EightMask, EightFloats, operator>=, _mm256_cmp_ps, _CMP_GE_OQ)
+NDTREE_COMPARED(EightMask, EightFloats, operator==, _mm256_cmp_ps, _CMP_EQ_OQ)
 
 NDTREE_BY_EIGHTS inline void load_from(EightFloats& x, const float* from) { x = EightFloats::load(from); }
 NDTREE_BY_EIGHTS inline void store_to(const EightFloats& x, float* to) { x.store(to); }
-[[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats min_of(const EightFloats& a, const EightFloats& b) {
-  return EightFloats::from(_mm256_min_ps(a.v, b.v));
-}
-[[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats max_of(const EightFloats& a, const EightFloats& b) {
-  return EightFloats::from(_mm256_max_ps(a.v, b.v));
-}
+NDTREE_OF_TWO(EightFloats, min_of, _mm256_min_ps)
+NDTREE_OF_TWO(EightFloats, max_of, _mm256_max_ps)
 [[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats abs_of(const EightFloats& x) {
   return EightFloats::from(_mm256_andnot_ps(_mm256_set1_ps(-0.0f), x.v));
 }
 [[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats with_sign(const EightFloats& x, const EightFloats& sign) {
   return EightFloats::from(_mm256_or_ps(x.v, _mm256_and_ps(_mm256_set1_ps(-0.0f), sign.v)));
 }
-[[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats sqrt_of(const EightFloats& x) {
-  return EightFloats::from(_mm256_sqrt_ps(x.v));
-}
+NDTREE_OF_ONE(EightFloats, sqrt_of, EightFloats, _mm256_sqrt_ps)
 [[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats select(const EightMask& condition, const EightFloats& yes,
                                                          const EightFloats& no) {
   return EightFloats::from(_mm256_blendv_ps(no.v, yes.v, condition.v));
 }
-[[nodiscard]] NDTREE_BY_EIGHTS inline EightInts truncated(const EightFloats& x) {
-  return EightInts::from(_mm256_cvttps_epi32(x.v));
-}
+NDTREE_OF_ONE(EightInts, truncated, EightFloats, _mm256_cvttps_epi32)
 /// As the function for one float: the even one if two are as near.
-[[nodiscard]] NDTREE_BY_EIGHTS inline EightInts nearest_integer(const EightFloats& x) {
-  return EightInts::from(_mm256_cvtps_epi32(x.v));
-}
-[[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats to_floats(const EightInts& x) {
-  return EightFloats::from(_mm256_cvtepi32_ps(x.v));
-}
-[[nodiscard]] NDTREE_BY_EIGHTS inline EightInts bits_of(const EightFloats& x) {
-  return EightInts::from(_mm256_castps_si256(x.v));
-}
+NDTREE_OF_ONE(EightInts, nearest_integer, EightFloats, _mm256_cvtps_epi32)
+NDTREE_OF_ONE(EightFloats, to_floats, EightInts, _mm256_cvtepi32_ps)
+NDTREE_OF_ONE(EightInts, bits_of, EightFloats, _mm256_castps_si256)
 [[nodiscard]] NDTREE_BY_EIGHTS inline EightInts words_of(const EightFloats& x) { return bits_of(x); }
-[[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats float_of(const EightInts& bits) {
-  return EightFloats::from(_mm256_castsi256_ps(bits.v));
-}
+NDTREE_OF_ONE(EightFloats, float_of, EightInts, _mm256_castsi256_ps)
 /// Numbers of a table in memory where a condition holds, else 0; others are not read.
 [[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats gathered(const float* table, const EightInts& at,
                                                            const EightMask& where) {
@@ -292,44 +246,24 @@ struct FourDoubles {
     return from(_mm256_setr_pd(a, b, c, d));
   }
   NDTREE_BY_EIGHTS inline void store(double* four) const { _mm256_storeu_pd(four, v); }
-  NDTREE_BY_EIGHTS friend inline FourDoubles operator+(const FourDoubles& a, const FourDoubles& b) {
-    return from(_mm256_add_pd(a.v, b.v));
-  }
-  NDTREE_BY_EIGHTS friend inline FourDoubles operator-(const FourDoubles& a, const FourDoubles& b) {
-    return from(_mm256_sub_pd(a.v, b.v));
-  }
-  NDTREE_BY_EIGHTS friend inline FourDoubles operator*(const FourDoubles& a, const FourDoubles& b) {
-    return from(_mm256_mul_pd(a.v, b.v));
-  }
-  NDTREE_BY_EIGHTS friend inline FourDoubles operator/(const FourDoubles& a, const FourDoubles& b) {
-    return from(_mm256_div_pd(a.v, b.v));
-  }
-  NDTREE_BY_EIGHTS friend inline FourMask operator<(const FourDoubles& a, const FourDoubles& b) {
-    return {_mm256_cmp_pd(a.v, b.v, _CMP_LT_OQ)};
-  }
-  NDTREE_BY_EIGHTS friend inline FourMask operator<=(const FourDoubles& a, const FourDoubles& b) {
-    return {_mm256_cmp_pd(a.v, b.v, _CMP_LE_OQ)};
-  }
-  NDTREE_BY_EIGHTS friend inline FourMask operator>(const FourDoubles& a, const FourDoubles& b) {
-    return {_mm256_cmp_pd(a.v, b.v, _CMP_GT_OQ)};
-  }
   NDTREE_BY_EIGHTS friend inline FourDoubles operator&(const FourDoubles& x, const FourMask& mask) {
     return from(_mm256_and_pd(x.v, mask.v));
   }
 };
+NDTREE_OF_TWO(FourDoubles, operator+, _mm256_add_pd)
+NDTREE_OF_TWO(FourDoubles, operator-, _mm256_sub_pd)
+NDTREE_OF_TWO(FourDoubles, operator*, _mm256_mul_pd)
+NDTREE_OF_TWO(FourDoubles, operator/, _mm256_div_pd)
+NDTREE_COMPARED(FourMask, FourDoubles, operator<, _mm256_cmp_pd, _CMP_LT_OQ)
+NDTREE_COMPARED(FourMask, FourDoubles, operator<=, _mm256_cmp_pd, _CMP_LE_OQ)
+NDTREE_COMPARED(FourMask, FourDoubles, operator>, _mm256_cmp_pd, _CMP_GT_OQ)
 
-[[nodiscard]] NDTREE_BY_EIGHTS inline FourDoubles min_of(const FourDoubles& a, const FourDoubles& b) {
-  return FourDoubles::from(_mm256_min_pd(a.v, b.v));
-}
-[[nodiscard]] NDTREE_BY_EIGHTS inline FourDoubles max_of(const FourDoubles& a, const FourDoubles& b) {
-  return FourDoubles::from(_mm256_max_pd(a.v, b.v));
-}
+NDTREE_OF_TWO(FourDoubles, min_of, _mm256_min_pd)
+NDTREE_OF_TWO(FourDoubles, max_of, _mm256_max_pd)
 [[nodiscard]] NDTREE_BY_EIGHTS inline FourDoubles abs_of(const FourDoubles& x) {
   return FourDoubles::from(_mm256_andnot_pd(_mm256_set1_pd(-0.0), x.v));
 }
-[[nodiscard]] NDTREE_BY_EIGHTS inline FourDoubles floor_of(const FourDoubles& x) {
-  return FourDoubles::from(_mm256_floor_pd(x.v));
-}
+NDTREE_OF_ONE(FourDoubles, floor_of, FourDoubles, _mm256_floor_pd)
 [[nodiscard]] NDTREE_BY_EIGHTS inline FourDoubles select(const FourMask& condition, const FourDoubles& yes,
                                                          const FourDoubles& no) {
   return FourDoubles::from(_mm256_blendv_pd(no.v, yes.v, condition.v));
@@ -567,6 +501,10 @@ NDTREE_BY_EIGHTS inline void load_four_rows_of_three(const std::uint32_t* rows, 
   second.v = _mm256_broadcastsi128_si256(_mm_shuffle_epi32(turned_once, 0x39));
   third.v = _mm256_broadcastsi128_si256(_mm_shuffle_epi32(turned_twice, 0x4e));
 }
+
+#undef NDTREE_OF_ONE
+#undef NDTREE_OF_TWO
+#undef NDTREE_COMPARED
 
 }  // namespace ndtree
 #endif
