@@ -146,11 +146,12 @@ def localize_trial(case: Case) -> tuple[Recording, Outcome]:
     for i in range(len(again)):
         points = again.points(i)
         here = it.track(points, odometry[i], float(again.stamps[i]))
-        off.append(np.linalg.norm(here.pose[:d, d] - again.true[i, :d, 3]))
-        told.append(np.sqrt(np.linalg.eigvalsh(here.covariance[:d, :d]).max()))
+        error, variance = here.pose[:d, d] - again.true[i, :d, 3], here.covariance
+        off.append([np.hypot(*error[:2]), *np.abs(error[2:])])  # A height has a deviation of its own.
+        told.append(np.sqrt([np.linalg.eigvalsh(variance[:2, :2]).max(), *np.diag(variance)[2:d]]))
         lost.append(here.is_lost)
     sure = ~np.array(lost)
-    beyond = np.array(off) - np.maximum(limit("told place"), 3 * np.array(told))
+    beyond = (np.array(off) - np.maximum(limit("told place"), 3 * np.array(told))).max(axis=1)
     long = _in_a_row(sure & (beyond > 0)) > limit("told in a row")
     if fault == "other_building":
         outcome.figures["found"] = int(sure.sum())
@@ -160,7 +161,8 @@ def localize_trial(case: Case) -> tuple[Recording, Outcome]:
         outcome.figures["off"] = round(float(np.array(off)[sure].max()), 3)
         if long.any():
             at = int(np.where(long, beyond, -np.inf).argmax())
-            outcome.faults.append(f"{off[at]:.2f} m off in scan {at}, told sigma {told[at]:.3f} m")
+            by, sigma = np.round(off[at], 2), np.round(told[at], 3)
+            outcome.faults.append(f"{by} m off in scan {at}, told sigma {sigma} m")
     if not outcome.faults and np.mean(lost) > 0.5:
         outcome.words = [f"lost in {sum(lost)} of {len(lost)} scans"]
         if fault == "other_building":
