@@ -26,11 +26,11 @@ from ndtree.live.hypotheses import (
     Evidence,
     Hypothesis,
     Prior,
-    ScanEvidence,
     Viewpoint,
     leads,
 )
 from ndtree.live.localizing import FINDS, LOSES, VIEWPOINTS, place_of, quaternion_of
+from ndtree.live.surroundings import Surroundings
 from ndtree.tuning.config import Config
 
 N = 160
@@ -144,17 +144,17 @@ def test_elsewhere_it_stays_lost(world: World) -> None:
 
 
 def test_beams_tell_poses_apart(world: World) -> None:
-    evidence = ScanEvidence(world.map)
+    around = Surroundings(world.map)
     for i in range(0, N, 20):
         here, ends = world.poses[i], world.points(i)
-        right = evidence.of(here, ends)
+        right = around.evidence(here, ends)
         assert -0.5 < right.mean <= 0 and right.known > 0.7 and right.pieces > 20
         for off in ((0.5, 0, 0), (0, -0.5, 0), (0, 0, 0.3)):
-            assert evidence.of(here @ matrix_of(off), ends).total < right.total - 10
+            assert around.evidence(here @ matrix_of(off), ends).total < right.total - 10
         # Outside of the map, all beams are in unknown space.
-        nowhere = evidence.of(matrix_of((1e3, 0, 0)), ends)
+        nowhere = around.evidence(matrix_of((1e3, 0, 0)), ends)
         assert nowhere.mean == pytest.approx(NOT_HERE) and nowhere.known == 0.0
-    assert evidence.of(np.eye(3), np.zeros((0, 2))).total == 0.0
+    assert around.evidence(np.eye(3), np.zeros((0, 2))).total == 0.0
 
 
 def room(width: float, height: float, things: list[tuple[float, float, float, float]]) -> Floats:
@@ -194,7 +194,7 @@ def test_noise_that_grows_with_the_range_is_expected() -> None:
     for quadratic in (0.0, 0.005):
         m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05, range_sigma_quadratic=quadratic)
         m.insert(seen(walls, here) + here[:2], here[:2])
-        means.append(ScanEvidence(m).of(matrix_of(here), seen(walls, here) * (1.0 + 0.3 / 8.0)).mean)
+        means.append(Surroundings(m).evidence(matrix_of(here), seen(walls, here) * (1.0 + 0.3 / 8.0)).mean)
     assert means[0] < -2.0 and means[1] > -0.7
 
 

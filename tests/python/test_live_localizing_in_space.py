@@ -156,13 +156,24 @@ def test_what_stands_upright_is_told_from_floors() -> None:
 
 def test_a_tilted_lidar_says_what_a_level_one_says(house: Any) -> None:
     around, pose = InSpace(house), pose_of(3.0, 1.8, 1.0, 0.4, 0.3, -0.2)
-    ends, level = around.ends(seen(HOUSE, pose), pose), around.level(pose)
+    level, ends = around.seen(seen(HOUSE, pose), pose)
     np.testing.assert_allclose(level, pose_of(3.0, 1.8, 1.0, 0.4), atol=1e-12)
     right = around.evidence(level, ends)
     assert right.mean > -0.3 and right.known > 0.9
     for off in ((0.5, 0, 0, 0), (0, -0.5, 0, 0), (0, 0, 0.8, 0), (0, 0, 0, 0.3)):
         assert around.evidence(level @ pose_of(*off), ends).total < right.total - 10
     assert around.evidence(pose_of(1e3, 0, 0, 0), ends).known == 0.0
+
+
+def test_a_lidar_whose_x_axis_is_steep_has_a_heading(house: Any) -> None:
+    mounted = pose_of(0, 0, 0, 0.5, 0.0, -math.pi / 2)  # x is up.
+    around, poses = InSpace(house), [pose @ mounted for pose in drive()]
+    levels = [around.seen(np.zeros((0, 3)), pose)[0] for pose in poses]
+    turned = [pose[:2, :2].T @ level[:2, :2] for pose, level in zip(drive(), levels)]
+    assert np.ptp(np.unwrap([math.atan2(*one[::-1, 0]) for one in turned])) < 0.05, "as steady as the robot"
+    guess = *levels[0][:3, 3], 0.1 + math.atan2(*levels[0][1::-1, 0])
+    off = followed(Localizer(house, guess), HOUSE, poses, pose_of(-3.0, 7.0, 5.0, 1.0) @ poses[0])
+    assert np.max(off) < 0.3  # It sees less of the walls than an upright one.
 
 
 def test_the_command_writes_poses_in_space(house: Any, tmp_path: Path) -> None:

@@ -62,44 +62,38 @@ class Evidence:
         return float(self.by_bearing.sum())
 
 
-class ScanEvidence:
-    """Compares scans with a 2-D map.
+def scan_evidence(m: OccupancyMap, noise: tuple[float, float], pose: Floats, ends: Floats) -> Evidence:
+    """What end points (n, 2) in the sensor's frame say for a (3, 3) pose in a 2-D map; O(n) rays.
 
-    `m`: It is not changed.
+    `noise`: `range_sigma` and `range_sigma_quadratic` of the map.
     """
-
-    def __init__(self, m: OccupancyMap) -> None:
-        self._map = m
-        self._noise = m.options["range_sigma"], m.options["range_sigma_quadratic"]
-        # For all beams that a cell ends alike, its surface is anywhere in it, or just before it.
-        self._deep = m.min_cell_size
-        self._begin = 2.0 * m.min_cell_size  # The sensor's own cell may be unknown.
-
-    def of(self, pose: Floats, ends: Floats) -> Evidence:
-        """What end points (n, 2) in the sensor's frame say for a (3, 3) pose; O(n) rays."""
-        ranges = np.hypot(ends[:, 0], ends[:, 1])
-        ends, ranges = ends[ranges > self._begin], ranges[ranges > self._begin]
-        if not len(ends):
-            return Evidence(np.zeros(SECTORS), 0, 0.0)
-        bearings = np.arctan2(ends[:, 1], ends[:, 0])
-        order = np.argsort(bearings, kind="stable")
-        ends, ranges, bearings = ends[order], ranges[order], bearings[order]
-        ahead = ends / ranges[:, None] @ pose[:2, :2].T
-        cast = self._map.cast_rays(pose[:2, 2] + self._begin * ahead, ahead, unknown="stop", details=True)
-        first = np.where(np.isnan(cast.distance), np.inf, cast.distance + self._begin)
-        last = np.where(cast.state == 1, first, np.inf)
-        # Between a ray and those beside it, a surface may be anywhere.
-        first = np.minimum(first, np.minimum(np.roll(first, 1), np.roll(first, -1)))
-        is_known = np.isfinite(last)
-        last = np.maximum(last, np.maximum(np.roll(last, 1), np.roll(last, -1)))
-        before = np.maximum(first - ranges - 0.5 * self._deep, 0.0)
-        through = np.maximum(ranges - last - self._deep, 0.0)
-        sigma = np.hypot(0.5 * self._deep, self._noise[0] + self._noise[1] * np.square(ranges))
-        near = np.exp(-0.5 * np.square(np.maximum(before, through) / sigma))
-        least = np.where(before > 0.0, BEFORE, THROUGH)
-        likely = least + (1.0 - least) * near
-        likely = np.where(is_known, likely, np.minimum(likely, UNKNOWN))
-        return evidence_by(ends, np.log(likely), is_known)
+    deep = (
+        m.min_cell_size
+    )  # For all beams that a cell ends alike, its surface is anywhere in it, or before it.
+    begin = 2.0 * deep  # The sensor's own cell may be unknown.
+    ranges = np.hypot(ends[:, 0], ends[:, 1])
+    ends, ranges = ends[ranges > begin], ranges[ranges > begin]
+    if not len(ends):
+        return Evidence(np.zeros(SECTORS), 0, 0.0)
+    bearings = np.arctan2(ends[:, 1], ends[:, 0])
+    order = np.argsort(bearings, kind="stable")
+    ends, ranges, bearings = ends[order], ranges[order], bearings[order]
+    ahead = ends / ranges[:, None] @ pose[:2, :2].T
+    cast = m.cast_rays(pose[:2, 2] + begin * ahead, ahead, unknown="stop", details=True)
+    first = np.where(np.isnan(cast.distance), np.inf, cast.distance + begin)
+    last = np.where(cast.state == 1, first, np.inf)
+    # Between a ray and those beside it, a surface may be anywhere.
+    first = np.minimum(first, np.minimum(np.roll(first, 1), np.roll(first, -1)))
+    is_known = np.isfinite(last)
+    last = np.maximum(last, np.maximum(np.roll(last, 1), np.roll(last, -1)))
+    before = np.maximum(first - ranges - 0.5 * deep, 0.0)
+    through = np.maximum(ranges - last - deep, 0.0)
+    sigma = np.hypot(0.5 * deep, noise[0] + noise[1] * np.square(ranges))
+    near = np.exp(-0.5 * np.square(np.maximum(before, through) / sigma))
+    least = np.where(before > 0.0, BEFORE, THROUGH)
+    likely = least + (1.0 - least) * near
+    likely = np.where(is_known, likely, np.minimum(likely, UNKNOWN))
+    return evidence_by(ends, np.log(likely), is_known)
 
 
 def evidence_by(ends: Floats, likely: Floats, is_known: NDArray[np.bool_]) -> Evidence:

@@ -109,7 +109,8 @@ class Localizer:
         2-D, or 3-D with -z along gravity; it is not changed.
     guess : array_like, (3,) or (4,), optional
         Where the sensor is at the first scan: x, y and yaw, or x, y, z and yaw; left out, it is looked for in
-        all of the map. In a 3-D map without z, at all heights.
+        all of the map. In a 3-D map without z, at all heights. The yaw is that of the sensor's x axis; if
+        that is steeper than 45 degrees at the first scan, of its most level one.
 
     Attributes
     ----------
@@ -168,7 +169,7 @@ class Localizer:
         Localization
         """
         around, sensor = self._around, self._around.matrix_of(odometry)
-        at, ends = around.level(sensor), around.ends(points, sensor)
+        at, ends = around.seen(points, sensor)
         has_points = len(ends) >= _LEAST_POINTS
         waits = self._guess is not None and not has_points  # For points that tell a height.
         if self._guess is not None and not waits:

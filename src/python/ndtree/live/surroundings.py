@@ -24,9 +24,9 @@ from ndtree.live.hypotheses import (
     UNKNOWN,
     Evidence,
     Floats,
-    ScanEvidence,
     evidence_by,
     pieces_of,
+    scan_evidence,
 )
 
 #: Points that are matched at most, of a scan while it is tracked, and in all of the map.
@@ -67,11 +67,11 @@ class Surroundings:
         bounds = surface.lower.min(axis=0), (surface.lower + surface.size[:, None]).max(axis=0)
         self.extent: Floats = bounds[1] - bounds[0]
         self._middle: Floats = 0.5 * (bounds[0] + bounds[1])
-        self._cell = m.min_cell_size
+        self._map, self._cell = m, m.min_cell_size
+        self._noise = m.options["range_sigma"], m.options["range_sigma_quadratic"]
         self._step = COARSER * self._cell
         self._matcher: Matcher = m.matcher()
         self._coarse = self._searched(m, surface)
-        self._evidence = ScanEvidence(m)
 
     def _searched(self, m: OccupancyMap, surface: Any) -> Matcher:
         return m.matcher(cell_size=self._step)
@@ -88,13 +88,13 @@ class Surroundings:
         """A guessed pose at each height where it may be, if that was not said; the likeliest first."""
         return [pose]
 
-    def level(self, at: Floats) -> Floats:
-        """A sensor's pose without roll and pitch."""
-        return at
+    def level(self, pose: Floats) -> Floats:
+        """A pose without roll and pitch."""
+        return pose
 
-    def ends(self, points: ArrayLike, at: Floats) -> Floats:
-        """End points of a scan to be matched, in the levelled sensor's frame."""
-        return thinned(self._finite(points), TRACKED)
+    def seen(self, points: ArrayLike, sensor: Floats) -> tuple[Floats, Floats]:
+        """A sensor's pose without roll and pitch, and a scan's end points there, to be matched."""
+        return sensor, thinned(self._finite(points), TRACKED)
 
     def _finite(self, points: ArrayLike) -> Floats:
         ends = np.asarray(points, dtype=np.float64)
@@ -104,7 +104,7 @@ class Surroundings:
 
     def evidence(self, pose: Floats, ends: Floats) -> Evidence:
         """What a scan says for a pose."""
-        return self._evidence.of(pose, ends)
+        return scan_evidence(self._map, self._noise, pose, ends)
 
     def pieces(self, ends: Floats) -> int:
         """Of surface that a scan sees."""
@@ -174,10 +174,7 @@ class InSpace(Surroundings):
 
     dim = 3
 
-    def __init__(self, m: OccupancyMap) -> None:
-        super().__init__(m)
-        self._map = m
-        self._noise = m.options["range_sigma"], m.options["range_sigma_quadratic"]
+    _heading: int | None = None  # The sensor's axis whose direction from above is the yaw.
 
     def _searched(self, m: OccupancyMap, surface: Any) -> Matcher:
         """What stands in the map, from above."""
@@ -209,18 +206,23 @@ class InSpace(Surroundings):
         pose[2, 3] = math.nan
         return pose
 
-    def level(self, at: Floats) -> Floats:
-        return self.matrix_of([*at[:3, 3], yaw_of(at)])
+    def level(self, pose: Floats) -> Floats:
+        return self.matrix_of([*pose[:3, 3], yaw_of(pose)])
 
-    def ends(self, points: ArrayLike, at: Floats) -> Floats:
-        ends = self._finite(points) @ (self.level(at)[:3, :3].T @ at[:3, :3]).T
+    def seen(self, points: ArrayLike, sensor: Floats) -> tuple[Floats, Floats]:
+        if self._heading is None:  # x, unless it is steeper than 45 degrees.
+            steep = np.abs(sensor[2, :3])
+            self._heading = 0 if steep[0] < math.sqrt(0.5) else int(steep.argmin())
+        yaw = math.atan2(sensor[1, self._heading], sensor[0, self._heading])
+        at = self.matrix_of([*sensor[:3, 3], yaw])
+        ends = self._finite(points) @ (at[:3, :3].T @ sensor[:3, :3]).T
         _, first = np.unique(np.floor(ends / PIECE) @ [1e12, 1e6, 1.0], return_index=True)
         ends = ends[np.sort(first)]
         stands = upright(ends)
         flat = thinned(ends[~stands], int(FLAT * TRACKED))
         stands = thinned(ends[stands], TRACKED - len(flat))
         whole = np.concatenate([np.c_[stands, np.ones(len(stands))], np.c_[flat, np.zeros(len(flat))]])
-        return whole[np.random.default_rng(0).permutation(len(whole))]  # Any few of them are of both.
+        return at, whole[np.random.default_rng(0).permutation(len(whole))]  # Any few of them are of both.
 
     def _telling(self, ends: Floats) -> Floats:
         return ends[ends[:, 3] > 0.0]
