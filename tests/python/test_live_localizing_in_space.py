@@ -176,6 +176,15 @@ def test_a_lidar_whose_x_axis_is_steep_has_a_heading(house: Any) -> None:
     assert np.max(off) < 0.3  # It sees less of the walls than an upright one.
 
 
+def test_a_large_map_is_searched_on_a_coarser_grid() -> None:
+    m, poses = mapped(HOUSE, 1.0), drive()
+    m.insert(np.array([[600.0, 500.0, 150.0]]), [599.0, 500.0, 150.0])  # 2^24 bricks are 17 million.
+    with pytest.raises(ValueError, match="2\\^24 bricks"):
+        m.matcher()
+    off = followed(Localizer(m, (1.0, 1.8, 1.0, 0.3)), HOUSE, poses[:8], poses[0])
+    assert max(off) < 0.15
+
+
 def test_the_command_writes_poses_in_space(house: Any, tmp_path: Path) -> None:
     make, poses = Messages("ros2"), drive()[:12]
     rows: list[Any] = [

@@ -34,6 +34,8 @@ TRACKED, LOST = 400, 90
 #: All of the map is searched on a grid this much coarser than its smallest cells; then on the fine one, in
 #: a window of this number of the coarse grid's steps, and turned by this [rad]; of this number of poses.
 COARSER, STEPS, TURN, MOST = 4.0, 2.0, 0.15, 8
+#: Bricks of 8 cells on each axis that `Matcher` has at most.
+MOST_BRICKS = 2**24
 #: Modes of a scan are looked for up to this far from where it fits best [m], with this number of points.
 ALIKE, MODES_OF = 1.0, 150
 #: Of a scan in space, this share of points that do not stand upright, which tell its height.
@@ -70,7 +72,10 @@ class Surroundings:
         self._map, self._cell = m, m.min_cell_size
         self._noise = m.options["range_sigma"], m.options["range_sigma_quadratic"]
         self._step = COARSER * self._cell
-        self._matcher: Matcher = m.matcher()
+        self._grid = self._cell  # Of the matcher, which holds 350 MB at most: coarser in a large map.
+        while np.prod(np.ceil((self.extent / self._grid + 12.0) / 8.0)) > MOST_BRICKS:
+            self._grid *= 2.0
+        self._matcher: Matcher = m.matcher(cell_size=self._grid)
         self._coarse = self._searched(m, surface)
 
     def _searched(self, m: OccupancyMap, surface: Any) -> Matcher:
@@ -256,7 +261,7 @@ class InSpace(Surroundings):
 
     def covariance(self, match: Any) -> Floats:
         # A surface is anywhere in its cells.
-        return np.asarray(match.covariance)[_UPRIGHT] + np.diag([self._cell**2 / 12.0] * 3 + [0.0])
+        return np.asarray(match.covariance)[_UPRIGHT] + np.diag([self._grid**2 / 12.0] * 3 + [0.0])
 
     def match(
         self, ends: Floats, guess: Floats, window: tuple[float, float], prior: Floats | None = None
