@@ -132,6 +132,10 @@ def test_of_two_equal_storeys_none_is_told() -> None:
     for guess in (None, (1.0, 1.8, 0.3)):
         assert np.isinf(followed(Localizer(m, guess), boxes, poses[:20], poses[0])).all()
     assert max(followed(Localizer(m, (1.0, 1.8, above, 0.3)), boxes, poses[:20], poses[0])) < 0.12
+    # Where one is higher, a guess without a height is as good as one with it.
+    higher = np.concatenate([HOUSE, storey(HEIGHT + 0.2, *THINGS) * [1.0, 1.0, 1.3]])
+    localizer = Localizer(mapped(higher, 1.0, 4.9), (1.2, 1.5, 0.1))
+    assert max(followed(localizer, higher, drive(4.9)[:8], drive(4.9)[0])[4:]) < 0.15
     # One more box tells them apart.
     boxes = np.concatenate([boxes, storey(HEIGHT + 0.2, (6.8, 3.0, 0.8, 1.2, 1.2))])
     off = followed(Localizer(mapped(boxes, 1.0, above)), boxes, poses, poses[0])

@@ -139,6 +139,7 @@ class Localizer:
         self._guess = None if guess is None else self._around.guess_of(guess)
         self._told = self._guessed(np.eye(m.dim + 1))  # The last that was likeliest.
         self._hypotheses: list[Hypothesis] = []
+        self._heights: list[Hypothesis] = []  # Of a guess that says none, of which one is right.
         self._viewpoints: list[Viewpoint] = []  # Since it is not sure which.
         self._prior: Prior | None = None  # Where it may have been when it was not sure; None: anywhere.
         self._usual: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)  # Means and scores that fitted.
@@ -175,6 +176,7 @@ class Localizer:
         if self._guess is not None and not waits:
             poses, self._guess = around.heights(ends, self._guess), None
             self._hypotheses = [self._guessed(pose @ inverse(at)) for pose in poses]
+            self._heights = self._hypotheses if len(poses) > 1 else []
             if self._hypotheses:
                 self._told = self._hypotheses[0]
             else:
@@ -215,7 +217,7 @@ class Localizer:
         said = _apart(said, at)
         if self._is_lost or self._viewpoints:
             self._see(ends, at, [(one, evidence) for one, _, evidence in said])
-        elif said and (narrowed or self._is_odd(said[0][2], said[0][1].score)):
+        elif said and (narrowed or self._heights or self._is_odd(said[0][2], said[0][1].score)):
             self._viewpoints = [Viewpoint(at, ends, said[0][2].pieces)]
             self._told.prior = self._prior_of(self._told, at)
             for one, _, evidence in said:
@@ -238,7 +240,7 @@ class Localizer:
         lead = min(elsewhere, default=math.inf)
         self._hypotheses = [one for (one, _, _), by in zip(said, likelier[first]) if by <= FORGETS]
         self._judge(best, lead, self._is_odd(evidence, match.score))
-        self._is_doubted = self._is_doubted and not self._is_lost and best.failed > 0
+        self._is_doubted = self._is_doubted and not self._is_lost and (best.failed > 0 or lead < CERTAIN)
         if best.failed == 0 and not self._is_lost and lead >= CERTAIN and best is self._told:
             self._usual.append((evidence.mean, match.score))
         return match
@@ -248,7 +250,11 @@ class Localizer:
         if best.failed == 0:
             self.fitting += 1
             self._follower.jumped = 0.0
-        if self._is_lost:
+        if not self._is_lost and any(self._is_near(one, best) for one in self._heights):
+            self._told = best
+            if best.failed == 0 and lead >= CERTAIN:
+                self._settle(best)
+        elif self._is_lost:
             self._told = best
             if lead >= CERTAIN and self._is_found(best):
                 self._is_lost = False
@@ -256,7 +262,7 @@ class Localizer:
         elif lead < DOUBTS:
             self._lose()
         elif best is not self._told:
-            if best.failed == 0 and (lead >= CERTAIN and self._is_near(best)):
+            if best.failed == 0 and (lead >= CERTAIN and self._is_near(self._told, best)):
                 self._settle(best)
             elif not self._told.tells(best, self._follower.before, self._extent):
                 self._lose()
@@ -266,10 +272,10 @@ class Localizer:
     def _prior_of(self, one: Hypothesis, at: Floats) -> float:
         return 0.0 if self._prior is None else self._prior.of(one.map_odometry, at)
 
-    def _is_near(self, one: Hypothesis) -> bool:
-        """Whether the robot may have moved there by itself."""
+    def _is_near(self, one: Hypothesis, other: Hypothesis) -> bool:
+        """Whether the robot may have moved from one to another by itself."""
         assert self._follower.before is not None
-        way, turn = lengths_of(self._told.away(one, self._follower.before))
+        way, turn = lengths_of(one.away(other, self._follower.before))
         return way < WIDEST[0] and turn < WIDEST[1]
 
     def _is_found(self, one: Hypothesis) -> bool:
@@ -289,11 +295,11 @@ class Localizer:
     def _settle(self, one: Hypothesis) -> None:
         """One is left."""
         one.prior, one.seen, one.scans = 0.0, [], []
-        self._hypotheses, self._viewpoints = [one], []
+        self._hypotheses, self._viewpoints, self._heights = [one], [], []
         self._told = one
 
     def _lose(self) -> None:
-        self._is_lost = True
+        self._is_lost, self._heights = True, []
         self.times_lost += 1
         self._rests = self._rested = 0
 
