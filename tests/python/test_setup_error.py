@@ -156,6 +156,21 @@ def test_wrong_units(share: float) -> None:
     assert f"% {'more' if share > 0 else 'less'} than the poses say" in str(found)
 
 
+@pytest.mark.parametrize(
+    ("told", "ranges", "kind", "values"),
+    [
+        ([1000, 1000, 1], 1, "unit", (0.001,)),
+        ([1, 1, 1], 100, "unit", (100.0,)),
+        ([1, 1, math.degrees(1)], 1, "degrees", ()),
+    ],
+)
+def test_numbers_in_other_units(
+    told: list[float], ranges: float, kind: str, values: tuple[float, ...]
+) -> None:
+    found = found_in(log_of(lambda times: drive(times) * told, lambda readings: ranges * readings))
+    assert found is not None and (found.kind, found.values) == (kind, values)
+
+
 def test_turns_that_are_measured_wrongly() -> None:
     """Odometry adds up steps, each of which turns by a share of what it should."""
     true = drive(EVERY * np.arange(120))

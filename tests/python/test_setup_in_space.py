@@ -171,6 +171,37 @@ def test_poses_that_are_read_in_another_way(drive: tuple[Poses, list[Floats]]) -
         assert found is not None and found.kind == kind and "expected" in str(found), (kind, found)
     found = found_in(true, [points * [1, -1, 1] for points in clouds])
     assert found is not None and found.kind == "mirrored"
+    yaws = np.unwrap(np.arctan2(true[:, 1, 0], true[:, 0, 0]))
+    found = found_in(with_yaws(true, np.degrees(yaws)), clouds)
+    assert found is not None and found.kind == "degrees" and "0.017453" in str(found)
+
+
+def with_yaws(poses: Floats, yaws: Floats) -> Floats:
+    """Of a level robot, at the same places."""
+    result = poses.copy()
+    result[:, :3, :3] = [_turned(0, 0, yaw)[:3, :3] for yaw in yaws]
+    return result
+
+
+@pytest.mark.parametrize(
+    ("places", "ranges", "words"),
+    [
+        (1000, 1, "positions of poses were in mm: expected metres: multiply them by 0.001 (of t x y z"),
+        (100, 1, "positions of poses were in cm: expected metres: multiply them by 0.01 (of t x y z"),
+        (1, 1000, "points were in mm: expected metres: multiply them by 0.001"),
+        (1, 1 / 0.0254, "points were in inches: expected metres: multiply them by 0.0254"),
+        (1000, 1000, None),
+    ],
+)
+def test_positions_and_points_in_other_units(
+    drive: tuple[Poses, list[Floats]], places: float, ranges: float, words: str | None
+) -> None:
+    """Units that both share fit; a robot that stands while its poses do not tells no unit."""
+    told = drive[0](TIMES)
+    told[:, :3, 3] *= places
+    found = found_in(told, [ranges * points for points in drive[1]])
+    assert (found is None) if words is None else words in str(found)
+    assert words is None or found_in(told, 60 * [ranges * drive[1][0]]) is None
 
 
 def test_a_sensor_that_hangs_upside_down_or_looks_aside_is_right(drive: tuple[Poses, list[Floats]]) -> None:

@@ -34,14 +34,16 @@ from ndtree.tuning.setup_error import (
     GAIN,
     LEAST_PAIRS,
     NEARER,
+    UNITS,
     SetupError,
+    are_degrees,
     fits_of,
     is_gain,
     likeliest,
     likelihood,
     said_of,
 )
-from ndtree.tuning.surfaces import Cloud, turn_of, turned_by
+from ndtree.tuning.surfaces import START, Cloud, turn_of, turned_by, unit_of
 
 _FOLLOWS = 1.5  # Usual steps: a cloud that comes no later is the next.
 _MOST_PAIRS, _MOST_NEAR = 48, 16  # For the time that they take.
@@ -53,7 +55,8 @@ _FRESH = (0.1, 0.06)  # From one to the next, so that a cloud is in few pairs [m
 _FITS = 0.3  # Of the patches, in clouds that fit each other.
 _AS_WELL = 0.02  # A match fits no better.
 _SAME = 0.03  # Motions that differ by less lead to one match [m, rad].
-_LEAST = 1.0  # Of information: no match is farther away than is searched [1/m², 1/rad²].
+#: Information that patterns of beams alone have, too; less is none [1/m², 1/rad²].
+_LEAST, _NONE = 1.0, 1e-4
 #: What poses err, each by itself: place [m] and turn [rad].
 _POSES = np.array([0.02, 0.02, 0.03, 0.0123, 0.0123, 0.008])
 #: What may be wrong, and its columns of `_Log.slopes`.
@@ -114,8 +117,16 @@ _ASIDE: dict[str, Callable[[Floats], Floats]] = {
 _LENGTHS: dict[str, Callable[[Floats], Floats]] = {
     f"times {scale}": partial(_times, scale=scale) for scale in (0.8, 0.9, 1.1, 1.2)
 }
+_UNITS = {f"times {scale}": scale for scale in UNITS}
+#: Ways in other units, or none; and no motion at all, from where a turn is found that nobody tells.
+_MEASURES: dict[str, Callable[[Floats], Floats]] = {
+    **{kind: partial(_times, scale=scale) for kind, scale in {"times 0.0": 0.0, **_UNITS}.items()},
+    "degrees": lambda motions: np.tile(np.eye(4), (len(motions), 1, 1)),
+}
+#: Of these, those next to none: rings on the ground look the same as if nothing had moved.
+_STILL = ("times 0.0", *(kind for kind, scale in _UNITS.items() if scale < 1), "degrees")
 #: What else a robot's motion may be.
-_MOTIONS = {"mirrored": lambda motions: _MIRROR @ motions @ _MIRROR, **_ASIDE}
+_MOTIONS = {"mirrored": lambda motions: _MIRROR @ motions @ _MIRROR, **_ASIDE, **_MEASURES}
 
 
 def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
@@ -128,26 +139,38 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     pairs, is_far = log.pairs()
     readings = log.readings(pairs)
     few = slice(None, None, max(1, len(pairs) // _MOST_NEAR))
-    agree = {kind: log.agreement(pairs[few], motions[few]) for kind, motions in readings.items()}
-    kinds = [kind for kind in readings if agree[kind] >= agree[""]]
+    agree = {
+        kind: log.agreement(pairs[few], motions[few])
+        for kind, motions in readings.items()
+        if kind not in _STILL or _is_beyond(readings[""][~is_far])
+    }
+    kinds = [kind for kind in agree if agree[kind] >= agree[""]]
     if len(kinds) == 1:
-        pairs, is_far, readings = pairs[is_far], is_far[is_far], {"": readings[""][is_far]}
+        use = is_far if is_far.any() else np.isin(np.arange(len(pairs)), np.arange(len(pairs))[few])
+        pairs, is_far = pairs[use], is_far[use]
+        readings = {kind: motions[use] for kind, motions in readings.items()}
     at, seen, covariances = log.matched(pairs, [readings[kind] for kind in kinds])
-    covariances = (covariances + 2 * np.diag(_POSES**2))[:, log.freedoms][:, :, log.freedoms]
+    covariances = (covariances + _noise(readings[""][at]))[:, log.freedoms][:, :, log.freedoms]
     whitening = np.linalg.inv(np.linalg.cholesky(covariances))
-    if len(kinds) > 1 and len(at) >= LEAST_PAIRS:
+    if len(at) >= LEAST_PAIRS:
         left = {
             kind: np.einsum("nij,nj->ni", whitening, log.errors(seen, readings[kind][at]))
-            for kind in ("", *_ASIDE, *_LENGTHS, *_READINGS, "mirrored")
-            if kind in kinds
+            for kind in ("", *_ASIDE, *_LENGTHS, *_READINGS, "mirrored", "times 0.0", *_UNITS, "degrees")
+            if kind in (*kinds, "times 0.0", *_UNITS)  # Of ways next to none, told ones fit as well.
         }
+        others = [_errors(seen, readings[kind][at])[:, 3:] for kind in {"degrees", *left}]
+        turns = (np.array([turn_of(one)[2] for one in some[:, :3, :3]]) for some in (readings[""][at], seen))
+        if are_degrees(*turns, others, 1 / np.linalg.norm(whitening[:, :, -1], axis=1)):
+            return SetupError("degrees", (), None)
         likely = {kind: likelihood(one) for kind, one in left.items()}
         # Straight on, several read alike: the first of them.
         best = next(kind for kind in likely if likely[kind] > max(likely.values()) - BOTH)
-        if best not in ("", *_ASIDE, *_LENGTHS) and is_gain(left[""], left[best]):
+        if best in (*_READINGS, "mirrored") and is_gain(left[""], left[best]):
             return SetupError(best, (), None)
+        if best in _UNITS and is_gain(left[""], left[best]):
+            return SetupError("unit", (_UNITS[best],), None)
     far = is_far[at]
-    if np.count_nonzero(far) < LEAST_PAIRS:
+    if np.count_nonzero(far) < LEAST_PAIRS or log.unit != 1.0:
         return None
     pairs, seen, whitening = pairs[at[far]], seen[far], whitening[far]
     told = log.motions(pairs)
@@ -228,7 +251,14 @@ class _Log:
 
     def __init__(self, runs: Sequence[Sequence[Cloud]]) -> None:
         runs = _joined(runs)
-        self.clouds = _fresh([one for run in runs for one in run[1:-1]])
+        #: What clouds and ways are multiplied by.
+        self.unit = unit_of([one for run in runs for one in run[1:-1]])
+        if self.unit != 1.0:
+            runs = [[one.times(self.unit) for one in run] for run in runs]
+        clouds = [one for run in runs for one in run[1:-1]]
+        self.clouds = _fresh(clouds)
+        if len(self.clouds) < LEAST_PAIRS:  # It stands, or the way is in far too large a unit.
+            self.clouds = clouds[:: max(1, len(clouds) // (2 * LEAST_PAIRS))]
         self.is_planar = any(one.scan.dim == 2 for one in self.clouds)
         #: Columns of motions and their errors that are seen.
         self.freedoms = [0, 1, 5] if self.is_planar else list(range(6))
@@ -299,7 +329,7 @@ class _Log:
         turned = sorted(far, key=lambda pair: np.vdot(turns[pair[0]], turns[pair[1]]))
         far = sorted({*turned[: _MOST_PAIRS // 2], *far[:: max(1, math.ceil(2 * len(far) / _MOST_PAIRS))]})
         near = [(i, i + k) for i in range(number) for k in (1, 2) if i + k < number]
-        near = near[:: max(1, math.ceil(len(near) / _MOST_NEAR))]
+        near = near[:: max(1, math.ceil(len(near) / (_MOST_NEAR if far else _MOST_PAIRS)))]
         pairs = sorted({*far, *near})
         is_far = [one in far for one in pairs]
         return np.array(pairs, dtype=int).reshape(-1, 2), np.array(is_far, dtype=bool)
@@ -355,7 +385,7 @@ class _Log:
                 seen.append(self.seat @ best @ self.seat.T)
                 known, axes = np.linalg.eigh(told)
                 axes = turn @ axes
-                covariances.append((axes / known.clip(_LEAST)) @ axes.T)
+                covariances.append((axes / np.where(known > _LEAST, known, _NONE)) @ axes.T)
         return (
             np.array(found, dtype=int),
             np.array(seen).reshape(-1, 4, 4),
@@ -369,17 +399,19 @@ class _Log:
     def slopes(self, pairs: Floats, told: Floats) -> Floats:
         """(n, 6, 8) how errors of motions (n, 4, 4) grow with each thing that may be wrong.
 
-        What is proportional to the way goes by other poses' ways (an instrumental variable): along a corridor
-        only the way across is seen, whose told part is noise, and that is in the error, too, the other way.
+        What is proportional to the way or the turn goes by those of other poses (an instrumental variable):
+        along a corridor only the way across is seen, whose told part is noise, and that is in the error, too,
+        the other way; on a level floor, so is the tilt.
         """
         place, rotation = told[:, :3, 3], told[:, :3, :3]
-        way = _between(self.by_others, pairs)[:, :3, 3]
+        others = _between(self.by_others, pairs)
+        way = others[:, :3, 3]
         turn = np.array([turn_of(one) for one in rotation]).reshape(-1, 3)
         slopes = np.zeros((len(told), 6, 8))
         far = np.where(np.linalg.norm(place, axis=1) > _LEAST_MOTION[0], 1.0, 0.0)[:, None]
         slopes[:, :2, 0] = far * np.column_stack((way[:, 1], -way[:, 0]))
         slopes[:, :3, 1] = far * way
-        still = rotation - np.eye(3)
+        still = others[:, :3, :3] - np.eye(3)
         slopes[:, :3, 2:4] = still[:, :, :2]
         one, two = (self.velocities[pairs[:, k]] for k in (0, 1))
         slopes[:, :3, 4] = np.einsum("nij,nj->ni", rotation, two[:, :3]) - one[:, :3]
@@ -420,6 +452,21 @@ def _fresh(clouds: list[Cloud]) -> list[Cloud]:
 def _between(poses: Floats, pairs: Floats) -> Floats:
     result: Floats = np.linalg.inv(poses[pairs[:, 0]]) @ poses[pairs[:, 1]]
     return result
+
+
+def _is_beyond(told: Floats) -> bool:
+    """Whether clouds that follow each other are mostly told to be farther apart than matches are searched."""
+    apart = np.array([np.abs(_vector(one) / START).max() for one in told])
+    return len(apart) > 0 and float(np.median(apart)) > 1.0
+
+
+def _noise(told: Floats) -> Floats:
+    """(n, 6, 6) covariance of motions by what poses err: the first one's turn moves where the second is."""
+    arm = np.tile(np.eye(6), (len(told), 1, 1))
+    x, y, z = told[:, :3, 3].T
+    arm[:, [0, 1, 2, 2, 0, 1], [4, 5, 3, 4, 5, 3]] = np.stack([-z, -x, -y, x, y, z], axis=1)
+    noise: Floats = np.diag(_POSES**2) + arm * _POSES**2 @ arm.transpose(0, 2, 1)
+    return noise
 
 
 def _heading(rotation: Floats, first: Floats) -> float:

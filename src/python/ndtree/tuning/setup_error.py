@@ -9,27 +9,33 @@ hardly worse in any part of the log, and if it puts surfaces apart that are seen
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ndtree._errors import Text, key
-from ndtree.alignment.planar import Floats
+from ndtree.alignment.planar import Floats, wrapped
 
 #: How much likelier errors must be, in logarithms: by chance one right log in 10,000 gains 11 with three
 #: values, and twice as much as scans are in several pairs. And which share of that may be lost in a part of
 #: the log.
 GAIN, NOWHERE_LESS, PARTS = 20.0, 0.1, 4
+WRONG = 8  # Of so many matches, one may be wrong.
 BOTH = 10.0  # Of two things at once, how much likelier they must be than one.
 #: How far apart two views of a surface then lie [m], the diagonal of a usual smallest cell: at AWAY from
 #: scans that are NEARER than that to each other [m], in all but a few pairs of them at most.
 APART, AWAY, NEARER, _MOST = 0.07, 5.0, 3.0, 0.98
 LEAST_PAIRS = 12
 _FREEDOM = 2.0  # Of Student's t: some matches are wrong.
-_MEDIAN = {3: 2.37, 6: 5.35}  # Of the squared length of 3 or 6 standard normal numbers.
+_MEDIAN = {1: 0.455, 3: 2.37, 6: 5.35}  # Of the squared length of so many standard normal numbers.
 _ROUNDS = 30
 _ANGLE = math.radians(1.5)  # Of a mount that is turned; else only the scale is wrong.
 _LEAST_SCALE = 0.2  # Nearer to 0, nothing was seen to move.
+
+#: Positions in mm, cm or inches, and points: what positions are to be multiplied by to fit, and the names.
+UNITS = {0.001: "mm", 0.01: "cm", 0.0254: "inches", 1000.0: "mm", 100.0: "cm", 1 / 0.0254: "inches"}
+_DEGREE = math.radians(1.0)
 
 _MISREAD = {
     "inverted": (
@@ -41,6 +47,7 @@ _MISREAD = {
         "expected turns to the left to be positive, seen from above",
     ),
     "axes": ("poses were those of a camera, whose z axis looks ahead", "expected those of a body with z up"),
+    "degrees": ("yaws of poses were in degrees", f"expected radians: multiply them by {_DEGREE:.6f}"),
     "wxyz": ("quaternions were written as w, x, y, z", "expected x, y, z, w"),
 }
 
@@ -51,10 +58,11 @@ class SetupError:
 
     `kind`: "yaw", "place" or both of the "mount", its "tilt", "clock", "scale" of distances between poses,
         "turns", "mirrored", or poses that are "inverted", have the other "signs" of turns, are in the
-        "axes" of a camera, or have quaternions in the order "wxyz".
+        "axes" of a camera, have quaternions in the order "wxyz", yaws in "degrees", or another "unit".
     `values`: To be added: [rad], along the sensor's x axis and to the left of that, seen from above [m], roll
-        and pitch [rad], [s], or a fraction; none of the last five.
-    `apart`: How far apart two views of a surface 5 m away would lie at most [m]; None of the last five.
+        and pitch [rad], [s], a fraction, or what positions are to be
+        multiplied by for the unit of points; none of misread poses.
+    `apart`: How far apart two views of a surface 5 m away would lie at most [m]; None of misread poses.
     """
 
     kind: str
@@ -77,6 +85,14 @@ class SetupError:
                 "in the other order, or angles of poses have the other sign"
             )
         value = self.values[0]
+        if self.kind == "unit":
+            factor = f"{min(value, 1 / value):.4g}"
+            if value > 1:
+                return f"points were in {UNITS[value]}", f"expected metres: multiply them by {factor}"
+            return f"positions of poses were in {UNITS[value]}", (
+                f"expected metres: multiply them by {factor} (of t x y z qx qy qz qw: "
+                f"awk '{{for (i = 2; i < 5; i++) $i *= {factor}}} 1' POSES > METRES)"
+            )
         more = "more" if value > 0 else "less"
         mount = f"check the sensor's place on the robot (of a bag: /tf, {key('mount')})"
         if self.kind == "yaw":
@@ -148,19 +164,47 @@ def fits_of(errors: Floats, raw: Floats, whitening: Floats, kinds: dict[str, lis
 
 
 def likeliest(errors: Floats, fits: Fits) -> str | None:
-    """Which explains whitened errors best; None if none does."""
-    able = [kind for kind in fits if is_gain(errors, fits[kind][1])]
-    return max(
-        able, key=lambda kind: likelihood(fits[kind][1]) - BOTH * (kind in ("mount", "way")), default=None
-    )
+    """Which explains whitened errors best; None if none does.
+
+    Values are of about 1 before anything is known, as in `_fitted`: along a bend, a sensor that sits a radius
+    beside its place sees what a scale does.
+    """
+    able = {
+        kind: likelihood(left) - 0.5 * float(values @ values) - BOTH * (kind in ("mount", "way"))
+        for kind, (values, left) in fits.items()
+        if is_gain(errors, left)
+    }
+    return max(able, key=lambda kind: able[kind], default=None)
 
 
 def is_gain(errors: Floats, left: Floats) -> bool:
-    """Whether what is left of errors is far likelier, and hardly less likely in any part of the log."""
-    parts = np.array_split(np.arange(len(errors)), PARTS)
-    gains = [likelihood(left[part]) - likelihood(errors[part]) for part in parts]
-    gain = likelihood(left) - likelihood(errors)
-    return gain >= GAIN and min(gains) >= -NOWHERE_LESS * gain
+    """Whether what is left of errors is far likelier, and hardly less likely in any part of the log.
+
+    It is likelier without the most telling pairs, too: a few matches are wrong.
+    """
+    each = _likelihoods(left) - _likelihoods(errors)
+    gain = float(each.sum())
+    parts = [float(part.sum()) for part in np.array_split(each, PARTS)]
+    most = np.sort(each)[: len(each) - len(each) // WRONG]
+    return gain >= GAIN and min(parts) >= -NOWHERE_LESS * gain and float(most.sum()) >= BOTH
+
+
+def are_degrees(told: Floats, seen: Floats, others: Sequence[Floats], sigma: Floats) -> bool:
+    """Whether turns (n,) that were told are those of degrees that were read as radians [rad].
+
+    `others`: Errors (n, 3) of turns as other readings have them.
+
+    Whole turns of the degrees are lost, so that they tell all but multiples of 6 degrees: what fits hardly
+    better than 3 degrees aside fits by chance.
+    """
+
+    def likely(aside: float) -> float:
+        off = wrapped((seen - aside) / _DEGREE - told) * _DEGREE / sigma
+        return likelihood(off[:, None])
+
+    beside = [likely(math.pi * _DEGREE)]
+    beside += [likelihood(np.linalg.norm(one, axis=1, keepdims=True) / sigma[:, None]) for one in others]
+    return likely(0.0) >= max(beside) + GAIN
 
 
 def _size(errors: Floats) -> Floats:
@@ -199,8 +243,13 @@ def _spread(squared: Floats, freedoms: int) -> float:
 
 def likelihood(errors: Floats) -> float:
     """The logarithm for whitened errors (n, d), without constants."""
+    return float(_likelihoods(errors).sum())
+
+
+def _likelihoods(errors: Floats) -> Floats:
+    """(n,) of each pair."""
     freedoms = errors.shape[1]
     squared = (errors**2).sum(axis=1)
     spread = _spread(squared, freedoms)
-    terms = np.log1p(squared / spread / _FREEDOM).sum()
-    return -0.5 * (_FREEDOM + freedoms) * float(terms) - 0.5 * freedoms * len(errors) * math.log(spread)
+    terms: Floats = (_FREEDOM + freedoms) * np.log1p(squared / spread / _FREEDOM)
+    return -0.5 * (terms + freedoms * math.log(spread))

@@ -10,7 +10,7 @@ the rings does not count, and what a corridor does not tell has a large covarian
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -31,10 +31,11 @@ _PARALLEL = 0.9  # Cosine of normals of the same surface.
 _ERROR = 0.02  # Of a patch, beside half of its thickness [m].
 _SLANT = math.radians(5.0)  # Normals of rods err alike by that: their near sides are seen.
 _FREEDOM = 2.0  # Of Student's t.
-_START = np.array([1.0, 1.0, 1.0, 0.35, 0.35, 0.35])  # How far patches are from their places [m, rad].
+START = np.array([1.0, 1.0, 1.0, 0.35, 0.35, 0.35])  # How far patches are from their places [m, rad].
 _BESIDE = 0.1  # Of its plane, a patch is on it [m].
 _BEAMS = 180  # The next beam of a scan of 180 shows how a surface is turned.
 _CUBES = 2048  # On each side of the sensor.
+_USUAL = 5.0  # Range for which cubes have these sizes [m].
 
 
 @dataclass(frozen=True)
@@ -125,6 +126,12 @@ class Cloud:
         step = len(scan) // _MOST_POINTS | 1  # Rings are even in number.
         return cls(scan.only(slice(None, None, step if step % 5 else step + 2)), pose)
 
+    def times(self, scale: float) -> Cloud:
+        """With all lengths that many times as large."""
+        scan, pose = self.scan, self.pose.copy()
+        pose[:3, 3] *= scale
+        return Cloud(replace(scan, endpoints=scan.endpoints * scale, origin=scan.origin * scale), pose)
+
     def cut(self, rule: Callable[[Scan], Scan]) -> Cloud:
         """With beams as a rule has them, by which some have not returned."""
         return replace(self, scan=rule(self.scan))
@@ -162,8 +169,8 @@ class Cloud:
                 weights = (_FREEDOM + 1) / (_FREEDOM * variance + off**2)
                 information = (rows * weights[:, None]).T @ rows
                 away = np.append(pose[:3, 3] - motion[:3, 3], turn_of(pose[:3, :3] @ motion[:3, :3].T))
-                slope = rows.T @ (weights * off) + away / _START**2
-                change = -np.linalg.solve(information + np.diag(_START**-2), slope).clip(-_START, _START)
+                slope = rows.T @ (weights * off) + away / START**2
+                change = -np.linalg.solve(information + np.diag(START**-2), slope).clip(-START, START)
                 pose[:3, 3] += change[:3]
                 pose[:3, :3] = turned_by(change[3:]) @ pose[:3, :3]
                 if np.abs(change).max() < _STILL:
@@ -196,6 +203,17 @@ class Cloud:
         off = np.einsum("ni,ni->n", normal, arm + motion[:3, 3] - one.mean[at])
         variance = _ERROR**2 + 0.25 * (one.variance[at] + two.variance[which])
         return normal, off, arm, variance, one.slant[at] + _SLANT**2
+
+
+def unit_of(clouds: Sequence[Cloud]) -> float:
+    """What lengths of clouds are multiplied by: 1 but for absurd ones, of which there are hardly patches."""
+    clouds = clouds[::64]
+    ranges = [np.linalg.norm(one.scan.endpoints - one.scan.origin, axis=1)[one.scan.hits()] for one in clouds]
+    usual = float(np.median(np.concatenate([*ranges, [_USUAL]])))
+    if 0.1 * _USUAL < usual < 10 * _USUAL:
+        return 1.0
+    told, scaled = (sum(len(one.times(by).patches.keys) for one in clouds) for by in (1.0, _USUAL / usual))
+    return 1.0 if 4 * told > scaled else _USUAL / usual
 
 
 def _sides(points: Floats) -> list[Floats]:
