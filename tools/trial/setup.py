@@ -24,8 +24,6 @@ _SAID = {
     "mirrored": {"mirrored"},
     "backwards": {"signs", "mirrored"},
     "scaled": {"scale"},
-    "millimetres": {"unit"},
-    "degrees": {"degrees"},
     "begins_at_0": set(),
 }
 
@@ -52,8 +50,6 @@ def _told(true: Told, fault: str, rng: np.random.Generator, first: float) -> Tol
         "late": lambda times: true(times + 0.3 * size),
         "turned": lambda times: true(times) + np.array([0, 0, 0.2 * size]),
         "moved": moved,
-        "millimetres": lambda times: true(times) * [1000, 1000, 1],
-        "degrees": lambda times: true(times) * [1, 1, np.degrees(1)],
         "backwards": lambda times: true(times) * [1, 1, -1],
         "begins_at_0": lambda times: np.where((times < first)[:, None], 0.0, true(times)),
     }

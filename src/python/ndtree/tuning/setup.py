@@ -43,7 +43,7 @@ from ndtree.tuning.setup_error import (
     likelihood,
     said_of,
 )
-from ndtree.tuning.surfaces import START, Cloud, turn_of, turned_by, unit_of
+from ndtree.tuning.surfaces import Cloud, turn_of, turned_by, unit_of
 
 _FOLLOWS = 1.5  # Usual steps: a cloud that comes no later is the next.
 _MOST_PAIRS, _MOST_NEAR = 48, 16  # For the time that they take.
@@ -55,8 +55,6 @@ _FRESH = (0.1, 0.06)  # From one to the next, so that a cloud is in few pairs [m
 _FITS = 0.3  # Of the patches, in clouds that fit each other.
 _AS_WELL = 0.02  # A match fits no better.
 _SAME = 0.03  # Motions that differ by less lead to one match [m, rad].
-#: Information that patterns of beams alone have, too; less is none [1/m², 1/rad²].
-_LEAST, _NONE = 1.0, 1e-4
 #: What poses err, each by itself: place [m] and turn [rad].
 _POSES = np.array([0.02, 0.02, 0.03, 0.0123, 0.0123, 0.008])
 #: What may be wrong, and its columns of `_Log.slopes`.
@@ -118,13 +116,15 @@ _LENGTHS: dict[str, Callable[[Floats], Floats]] = {
     f"times {scale}": partial(_times, scale=scale) for scale in (0.8, 0.9, 1.1, 1.2)
 }
 _UNITS = {f"times {scale}": scale for scale in UNITS}
-#: Ways in other units, or none; and no motion at all, from where a turn is found that nobody tells.
+#: Ways in other units, or none; and no motion at all, from where turns are found that no pose tells.
 _MEASURES: dict[str, Callable[[Floats], Floats]] = {
     **{kind: partial(_times, scale=scale) for kind, scale in {"times 0.0": 0.0, **_UNITS}.items()},
     "degrees": lambda motions: np.tile(np.eye(4), (len(motions), 1, 1)),
 }
 #: Of these, those next to none: rings on the ground look the same as if nothing had moved.
-_STILL = ("times 0.0", *(kind for kind, scale in _UNITS.items() if scale < 1), "degrees")
+_STILL = ("times 0.0", *(kind for kind, scale in _UNITS.items() if scale < 1))
+#: A turn to the next cloud that no match finds [rad], and the quantile of turns that is above it if misread.
+_LOST, _MANY = 0.35, 0.8
 #: What else a robot's motion may be.
 _MOTIONS = {"mirrored": lambda motions: _MIRROR @ motions @ _MIRROR, **_ASIDE, **_MEASURES}
 
@@ -139,10 +139,15 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     pairs, is_far = log.pairs()
     readings = log.readings(pairs)
     few = slice(None, None, max(1, len(pairs) // _MOST_NEAR))
+    turned = [float(np.linalg.norm(turn_of(one[:3, :3]))) for one in readings[""][~is_far]]
+    unlikely = {
+        *(_STILL if np.count_nonzero(is_far) >= LEAST_PAIRS else ()),
+        *(["degrees"] if float(np.quantile(turned or [0.0], _MANY)) < _LOST else ()),
+    }
     agree = {
         kind: log.agreement(pairs[few], motions[few])
         for kind, motions in readings.items()
-        if kind not in _STILL or _is_beyond(readings[""][~is_far])
+        if kind not in unlikely
     }
     kinds = [kind for kind in agree if agree[kind] >= agree[""]]
     if len(kinds) == 1:
@@ -158,17 +163,18 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
             for kind in ("", *_ASIDE, *_LENGTHS, *_READINGS, "mirrored", "times 0.0", *_UNITS, "degrees")
             if kind in (*kinds, "times 0.0", *_UNITS)  # Of ways next to none, told ones fit as well.
         }
-        others = [_errors(seen, readings[kind][at])[:, 3:] for kind in {"degrees", *left}]
-        turns = (np.array([turn_of(one)[2] for one in some[:, :3, :3]]) for some in (readings[""][at], seen))
-        if are_degrees(*turns, others, 1 / np.linalg.norm(whitening[:, :, -1], axis=1)):
-            return SetupError("degrees", (), None)
+        if "degrees" in kinds:
+            others = [_errors(seen, readings[kind][at])[:, 3:] for kind in left]
+            of_z = [
+                np.array([turn_of(one)[2] for one in some[:, :3, :3]]) for some in (readings[""][at], seen)
+            ]
+            if are_degrees(*of_z, others, 1 / np.linalg.norm(whitening[:, :, -1], axis=1)):
+                return SetupError("degrees", (), None)
         likely = {kind: likelihood(one) for kind, one in left.items()}
         # Straight on, several read alike: the first of them.
         best = next(kind for kind in likely if likely[kind] > max(likely.values()) - BOTH)
-        if best in (*_READINGS, "mirrored") and is_gain(left[""], left[best]):
-            return SetupError(best, (), None)
-        if best in _UNITS and is_gain(left[""], left[best]):
-            return SetupError("unit", (_UNITS[best],), None)
+        if best in (*_READINGS, "mirrored", *_UNITS) and is_gain(left[""], left[best]):
+            return SetupError("unit", (_UNITS[best],), None) if best in _UNITS else SetupError(best, (), None)
     far = is_far[at]
     if np.count_nonzero(far) < LEAST_PAIRS or log.unit != 1.0:
         return None
@@ -372,20 +378,18 @@ class _Log:
         turn = np.kron(np.eye(2), self.seat[:3, :3])
         starts = [self._of_sensor(motions) for motions in starts]
         for i, (one, two) in enumerate(pairs):
-            fits, best, told = _FITS, None, np.eye(6)
+            fits, best, covariance = _FITS, None, np.eye(6)
             for number, motions in enumerate(starts):
                 if any(np.abs(motions[i] - before[i]).max() < _SAME for before in starts[:number]):
                     continue
-                match, information = self.clouds[one].matched(self.clouds[two], motions[i])
+                match, sure = self.clouds[one].matched(self.clouds[two], motions[i])
                 fit = self.clouds[one].agreement(self.clouds[two], match)
                 if fit > fits + (_AS_WELL if best is not None else 0.0):
-                    fits, best, told = fit, match, information
+                    fits, best, covariance = fit, match, sure
             if best is not None:
                 found.append(i)
                 seen.append(self.seat @ best @ self.seat.T)
-                known, axes = np.linalg.eigh(told)
-                axes = turn @ axes
-                covariances.append((axes / np.where(known > _LEAST, known, _NONE)) @ axes.T)
+                covariances.append(turn @ covariance @ turn.T)
         return (
             np.array(found, dtype=int),
             np.array(seen).reshape(-1, 4, 4),
@@ -452,12 +456,6 @@ def _fresh(clouds: list[Cloud]) -> list[Cloud]:
 def _between(poses: Floats, pairs: Floats) -> Floats:
     result: Floats = np.linalg.inv(poses[pairs[:, 0]]) @ poses[pairs[:, 1]]
     return result
-
-
-def _is_beyond(told: Floats) -> bool:
-    """Whether clouds that follow each other are mostly told to be farther apart than matches are searched."""
-    apart = np.array([np.abs(_vector(one) / START).max() for one in told])
-    return len(apart) > 0 and float(np.median(apart)) > 1.0
 
 
 def _noise(told: Floats) -> Floats:

@@ -21,14 +21,15 @@ from ndtree.alignment.planar import Floats, wrapped
 #: values, and twice as much as scans are in several pairs. And which share of that may be lost in a part of
 #: the log.
 GAIN, NOWHERE_LESS, PARTS = 20.0, 0.1, 4
-WRONG = 8  # Of so many matches, one may be wrong.
+WRONG = 8  # One match in this many may be wrong.
 BOTH = 10.0  # Of two things at once, how much likelier they must be than one.
+CLEAR = 3.0  # How much likelier than another one, so that a wrong cause is named in 1 of 20 cases.
 #: How far apart two views of a surface then lie [m], the diagonal of a usual smallest cell: at AWAY from
 #: scans that are NEARER than that to each other [m], in all but a few pairs of them at most.
 APART, AWAY, NEARER, _MOST = 0.07, 5.0, 3.0, 0.98
 LEAST_PAIRS = 12
 _FREEDOM = 2.0  # Of Student's t: some matches are wrong.
-_MEDIAN = {1: 0.455, 3: 2.37, 6: 5.35}  # Of the squared length of so many standard normal numbers.
+_MEDIAN = {1: 0.455, 3: 2.37, 6: 5.35}  # Of the squared length of 1, 3 or 6 standard normal numbers.
 _ROUNDS = 30
 _ANGLE = math.radians(1.5)  # Of a mount that is turned; else only the scale is wrong.
 _LEAST_SCALE = 0.2  # Nearer to 0, nothing was seen to move.
@@ -164,17 +165,19 @@ def fits_of(errors: Floats, raw: Floats, whitening: Floats, kinds: dict[str, lis
 
 
 def likeliest(errors: Floats, fits: Fits) -> str | None:
-    """Which explains whitened errors best; None if none does.
+    """Which explains whitened errors best; None if none does, or others do nearly as well.
 
     Values are of about 1 before anything is known, as in `_fitted`: along a bend, a sensor that sits a radius
     beside its place sees what a scale does.
     """
-    able = {
+    likely = {
         kind: likelihood(left) - 0.5 * float(values @ values) - BOTH * (kind in ("mount", "way"))
         for kind, (values, left) in fits.items()
-        if is_gain(errors, left)
     }
-    return max(able, key=lambda kind: able[kind], default=None)
+    best, *others = sorted(likely, key=lambda kind: -likely[kind])
+    alone = [kind for kind in others if not {kind, best} & {"mount", "way"}]
+    is_clear = all(likely[best] > likely[kind] + CLEAR for kind in alone)
+    return best if is_clear and is_gain(errors, fits[best][1]) else None
 
 
 def is_gain(errors: Floats, left: Floats) -> bool:

@@ -31,10 +31,11 @@ _PARALLEL = 0.9  # Cosine of normals of the same surface.
 _ERROR = 0.02  # Of a patch, beside half of its thickness [m].
 _SLANT = math.radians(5.0)  # Normals of rods err alike by that: their near sides are seen.
 _FREEDOM = 2.0  # Of Student's t.
-START = np.array([1.0, 1.0, 1.0, 0.35, 0.35, 0.35])  # How far patches are from their places [m, rad].
+_START = np.array([1.0, 1.0, 1.0, 0.35, 0.35, 0.35])  # How far patches are from their places [m, rad].
 _BESIDE = 0.1  # Of its plane, a patch is on it [m].
 _BEAMS = 180  # The next beam of a scan of 180 shows how a surface is turned.
 _CUBES = 2048  # On each side of the sensor.
+_NONE = 1e-4  # Information that is none [1/m², 1/rad²].
 _USUAL = 5.0  # Range for which cubes have these sizes [m].
 
 
@@ -156,9 +157,9 @@ class Cloud:
         return float(np.exp(-0.5 * (off / _BESIDE) ** 2).sum()) / max(len(other.patches.keys), 1)
 
     def matched(self, other: Cloud, motion: Floats) -> tuple[Floats, Floats]:
-        """The pose of another cloud as seen from this one, (4, 4), near a guess of it; and its information.
+        """The pose of another cloud as seen from this one, (4, 4), near a guess of it; and its covariance.
 
-        That is (6, 6), of its place and of a turn on the left of its rotation; negative where nothing tells.
+        That is (6, 6), of its place and of a turn on the left of its rotation; huge where nothing tells.
         """
         pose = motion.copy()
         levels = _levels(self.scan.dim == 2)
@@ -169,15 +170,13 @@ class Cloud:
                 weights = (_FREEDOM + 1) / (_FREEDOM * variance + off**2)
                 information = (rows * weights[:, None]).T @ rows
                 away = np.append(pose[:3, 3] - motion[:3, 3], turn_of(pose[:3, :3] @ motion[:3, :3].T))
-                slope = rows.T @ (weights * off) + away / START**2
-                change = -np.linalg.solve(information + np.diag(START**-2), slope).clip(-START, START)
+                slope = rows.T @ (weights * off) + away / _START**2
+                change = -np.linalg.solve(information + np.diag(_START**-2), slope).clip(-_START, _START)
                 pose[:3, 3] += change[:3]
                 pose[:3, :3] = turned_by(change[3:]) @ pose[:3, :3]
                 if np.abs(change).max() < _STILL:
                     break
-        # Normals that err seem to tell of all directions.
-        # A surface has patches of all sizes.
-        return pose, (information - _of_points(arm, weights * slant)) / len(levels)
+        return pose, _covariance(information, _of_points(arm, weights * slant), len(levels))
 
     def _met(
         self, other: Cloud, motion: Floats, level: int = 0
@@ -227,6 +226,21 @@ def _sides(points: Floats) -> list[Floats]:
     along = np.abs(points[high.clip(max=len(points) - 1)] - points[low.clip(0)])
     is_x = along[:, 0] > along[:, 1]
     return [points[is_x], points[~is_x]]
+
+
+def _covariance(information: Floats, seem: Floats, levels: int) -> Floats:
+    """Of a match whose patches tell that much, of which a part only seems so, by normals that err.
+
+    Directions are told by how many times as much as that, whatever their units.
+    `levels`: Of patches that each surface has.
+    """
+    seem = seem + _NONE * np.eye(6)
+    root = np.linalg.cholesky(seem)
+    inverse = np.linalg.inv(root)
+    times, axes = np.linalg.eigh(inverse @ information @ inverse.T)
+    told = root @ (axes * (times - 1.0).clip(0.0)) @ axes.T @ root.T / levels
+    covariance: Floats = np.linalg.inv(told + _NONE * np.eye(6))
+    return covariance
 
 
 def _crossed(ones: Floats, others: Floats) -> Floats:
