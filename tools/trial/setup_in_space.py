@@ -40,6 +40,8 @@ _SAID = {
     "inverted": {"inverted"},
     "wxyz": {"wxyz"},
     "camera_axes": {"axes"},
+    "millimetres": {"unit"},
+    "degrees": {"degrees"},
 }
 
 Poses = Callable[[Floats], Floats]  # Of times: (n, 4, 4).
@@ -123,9 +125,23 @@ def _told(true: Poses, fault: str, rng: Random) -> Poses:
         poses[:, :3, 3] += noise[at, :3]
         return poses
 
+    def in_millimetres(times: Floats) -> Floats:
+        poses = true(times)
+        poses[:, :3, 3] *= 1000
+        return poses
+
+    def in_degrees(times: Floats) -> Floats:
+        poses = true(times)
+        yaw = np.unwrap(np.arctan2(poses[:, 1, 0], poses[:, 0, 0]))
+        turns = matrices(np.zeros((len(yaw), 2)), np.degrees(yaw) - yaw)
+        poses[:, :3, :3] = turns[:, :3, :3] @ poses[:, :3, :3]
+        return poses
+
     told: dict[str, Poses] = {
         "noisy": noisy,
         "late": lambda times: true(times + late),
+        "millimetres": in_millimetres,
+        "degrees": in_degrees,
         "inverted": lambda times: np.linalg.inv(true(times)),
         "camera_axes": lambda times: _CAMERA @ true(times) @ _CAMERA.T,
     }
