@@ -457,7 +457,13 @@ def test_wrong_calls_end_with_one_line(log, tmp_path):
 
 
 def test_people_before_a_real_camera(recordings, tmp_path):
-    log = there(recordings / "kinect2_gallery_p1" / "kinect2_gallery_p1.npz")
+    images = dict(np.load(there(recordings / "kinect2_gallery_p1" / "kinect2_gallery_p1.npz")))
+    lengths = np.diff(images.pop("offsets"))
+    chosen = np.arange(len(lengths)) % 5 == 0  # Every fifth shows the same.
+    points = np.repeat(chosen, lengths)
+    images = {name: rows[points if len(rows) == len(points) else chosen] for name, rows in images.items()}
+    log = tmp_path / "fifth.npz"
+    np.savez(log, offsets=np.cumsum([0, *lengths[chosen]]), **images)
     result = run("clean", log, "-o", tmp_path / "clean.npz", "--json", tmp_path / "figures.json")
     assert result.exit_code == 0, result.output
     scores = json.loads((tmp_path / "figures.json").read_text())["scores"]
