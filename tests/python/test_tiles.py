@@ -220,6 +220,8 @@ def test_answers_are_those_of_the_whole_map(both, parts):
     for limit in (math.inf, 1.5):
         own, other = (m.nearest_occupied(good[:100], max_distance=limit).distance for m in (tiles, whole))
         np.testing.assert_array_equal(own, other)
+    if parts > 1:
+        good = good[:60]  # Each ray loads most of its tiles anew.
     ways = random.normal(size=(len(good), 3))
     for unknown in ("pass", "stop"):
         for limit in (math.inf, 4.0):
@@ -229,7 +231,7 @@ def test_answers_are_those_of_the_whole_map(both, parts):
                 m.cast_rays(good, ways, max_range=limit, unknown=unknown, at="cell") for m in (tiles, whole)
             )
             np.testing.assert_array_equal(at, expected)
-    assert np.isfinite(one).sum() > 30
+    assert np.isfinite(one).sum() > len(good) / 10
     for scale in (2.0**-1040, 2.0**-600, 2.0**600):  # Their squares are no normal numbers.
         some = np.round(ways * 2**20) * scale  # So that nothing is lost below the smallest numbers.
         expected = whole.cast_rays(good, np.round(ways * 2**20))
