@@ -56,7 +56,8 @@ def run_cpp(codes: Iterable[str], folder: Path, end: str = "return 0;") -> int:
     body = "".join(f"{{\n{scope}\n}}\n" for scope in scopes[:-1]) + f"{scopes[-1]}\n{end}\n"
     (folder / "main.cpp").write_text("\n".join(includes) + f"\nint main() {{\n{body}}}\n")
     cache = os.environ.get("CMAKE_CXX_COMPILER_LAUNCHER", "").split()
-    options = ["-std=c++17", f"-I{ROOT / 'include'}", "-isystem", eigen]
+    more = os.environ.get("CXXFLAGS", "").split()
+    options = [*more, "-std=c++17", f"-I{ROOT / 'include'}", "-isystem", eigen]
     for call in ([*cache, compiler, *options, "-c", "main.cpp"], [compiler, "main.o", "-o", "main"]):
         built = subprocess.run(call, cwd=folder, capture_output=True, text=True)
         assert built.returncode == 0, built.stderr
