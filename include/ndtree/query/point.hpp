@@ -184,9 +184,9 @@ void probability_moved(const Map& map, const double* points, std::size_t n, floa
     for_each_cell_at(map, some, k,
                      [of](std::size_t i, const auto& cell) { of[i] = probability_standing(cell); });
   };
-  const auto beside_at = [&map](const double* some, std::size_t n, float* out) {
-    for_each_cell_at(map, some, n,
-                     [out](std::size_t i, const auto& cell) { out[i] = probability_beside(cell); });
+  const auto beside_at = [&map](const double* some, std::size_t k, float* of) {
+    for_each_cell_at(map, some, k,
+                     [of](std::size_t i, const auto& cell) { of[i] = probability_beside(cell); });
   };
   probability_moved<D>(points, n, MovedMargin::of(map.options()), standing_at, beside_at, out);
 }
