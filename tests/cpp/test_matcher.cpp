@@ -142,55 +142,6 @@ void search_is_exhaustive(int cases, double reach, double angle) {
 TEST(Matcher, SearchFindsTheBestOfAllPosesInThePlane) { search_is_exhaustive<2>(1500, 1.2, 0.4); }
 TEST(Matcher, SearchFindsTheBestOfAllPosesInSpace) { search_is_exhaustive<3>(200, 0.35, 0.12); }
 
-/// In windows of more than 64 steps, parts of blocks wait in tiles: the pyramid knows none.
-template <int D>
-void tiles_change_nothing(int cases) {
-  Random random(D == 2 ? 13 : 14);
-  int with_tiles = 0;
-  int different = 0;
-  for (int i = 0; i < cases; ++i) {
-    MatchOptions options;
-    options.cell_size = options.sigma = random.uniform(0.08, 0.2);
-    const Matcher<D> matcher(random_points<D>(random, 200, 4.0), options);
-    // Sums of more than 256 points do not fit 16 bits, those of more than 128 no tile.
-    const Points<D> points = random_points<D>(random, i % 4 == 0 ? 300 : random.integer(1, 60), 2.0);
-    const Pose<D> guess = moved(Pose<D>{}, random_motion<D>(random, 0.5, 3.0));
-    MatchWindow<D> window;
-    window.half = random_motion<D>(random, 0.3, 0.05).cwiseAbs();
-    window.half[random.integer(0, D - 1)] = random.uniform(32.0, 70.0) * options.cell_size;
-    if (D == 2 && i % 3 != 0) window.half.template head<D>().setConstant(40.0 * options.cell_size);
-    window.apart = random.uniform(0.1, 1.0);
-    PoseGrid<D> grid = matcher.grid_of(points, window.half);
-    if (i % 2 == 0) grid.set_prior(random.uniform(0.1, 2.0) * MotionMatrix<D>::Identity(), 255.0);
-    PoseSearch<D> plain(matcher.pyramid(), points, guess, grid, window, 0.0);
-    PoseSearch<D> tiled(matcher.pyramid(), points, guess, grid, window, 1e9);
-    ASSERT_FALSE(plain.has_windows());
-    with_tiles += tiled.has_windows() ? 1 : 0;
-    NearPoses<D> near;
-    NearPoses<D> near_tiled;
-    near.margin = near_tiled.margin = 255;
-    const std::vector<GridPose<D>> expected = plain.best(5, &near);
-    const std::vector<GridPose<D>> found = tiled.best(5, &near_tiled);
-    ASSERT_EQ(found.size(), expected.size()) << "case " << i;
-    for (std::size_t k = 0; k < found.size(); ++k) {
-      ASSERT_EQ(found[k].score, expected[k].score) << "case " << i;
-      if (found[k].score > 0) {
-        ASSERT_EQ(found[k].steps, expected[k].steps) << "case " << i;
-      }
-      different += k > 0 && found[k].score > 0 ? 1 : 0;
-    }
-    ASSERT_EQ(near_tiled.poses.size(), near.poses.size()) << "case " << i;
-    if (near.poses.size() == NearPoses<D>::kMost) continue;  // Any of those that are as good.
-    for (std::size_t k = 0; k < near.poses.size(); ++k)
-      ASSERT_EQ(near_tiled.poses[k].steps, near.poses[k].steps) << "case " << i;
-  }
-  EXPECT_EQ(with_tiles, cases);
-  EXPECT_GT(different, cases);
-}
-
-TEST(Matcher, TilesChangeNothingInThePlane) { tiles_change_nothing<2>(60); }
-TEST(Matcher, TilesChangeNothingInSpace) { tiles_change_nothing<3>(20); }
-
 template <int D>
 void bounds_are_maxima(int cases) {
   Random random(D == 2 ? 21 : 22);

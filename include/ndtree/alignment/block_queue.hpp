@@ -14,11 +14,8 @@ namespace ndtree {
 /// Poses of one rotation whose translations are up to 2^level - 1 steps from `steps`.
 template <int D>
 struct PoseBlock {
-  static constexpr std::int32_t kNoTile = -1;
-
   std::array<std::int32_t, std::size_t{D}> steps{};
   std::int32_t next = 0;        ///< For BlockQueue.
-  std::int32_t tile = kNoTile;  ///< For PoseSearch: number of the tile of its parts.
   std::uint32_t rotation : 24;  ///< Its number; there are 1e6 at most.
   std::uint32_t level : 8;
   std::int64_t bound = 0;  ///< No pose in it has a larger score.

@@ -19,14 +19,10 @@ namespace ndtree {
 /// Against the pyramid, a window is as long as its block and no longer, and a value takes one load: a cell is
 /// a number, and the cells a step on are at a fixed distance. Memory and time: a byte for each cell of the
 /// box and level, so it is made for one search and its box, and only for searches that ask for more.
-///
-/// Level kThin is there a second time, with every 2^kThin-th cell beside each other: the blocks of that level
-/// beside each other are a row of bytes.
 template <int D>
 class LikelihoodWindows {
  public:
   using Cell = typename LikelihoodPyramid<D>::Cell;
-  static constexpr int kThin = 2;
 
   /// @param lower, upper first and last cell of the box. @param levels above the cells themselves.
   LikelihoodWindows(const LikelihoodPyramid<D>& pyramid, const Cell& lower, const Cell& upper, int levels)
@@ -48,7 +44,6 @@ class LikelihoodWindows {
       for (std::size_t a = 0; a < std::size_t{D}; ++a)
         widen(levels_[level], a, std::size_t{1} << (level - 1));
     }
-    if (levels > kThin) make_thin();
   }
 
   /// @pre the cell is in the box.
@@ -63,21 +58,6 @@ class LikelihoodWindows {
   [[nodiscard]] const std::uint8_t* level(int level) const {
     return levels_[static_cast<std::size_t>(level)].data();
   }
-  /// Maxima of level kThin, by thin_number_of(). @pre there are levels above it.
-  [[nodiscard]] const std::uint8_t* thin() const { return thin_.data(); }
-  /// @pre the cell is in the box.
-  [[nodiscard]] std::int32_t thin_number_of(const Cell& cell) const {
-    std::int32_t phase = 0;
-    std::int32_t number = 0;
-    for (std::size_t a = 0; a < std::size_t{D}; ++a) {
-      const std::int32_t at = cell[a] - lower_[a];
-      phase = (phase << kThin) + (at & ((1 << kThin) - 1));
-      number += (at >> kThin) * thin_strides_[a];
-    }
-    return phase * thin_cells_ + number;
-  }
-  /// By which that grows 2^kThin steps on along an axis.
-  [[nodiscard]] std::int32_t thin_stride(std::size_t axis) const { return thin_strides_[axis]; }
 
  private:
   using Maxima = std::vector<std::uint8_t>;
@@ -92,29 +72,10 @@ class LikelihoodWindows {
         maxima[i] = std::max(maxima[i], maxima[i + away]);
   }
 
-  void make_thin() {
-    for (std::size_t a = std::size_t{D}; a-- > 0;) {
-      thin_strides_[a] = thin_cells_;
-      thin_cells_ *= ((shape_[a] - 1) >> kThin) + 1;
-    }
-    thin_.resize(static_cast<std::size_t>(thin_cells_) << (kThin * D));
-    Cell cell = lower_;
-    for (const std::uint8_t likelihood : levels_[std::size_t{kThin}]) {
-      thin_[static_cast<std::size_t>(thin_number_of(cell))] = likelihood;
-      for (std::size_t a = std::size_t{D}; a-- > 0;) {
-        if (++cell[a] < lower_[a] + shape_[a]) break;
-        cell[a] = lower_[a];
-      }
-    }
-  }
-
   Cell lower_;
   Cell shape_{};
   Cell strides_{};
   std::vector<Maxima> levels_;
-  std::int32_t thin_cells_ = 1;  // Of each place among 2^kThin on each axis.
-  Cell thin_strides_{};
-  Maxima thin_;
 };
 
 }  // namespace ndtree

@@ -8,7 +8,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <cstring>
 #include <limits>
 #include <optional>
 #include <vector>
@@ -45,10 +44,8 @@ template <int D>
 /// Strategy: best first, over blocks of translations of each rotation. A block's bound is the sum of its
 /// points' maxima over its translations, so no pose in it scores more, and the first pose that leaves the
 /// queue is the grid's best. Maxima are looked up in the LikelihoodPyramid; a search of many poses makes
-/// LikelihoodWindows first. There, the largest blocks go at once to small ones, whose sums are added up row
-/// by row and wait in a tile: it stands in the queue by the largest of those that are left. Invariant,
-/// tested: it finds what trying all poses finds, bit for bit, whichever is used. Cost: O(rotations · points),
-/// and what the bounds leave; in the plane, 512 bytes for a tile.
+/// LikelihoodWindows first. Invariant, tested: it finds what trying all poses finds, bit for bit, whichever
+/// is used. Cost: O(rotations · points), and what the bounds leave.
 template <int D>
 class PoseSearch {
  public:
@@ -115,8 +112,7 @@ class PoseSearch {
       const GridPose<D> pose = pose_of(block);
       if (is_near_any(found, pose, static_cast<int>(block.level))) continue;
       if (block.level > 0) {
-        has_tiles() && block.level == kTop ? push_likeliest(block, found, queue)
-                                           : push_parts(block, found, queue);
+        push_parts(block, found, queue);
         continue;
       }
       if (near != nullptr && found.empty()) near->poses.push_back(pose);
@@ -131,12 +127,6 @@ class PoseSearch {
   // Cells that windows may have in all levels, for each point of each root block; and at most.
   static constexpr double kWorth = 4.0;
   static constexpr double kMostCells = 67108864.0;
-
-  static constexpr int kThin = LikelihoodWindows<D>::kThin;
-  static constexpr std::size_t kRow = std::size_t{1} << (kTop - kThin);  // Parts of a block of kTop, by axis.
-
-  // Parts of a tile whose bounds differ by less are looked at together: from 64 to 2000 it takes as long.
-  static constexpr int kNearly = 512;
 
   using Sums = std::array<std::int64_t, kParts>;
 
@@ -201,35 +191,12 @@ class PoseSearch {
     if (cells > std::min(kMostCells, worth * blocks)) return;
     windows_.emplace(pyramid_, lower, upper, top_);
     numbers_.resize(cells_.size());
-    thin_numbers_.resize(has_tiles() ? cells_.size() : 0);
-    std::size_t most = 0;
     for (std::size_t i = 0; i < cells_.size(); ++i) {
-      for (Cell cell : cells_[i]) {
-        if (!may_be_likely(cell)) continue;
-        numbers_[i].push_back(windows_->number_of(cell));
-        if (!has_tiles()) continue;
-        for (std::size_t a = 0; a < std::size_t{D}; ++a) cell[a] -= grid_.count[a];
-        thin_numbers_[i].push_back(windows_->thin_number_of(cell));
-      }
-      most = std::max(most, numbers_[i].size());
+      for (const Cell& cell : cells_[i])
+        if (may_be_likely(cell)) numbers_[i].push_back(windows_->number_of(cell));
       cells_[i] = {};
     }
-    while ((most * LikelihoodPyramid<D>::kMaximum >> shift_) + 2 > std::numeric_limits<std::int16_t>::max())
-      ++shift_;
-    // Rows along the last axis that begin in the grid.
-    Cell row{};
-    for (;;) {
-      rows_.push_back(row);
-      std::size_t a = std::size_t{D} - 1;
-      for (; a-- > 0;) {
-        if (++row[a] < std::int32_t{kRow} && row[a] << kThin <= 2 * grid_.count[a]) break;
-        row[a] = 0;
-      }
-      if (a >= std::size_t{D}) break;
-    }
   }
-  /// Whether blocks of the highest level go to tiles.
-  [[nodiscard]] bool has_tiles() const { return windows_ && top_ == kTop; }
   /// Whether a point may come to where the pyramid has cells.
   [[nodiscard]] bool may_be_likely(const Cell& cell) const {
     for (std::size_t a = 0; a < std::size_t{D}; ++a)
@@ -250,132 +217,33 @@ class PoseSearch {
         for (std::size_t a = 0; a < std::size_t{D}; ++a) block.steps[a] = pose.steps[a];
         Sums sums{};
         add_up<1>(block, sums);
-        block.bound = bound_of(block, sums[0]);
-        queue.push(block);
+        push(block, sums[0], {}, queue);
       } while (next(pose, 0, D, std::int32_t{1} << top_));
       ++block.rotation;
     }
     return queue;
   }
-  /// Looks closer at the likeliest parts of a block of level kTop. Those whose own parts are less likely stay
-  /// in the tile with that; the others are pushed, and so is the block again.
-  void push_likeliest(PoseBlock<D> block, const std::vector<GridPose<D>>& found, BlockQueue<D>& queue) {
-    if (block.tile == PoseBlock<D>::kNoTile) block.tile = make_tile(block);
-    const std::size_t size = rows_.size() * kRow;
-    const std::size_t first = static_cast<std::size_t>(block.tile) * size;
-    const int least = most_of(first, size) - (kNearly >> shift_);
-    for (std::size_t row = first; row < first + size; row += kRow) {
-      if (most_of(row, kRow) < std::max(least, 1)) continue;
-      for (std::size_t i = row; i < row + kRow; ++i) {
-        if (tiles_[i] < std::max(least, 1)) continue;
-        const PoseBlock<D> part = part_of(block, i - first);
-        std::array<PoseBlock<D>, kParts> parts;
-        const std::size_t count = is_near_any(found, pose_of(part), kThin) ? 0 : parts_of(part, parts);
-        std::int64_t most = -1;
-        for (std::size_t k = 0; k < count; ++k) most = std::max(most, parts[k].bound);
-        if (most >= 0 && units_of(most) < tiles_[i]) {
-          tiles_[i] = units_of(most);
-          continue;
-        }
-        tiles_[i] = 0;
-        for (std::size_t k = 0; k < count; ++k) push(parts[k], found, queue);
-      }
-    }
-    const int left = most_of(first, size);
-    if (left == 0) return;
-    block.bound = static_cast<std::int64_t>(left - 1) << shift_;
-    queue.push(block);
-  }
-  /// What tiles say for a bound.
-  [[nodiscard]] std::int16_t units_of(std::int64_t bound) const {
-    return static_cast<std::int16_t>(1 + ((bound + (std::int64_t{1} << shift_) - 1) >> shift_));
-  }
-  /// The largest of some numbers of tiles. @param count a multiple of kRow.
-  [[nodiscard]] int most_of(std::size_t first, std::size_t count) const {
-    std::array<std::int16_t, kRow> most{};
-    for (std::size_t row = first; row < first + count; row += kRow)
-      for (std::size_t k = 0; k < kRow; ++k) most[k] = std::max(most[k], tiles_[row + k]);
-    return *std::max_element(most.begin(), most.end());
-  }
-  [[nodiscard]] PoseBlock<D> part_of(const PoseBlock<D>& block, std::size_t number) const {
-    PoseBlock<D> part = block;
-    part.tile = PoseBlock<D>::kNoTile;
-    part.level = kThin;
-    Cell at = rows_[number / kRow];
-    at[std::size_t{D} - 1] = static_cast<std::int32_t>(number % kRow);
-    for (std::size_t a = 0; a < std::size_t{D}; ++a) part.steps[a] += at[a] << kThin;
-    return part;
-  }
-  /// Bounds of the parts of a block, in units of 2^shift_, and 1 more; 0 of those beyond the grid.
-  [[nodiscard]] std::int32_t make_tile(const PoseBlock<D>& block) {
-    constexpr std::size_t kMostOfBytes = 256;  // Whose sum fits 16 bits.
-    const auto rotation = static_cast<std::size_t>(block.rotation);
-    const std::vector<std::int32_t>& numbers = thin_numbers_[rotation];
-    const std::size_t size = rows_.size() * kRow;
-    std::int32_t first = 0;
-    for (std::size_t a = 0; a < std::size_t{D}; ++a)
-      first += ((block.steps[a] + grid_.count[a]) >> kThin) * windows_->thin_stride(a);
-    std::vector<std::int32_t> offsets;
-    for (const Cell& row : rows_) {
-      offsets.push_back(first);
-      for (std::size_t a = 0; a < std::size_t{D}; ++a) offsets.back() += row[a] * windows_->thin_stride(a);
-    }
-    pace_.spend(numbers.size() * rows_.size() + 1);
-    std::vector<std::uint32_t> sums(size, 0);
-    std::vector<std::uint16_t> few(size);
-    for (std::size_t begin = 0; begin < numbers.size(); begin += kMostOfBytes) {
-      std::fill(few.begin(), few.end(), std::uint16_t{0});
-      for (std::size_t i = begin; i < std::min(begin + kMostOfBytes, numbers.size()); ++i)
-        for (std::size_t r = 0; r < offsets.size(); ++r) {
-          std::array<std::uint8_t, kRow> row;
-          std::memcpy(row.data(), windows_->thin() + numbers[i] + offsets[r], kRow);
-          std::uint16_t* const to = &few[r * kRow];
-          for (std::size_t k = 0; k < kRow; ++k) to[k] = static_cast<std::uint16_t>(to[k] + row[k]);
-        }
-      for (std::size_t i = 0; i < size; ++i) sums[i] += few[i];
-    }
-    const auto number = static_cast<std::int32_t>(tiles_.size() / size);
-    for (std::size_t i = 0; i < size; ++i) {
-      const GridPose<D> pose = pose_of(part_of(block, i));
-      bool is_inside = true;
-      for (std::size_t a = 0; a < std::size_t{D}; ++a)
-        is_inside = is_inside && pose.steps[a] <= grid_.count[a];
-      const std::int64_t bound = sums[i] - grid_.penalty(pose, (std::int32_t{1} << kThin) - 1);
-      tiles_.push_back(is_inside ? units_of(std::max<std::int64_t>(0, bound)) : std::int16_t{0});
-    }
-    return number;
-  }
+  /// The blocks that a block consists of.
   void push_parts(const PoseBlock<D>& block, const std::vector<GridPose<D>>& found, BlockQueue<D>& queue) {
-    std::array<PoseBlock<D>, kParts> parts;
-    const std::size_t count = parts_of(block, parts);
-    for (std::size_t k = 0; k < count; ++k) push(parts[k], found, queue);
-  }
-  /// The blocks that a block consists of. @returns how many there are.
-  std::size_t parts_of(const PoseBlock<D>& block, std::array<PoseBlock<D>, kParts>& parts) {
     PoseBlock<D> part = block;
     --part.level;
     Sums sums{};
     add_up<kParts>(part, sums);
-    std::size_t count = 0;
     for (unsigned k = 0; k < kParts; ++k) {
       bool is_inside = true;
       for (std::size_t a = 0; a < std::size_t{D}; ++a) {
         part.steps[a] = block.steps[a] + (static_cast<std::int32_t>(k >> a & 1u) << part.level);
         is_inside = is_inside && part.steps[a] <= grid_.count[a];
       }
-      if (!is_inside) continue;
-      part.bound = bound_of(part, sums[k]);
-      parts[count++] = part;
+      if (is_inside) push(part, sums[k], found, queue);
     }
-    return count;
   }
-  [[nodiscard]] std::int64_t bound_of(const PoseBlock<D>& block, std::int64_t sum) const {
-    if (!grid_.has_prior) return sum;
-    return std::max<std::int64_t>(0,
-                                  sum - grid_.penalty(pose_of(block), (std::int32_t{1} << block.level) - 1));
-  }
-  void push(const PoseBlock<D>& block, const std::vector<GridPose<D>>& found, BlockQueue<D>& queue) const {
-    if (!is_near_any(found, pose_of(block), static_cast<int>(block.level))) queue.push(block);
+  void push(PoseBlock<D>& block, std::int64_t sum, const std::vector<GridPose<D>>& found,
+            BlockQueue<D>& queue) const {
+    const GridPose<D> pose = pose_of(block);
+    if (is_near_any(found, pose, static_cast<int>(block.level))) return;
+    block.bound = std::max<std::int64_t>(0, sum - grid_.penalty(pose, (std::int32_t{1} << block.level) - 1));
+    queue.push(block);
   }
   /// Sums of the points' maxima for a block, and for those beside it, up to `Parts`.
   template <unsigned Parts>
@@ -416,10 +284,6 @@ class PoseSearch {
       cells_;  // Of the points, by rotation; or, with windows, their numbers there.
   std::optional<LikelihoodWindows<D>> windows_;
   std::vector<std::vector<std::int32_t>> numbers_;
-  std::vector<std::vector<std::int32_t>> thin_numbers_;  // Of the points at the grid's first translation.
-  std::vector<Cell> rows_;                               // Of parts of a block of kTop, where they begin.
-  std::vector<std::int16_t> tiles_;                      // Of the blocks that were subdivided.
-  int shift_ = 0;
   Pace pace_;
 };
 
