@@ -23,7 +23,7 @@ ScanEvidence random_scan(Random& random, int most) {
   scan.resolvable_misses = static_cast<std::uint32_t>(random.integer(0, static_cast<int>(scan.misses)));
   scan.hits = random.chance(0.5) ? static_cast<std::uint32_t>(random.integer(0, most)) : 0;
   scan.resolvable_hits = static_cast<std::uint32_t>(random.integer(0, static_cast<int>(scan.hits)));
-  scan.partial_hits = static_cast<std::uint32_t>(random.integer(0, static_cast<int>(scan.resolvable_hits)));
+  scan.partial_hits = static_cast<std::uint32_t>(random.integer(0, static_cast<int>(scan.hits)));
   scan.beams = scan.misses + scan.hits;
   scan.free = 104 * static_cast<std::int64_t>(scan.misses);
   scan.occupied = static_cast<std::int64_t>(random.integer(0, 217)) * static_cast<std::int64_t>(scan.hits);

@@ -46,8 +46,8 @@ template <class Cell>
 /// The probability that a point's own cell is occupied, as probability_moved() takes it: just below 0.5 at
 /// least while a cell with evidence remembers a beam that ended in it. Most beams pass a rod's cell, and a
 /// larger cell that is free holds rods and edges; counts do not tell these from what left, until the cell has
-/// changed. 0.5, whatever is beside it, once more scans in a row than
-/// beams that ended there have passed, or three: what is beside it may have left with it.
+/// changed. 0.5, whatever is beside it, once more scans in a row than beams that ended there have passed, or
+/// three: what is beside it may have left with it.
 template <class Cell>
 [[nodiscard]] float probability_standing(const Cell& cell) {
   constexpr float kMayHold = 0.49999F;

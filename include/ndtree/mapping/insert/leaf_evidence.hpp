@@ -45,10 +45,11 @@ struct Passes {
 ///   surface is not the surface; the beam is counted (ScanEvidence::ends_before), as the cell may split.
 ///
 /// A hit, or a miss that is clearly free or without return, is resolvable if a child's edge is at least
-/// noise_sigmas standard deviations; a miss within the noise of its end point never is. A resolvable hit is
-/// partial, evidence for a part of the leaf only, if the beam's length in the leaf before its end point, or
-/// the leaf's edge, exceeds three standard deviations. A beam without return, or cut at the maximum range, is
-/// a miss of every leaf that it crosses up to its end: a surface there would have returned it.
+/// noise_sigmas standard deviations, and of a hit the beam's width; a miss within the noise of its end point
+/// never is. A hit of such small noise is partial, evidence for a part of the leaf only, if the beam's length
+/// in the leaf before its end point, or the leaf's edge, exceeds three standard deviations. A beam without
+/// return, or cut at the maximum range, is a miss of every leaf that it crosses up to its end: a surface
+/// there would have returned it.
 ///
 /// Invariants: sums are integers, so the order of beams and the width do not matter; the loops over eight
 /// beams give the bits of OfBeam. Cost: O(beams), a vector of eight that clearly pass in about 40

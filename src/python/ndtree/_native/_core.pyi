@@ -1289,10 +1289,11 @@ class OccupancyMap:
     def moved(self, points: ArrayLike) -> NDArray[np.float32]:
         """Probability that points returned from things that do not stand there for good, by the map's evidence.
 
-        A point in free space moved, or came there by an error, unless an occupied cell is as near as half a smallest
-        cell and three standard deviations of a range. While the cell of an adaptive map remembers that a beam ended in
-        it, the map cannot tell whether something thin stands there or something left: 0.5 at most. So it tells of points
-        that are not in it yet, and of others only where it has changed since; `MovedEvidence` asks the scans themselves.
+        A point in free space moved, or came there by an error, unless an occupied cell is as near as a smallest cell
+        and three standard deviations of a range; one that the last scan passed leaves the answer open, 0.5. While the
+        cell of an adaptive map remembers that a beam ended in it, the map cannot tell whether something thin stands there
+        or something left: 0.5 at most. So it tells of points that are not in it yet, and of others only where it has
+        changed since; `MovedEvidence` asks the scans themselves.
 
         Parameters
         ----------
