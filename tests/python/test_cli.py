@@ -320,6 +320,10 @@ def test_unwritable_output_is_refused_before_the_work(
     arguments = ["map", log, option, target]
     if option != "-o":
         arguments += ["-o", tmp_path / "a.ndt"]
+    elif where == "a folder":  # There the map has the log's name.
+        assert run(*arguments).exit_code == 0
+        assert [path.name for path in target.iterdir()] == [f"{log.stem}.ndt"]
+        return
     refused(run(*arguments), 1, str(target))
     assert not (tmp_path / "a.ndt").exists()
 

@@ -515,8 +515,8 @@ def test_no_ros_is_imported_by_the_package() -> None:
     "arguments, status, said",
     [
         (["--every", "0"], 2, "--every 0: must be a whole number >= 1"),
-        (["--rate", "-1"], 2, "--rate -1: must be >= 0"),
-        (["--window", "0"], 2, "--window 0 m: must be > 0"),
+        (["--rate", "-1"], 2, "--rate -1: must be a number >= 0"),
+        (["--window", "0"], 2, "--window 0: must be a number > 0 m"),
         (["--save-every", "3"], 2, "--save-every: expected -o MAP"),
         (["--port", "3"], 2, "--port: is for the page of --watch"),
         (["--resume", "nothing.ndt"], 1, "nothing.ndt: No such file"),

@@ -94,8 +94,10 @@ for place, (prints, _) in {places!r}.items():
         try:
             exec(prints, globals().copy())
         except Exception:
-            traceback.print_exc(file=out)
-    said[place] = out.getvalue()
+            said[place] = None
+            traceback.print_exc()
+        else:
+            said[place] = out.getvalue()
 print(json.dumps(said))
 """
 

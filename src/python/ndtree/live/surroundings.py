@@ -71,10 +71,10 @@ class Surroundings:
         self._middle: Floats = 0.5 * (bounds[0] + bounds[1])
         self._map, self._cell = m, m.min_cell_size
         self._noise = m.options["range_sigma"], m.options["range_sigma_quadratic"]
-        self._step = COARSER * self._cell
         self._grid = self._cell  # Of the matcher, which holds 350 MB at most: coarser in a large map.
         while np.prod(np.ceil((self.extent / self._grid + 12.0) / 8.0)) > MOST_BRICKS:
             self._grid *= 2.0
+        self._step = COARSER * self._grid
         self._matcher: Matcher = m.matcher(cell_size=self._grid)
         self._coarse = self._searched(m, surface)
 
@@ -192,7 +192,7 @@ class InSpace(Surroundings):
             cells.append((surface.lower[surface.size == size][:, None] + offset).reshape(-1, 3))
         points = np.concatenate(cells)
         above = np.unique(np.floor(points[upright(points)][:, :2] / self._cell), axis=0)
-        self._step = 0.5 * COARSER * self._cell
+        self._step = 0.5 * COARSER * self._grid
         return Matcher((above + 0.5) * self._cell, cell_size=self._step)
 
     def matrix_of(self, pose: ArrayLike) -> Floats:

@@ -52,8 +52,8 @@ class FirstLook:
     ----------
     range_sigma, range_sigma_quadratic : float
         Standard deviation of a range [m], and its growth with the squared range [1/m].
-    is_measured : bool
-        The noise is from the log; else it is what such sensors usually have.
+    is_measured : bool or None
+        The noise is from the log; else it is what such sensors usually have. None: nobody asked.
     has_own_noise : bool
         The log tells the noise of each range, beside which this one does not count.
     no_returns : NoReturns
@@ -89,7 +89,7 @@ class FirstLook:
     beams: int
     range_sigma: float
     range_sigma_quadratic: float
-    is_measured: bool
+    is_measured: bool | None
     has_own_noise: bool
     no_returns: NoReturns
     max_range: float
@@ -124,8 +124,7 @@ class FirstLook:
         """All of it as plain numbers, ready for JSON."""
         return {
             "dim": self.dim,
-            **self.options,
-            "is_measured": self.is_measured,
+            **({} if self.is_measured is None else {**self.options, "is_measured": self.is_measured}),
             "no_return": self.no_returns.choice,
             "no_return_why": str(self.no_returns),
             "no_return_beams": self.no_returns.beams,
@@ -205,7 +204,7 @@ def first_look(log: Log, *, with_sigma: bool = True, progress: Progress | None =
         beams=beams,
         range_sigma=sigma,
         range_sigma_quadratic=quadratic,
-        is_measured=noise is not None,
+        is_measured=noise is not None if with_sigma else None,
         has_own_noise=bool(told) and all(told),
         no_returns=said,
         max_range=limit,

@@ -103,11 +103,15 @@ def _plain(value: Any) -> Any:
     return value.value if isinstance(value, Enum) else value
 
 
+#: Infinite where there is no limit.
+_ENDLESS = ("max_range", "max_seconds")
+
+
 def _require_within_limits(options: list[Option], typed: dict[str, Any]) -> None:
     """Refuses numbers that the parser lets through: infinite ones, those that are none, and the bound."""
     for one in options:
         value = typed[one.name]
-        if one.limits and isinstance(value, float):
+        if one.limits and isinstance(value, float) and not (value == math.inf and one.name in _ENDLESS):
             try:
                 one.check(value)
             except ValueError:
@@ -163,7 +167,7 @@ def _check_values(given: Config) -> None:
     nearest, farthest = given.get("min_range", 0.0), given.get("max_range", math.inf)
     if not nearest < farthest:
         raise WrongCall(f"--min-range {nearest:g} m: must be < --max-range {farthest:g} m")
-    if given.get("fixed") and "refinement" in given.values:
+    if given.get("fixed") and given.get("refinement", "fixed") != "fixed":
         raise WrongCall("--refinement: not with --fixed, whose cells neither split nor merge")
     for name, parse in (("mount", mount_of), ("origin_of_scan", point_of)):
         try:

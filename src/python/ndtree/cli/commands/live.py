@@ -113,8 +113,10 @@ class _Run:
     def prepared(self, stack: ExitStack) -> Iterator[tuple[Any, float]]:
         """What is in the recording, for a mapper that is there then."""
         call, options = self._call, self._options
-        served = [_served(call.serve, stack)] if call.serve is not None else []
+        served = [_server(call.serve, stack)] if call.serve is not None else []
         intake, items = _source(call, self._given, options, stack)
+        for server in served:
+            print(f"ndtree view {server.url} shows the map as it grows", file=sys.stderr, flush=True)
         moving = None
         if call.slam and not isinstance(intake, MessagesIntake):
             moving = moves(open_log(call.log, call.world, self._given))
@@ -189,12 +191,11 @@ def _check_followed(bag: Bag, follow: str) -> None:
         raise WrongCall(f"--follow {follow}: {found}, expected tf{others}")
 
 
-def _served(serve: str, stack: ExitStack) -> MapServer:
+def _server(serve: str, stack: ExitStack) -> MapServer:
     """What gives the map to who asks, until the command ends."""
     host, port = made(lambda: address_of(serve))
     server = MapServer(port, host=host)
     stack.callback(server.close)
-    print(f"ndtree view {server.url} shows the map as it grows", file=sys.stderr, flush=True)
     return server
 
 

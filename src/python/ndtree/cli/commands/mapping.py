@@ -140,9 +140,10 @@ class Passage:
             self.read_seconds += took
             whole, scan = scan, self.config.usable(scan)
             if len(scan) < len(whole):
-                left_out = whole.endpoints[~whole.did_return]
-                self.invalid += int(np.count_nonzero(~np.isfinite(left_out).all(axis=1)))
-                self.ignored += len(left_out)
+                left_out = ~whole.did_return
+                way = (whole.endpoints - whole.origin)[left_out]
+                self.invalid += int(np.count_nonzero(~np.isfinite(way).all(axis=1) | ~way.any(axis=1)))
+                self.ignored += len(way)
             name = f"{self.log.name}: scan {number}"
             try:
                 one = insert(scan)

@@ -28,8 +28,9 @@ _ELSEWHERE = (
 )
 
 
-#: How alike words are of which one may be meant: 0.6 has --body for --world.
-_ALIKE = 0.67
+#: How alike words are of which one may be meant: 0.6 has --body for --world; and from when on that is more
+#: likely than what others call it.
+_ALIKE, _NEARLY = 0.67, 0.8
 
 
 def usage_error(error: Any, words: Sequence[str], commands: Mapping[str, Any]) -> str:
@@ -110,11 +111,13 @@ def _value_of(parameter: Any, words: Sequence[str]) -> str:
 
 def _meant(flag: str, command: Any) -> str:
     known = [one for parameter in command.params for one in parameter.opts if one.startswith("--")]
-    near = [meant for part, meant in _ELSEWHERE if part in flag and meant in known]
+    begun = [one for one in known if len(flag) > 4 and one.startswith(flag)]
+    near = begun if len(begun) == 1 else get_close_matches(flag, known, 1, _NEARLY)
+    near = near or [meant for part, meant in _ELSEWHERE if part in flag and meant in known]
     near = near or [one for one in ("--output", "--png") if flag == "-o" and one in known]
-    near = near or [one for one in known if flag.startswith("--") and flag[2:] in one]
-    takers = [f"ndtree {name}" for one in OPTIONS if one.flag == flag for name in one.of.split()]
+    commands = (name for one in OPTIONS if one.flag == flag for name in one.of.split())
+    takers = [f"ndtree {name}" for name in commands if name != "node"]
     if takers and not near:
-        return f" here: it is one of {' and '.join(takers[:2])}".replace("ndtree node", "the nodes")
+        return f" here: it is one of {' and '.join(takers[:2])}"
     near = near or get_close_matches(flag, known, 1, _ALIKE)
     return f": did you mean {near[0]}?" if near else ""

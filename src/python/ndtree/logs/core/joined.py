@@ -48,6 +48,10 @@ class JoinedLog(Log):
         self.may_be_zero = any(log.may_be_zero for log in logs)
         self._at = 0
 
+    def without_scans(self) -> ValueError:
+        """As of the first log."""
+        return self._logs[0].without_scans()
+
     def ruled(self, **changes: Any) -> Self:
         """Of all logs; each keeps the end of its own ranges, beside one of all."""
         other = super().ruled(**changes)

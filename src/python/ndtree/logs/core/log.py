@@ -435,6 +435,10 @@ class DerivedLog(Log):
         """The scan itself: the other log has done it."""
         return scan
 
+    def without_scans(self) -> ValueError:
+        """As of the other log."""
+        return self._log.without_scans()
+
     # As of the other log, which has applied the limit to its scans, too.
     name = property(attrgetter("_log.name"))
     decisions = property(attrgetter("_log.decisions"))
