@@ -53,7 +53,7 @@ class FirstLook:
     range_sigma, range_sigma_quadratic : float
         Standard deviation of a range [m], and its growth with the squared range [1/m].
     is_measured : bool or None
-        The noise is from the log; else it is what such sensors usually have. None: nobody asked.
+        The noise is from the log; else it is what such sensors usually have. None: it was not asked for.
     has_own_noise : bool
         The log tells the noise of each range, beside which this one does not count.
     no_returns : NoReturns
