@@ -84,7 +84,7 @@ def test_wrong_calls_write_nothing(logs: list[Path]) -> None:
     before = sorted(Path().rglob("*"))
     for said, *arguments in (
         ("would both be a.ndt", "a.npz", "sub/a.npz"),
-        ("expected a folder for 2 maps", "a.npz", "b.npz", "-o", "old.ndt"),
+        ("old.ndt: is a file, expected a folder", "a.npz", "b.npz", "-o", "old.ndt"),
         ("expected a folder for 2 maps", "a.npz", "b.npz", "-o", "new.ndt"),
         ("--picture: is for one map", "a.npz", "b.npz", "--picture", "x.png"),
         ("--record: is for one map", "a.npz", "b.npz", "--record", "x.gif"),

@@ -103,6 +103,7 @@ def test_the_help_of_the_command_line_loads_no_command() -> None:
     code = "import sys; from ndtree.cli.commands import app\ntry: app(['--help'])\nexcept SystemExit: pass\n"
     said = output_of(code + "print(*sys.modules)")
     assert {name for name in said if name.startswith("ndtree.")} == {
+        "ndtree._errors",
         "ndtree._lazy",
         "ndtree.base",
         "ndtree.base.exit_status",

@@ -328,7 +328,7 @@ def test_the_command_writes_a_path(tmp_path: Path) -> None:
         file = tmp_path / f"way{ending}"
         done = cli(*call, "-o", file)
         assert (
-            done.exit_code == 0 and f"{expected.length:.3f} m in {len(expected) - 1} segments" in done.stdout
+            done.exit_code == 0 and f"{expected.length:.2f} m in {len(expected) - 1} segments" in done.stdout
         )
         text = file.read_text()
         if ending == ".csv":
