@@ -56,7 +56,7 @@ _FITS = 0.3  # Of the patches, in clouds that fit each other.
 _AS_WELL = 0.02  # A match fits no better.
 _SAME = 0.03  # Motions that differ by less lead to one match [m, rad].
 #: What poses err, each by itself: place [m] and turn [rad].
-_POSES = np.array([0.02, 0.02, 0.03, 0.0123, 0.0123, 0.008])
+_POSES = np.array([0.02, 0.02, 0.03, 0.0123, 0.0123, 0.0123])
 #: What may be wrong, and its columns of `_Log.slopes`.
 _KINDS = {
     "yaw": [0], "scale": [1], "way": [0, 1], "place": [2, 3], "clock": [4], "turns": [5], "mount": [0, 2, 3],
