@@ -216,7 +216,7 @@ class Cleaned:
                 self._seen.append((scan.endpoints[returned], went[returned]))
             progress("writing", self.scans, total)
         if not self.scans:
-            raise ValueError(f"{log.name}: no scans, expected at least one")
+            raise log.without_scans()
         self._writer.finish()
 
     @staticmethod

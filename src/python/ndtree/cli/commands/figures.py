@@ -102,7 +102,7 @@ def log_figures(log: Log, *, most: int | None = None) -> dict[str, Any]:
                 break
     is_whole = most is None or beams["beams"] < most or scans == length_of(log)
     if not scans:
-        raise ValueError(f"{log.path}: no scans, expected at least one")
+        raise log.without_scans()
     every = np.concatenate(ranges)
     known = every.size > 0
     return {

@@ -469,7 +469,7 @@ class SelectedLog(DerivedLog):
         times = {"start": self._selection.start, "stop": self._selection.stop}
         given = [f"{key(name)} = {time:g} s" for name, time in times.items() if time is not None]
         if not given:
-            return self._log.without_scans()
+            return super().without_scans()
         said = f"no scans with {' and '.join(given)}, expected seconds after the log's first scan"
         return WrongValue(f"{self.name}: {said}")
 
