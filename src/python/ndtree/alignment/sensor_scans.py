@@ -129,9 +129,8 @@ class Track:
     lost: int = 0  # Scans that did not match.
     against: list[Step] = field(default_factory=list)  # Odometry.
     unfixed: list[float] = field(default_factory=list)  # Way of each scan that only odometry tells [m].
-    through: list[float] = field(
-        default_factory=list
-    )  # Of each key scan: points where those before saw through.
+    #: Of each key scan: points where those before saw through.
+    through: list[float] = field(default_factory=list)
     ratios: list[float] = field(default_factory=list)  # Of ways that scans say, to those of odometry.
     final: int = 0  # Key scans up to whose last all stays as it is.
 

@@ -67,9 +67,8 @@ def scan_evidence(m: OccupancyMap, noise: tuple[float, float], pose: Floats, end
 
     `noise`: `range_sigma` and `range_sigma_quadratic` of the map.
     """
-    deep = (
-        m.min_cell_size
-    )  # For all beams that a cell ends alike, its surface is anywhere in it, or before it.
+    # For all beams that a cell ends alike, its surface is anywhere in it, or just before it.
+    deep = m.min_cell_size
     begin = 2.0 * deep  # The sensor's own cell may be unknown.
     ranges = np.hypot(ends[:, 0], ends[:, 1])
     ends, ranges = ends[ranges > begin], ranges[ranges > begin]

@@ -139,7 +139,7 @@ class Localizer:
         self._guess = None if guess is None else self._around.guess_of(guess)
         self._told = self._guessed(np.eye(m.dim + 1))  # The last that was likeliest.
         self._hypotheses: list[Hypothesis] = []
-        self._heights: list[Hypothesis] = []  # Of a guess that says none, of which one is right.
+        self._heights: list[Hypothesis] = []  # Hypotheses of a guess without a height: one is right.
         self._viewpoints: list[Viewpoint] = []  # Since it is not sure which.
         self._prior: Prior | None = None  # Where it may have been when it was not sure; None: anywhere.
         self._usual: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)  # Means and scores that fitted.

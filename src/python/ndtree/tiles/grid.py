@@ -41,7 +41,7 @@ class MapKind:
     def of(cls, m: OccupancyMap) -> MapKind:
         """That of a map.
 
-        Raises ValueError for an OctoMap, and a map with layers, of which there are no tiles.
+        Raises ValueError for an OctoMap, and a map with layers: neither has tiles.
         """
         if m.refinement == "octomap":
             raise ValueError("an OctoMap has no tiles: must be a map of ndtree's own")

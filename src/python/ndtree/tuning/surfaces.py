@@ -205,7 +205,7 @@ class Cloud:
 
 
 def unit_of(clouds: Sequence[Cloud]) -> float:
-    """What lengths of clouds are multiplied by: 1 but for absurd ones, of which there are hardly patches."""
+    """What lengths of clouds are multiplied by: 1 but for absurd ones, which have hardly any patches."""
     clouds = clouds[::64]
     ranges = [np.linalg.norm(one.scan.endpoints - one.scan.origin, axis=1)[one.scan.hits()] for one in clouds]
     usual = float(np.median(np.concatenate([*ranges, [_USUAL]])))

@@ -108,7 +108,7 @@ _ENDLESS = ("max_range", "max_seconds")
 
 
 def _require_within_limits(options: list[Option], typed: dict[str, Any]) -> None:
-    """Refuses numbers that the parser lets through: infinite ones, those that are none, and the bound."""
+    """Refuses numbers that the parser lets through: infinity, NaN, and the bound itself."""
     for one in options:
         value = typed[one.name]
         if one.limits and isinstance(value, float) and not (value == math.inf and one.name in _ENDLESS):
