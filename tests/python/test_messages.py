@@ -77,6 +77,7 @@ CALLS: tuple[tuple[str, int, str], ...] = (
     ("map office.npz -o o.ndt --min-range 9 --max-range 3", 2, "--min-range 9 m: must be < --max-range 3 m"),
     ("map office.npz -o o.ndt --min-range 500", 1, "nothing to map in 2 scans, 0 beams, with --min-range"),
     ("map office.npz -o o.ndt --fixed --refinement paper", 2, "--refinement: not with --fixed"),
+    ("align office.npz -o p.txt --min-range 9 --max-range 3", 2, "--min-range 9 m: must be < --max-range"),
     ("align office.npz -o p.ndt", 2, "-o p.ndt: poses are text, expected another ending"),
     ("fleet office.npz -o office.ndt", 2, "is a file, expected a folder"),
     ("view rooms.ndt --png a.png --slice z=100", 2, "--slice 100 m: must be from -"),

@@ -15,7 +15,7 @@ from ndtree.alignment import (
 )
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.words import listed, number_of
-from ndtree.cli.commands.flags import Call, GivenLog, command, opened
+from ndtree.cli.commands.flags import Call, GivenLog, check_ranges, command, opened
 from ndtree.cli.commands.logs import inspected, warn_of_skipped
 from ndtree.cli.commands.mapping import mapped, written
 from ndtree.cli.commands.messages import indented
@@ -45,6 +45,8 @@ def align_(log: GivenLog, call: Call, given: Config) -> None:
     Each scan is matched with earlier ones, and loops are closed. Libraries of the extra kiss-icp do this for
     3-D lidars.
     """
+    if call.max_range is not None:
+        check_ranges(given, call.max_range)
     by_kiss_icp = given.get("odometry") == KISS_ICP
     if by_kiss_icp:
         given = Config({name: one for name, one in given.values.items() if name != "odometry"})

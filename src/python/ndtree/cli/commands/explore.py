@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 import typer
 
-from ndtree.base.exit_status import WrongCall
 from ndtree.base.words import aligned
 from ndtree.cli.commands.flags import Call, command
 from ndtree.cli.commands.output import check_picture, is_stdout, write_json
@@ -48,8 +47,6 @@ def explore_world(
     """
     plot = plotting() if call.picture is not None else None
     check_picture(plot, call.picture)
-    if call.picture is not None and world != "office":
-        raise WrongCall(f"--picture {call.picture}: of 2-D maps alone, and {world} is 3-D")
     names = call.strategy or STRATEGIES
     done: dict[str, Exploration] = {}
     for name in dict.fromkeys(names):

@@ -162,11 +162,16 @@ def require_none(given: Config, instead_of: str) -> None:
         raise WrongCall(f"{flag_of(name)}: is for a LOG, not for {instead_of}")
 
 
-def _check_values(given: Config) -> None:
-    """Refuses values that are wrong for any log."""
-    nearest, farthest = given.get("min_range", 0.0), given.get("max_range", math.inf)
+def check_ranges(given: Config, farthest: float) -> None:
+    """Refuses a shortest range that leaves no beam."""
+    nearest = given.get("min_range", 0.0)
     if not nearest < farthest:
         raise WrongCall(f"--min-range {nearest:g} m: must be < --max-range {farthest:g} m")
+
+
+def _check_values(given: Config) -> None:
+    """Refuses values that are wrong for any log."""
+    check_ranges(given, given.get("max_range", math.inf))
     if given.get("fixed") and given.get("refinement", "fixed") != "fixed":
         raise WrongCall("--refinement: not with --fixed, whose cells neither split nor merge")
     for name, parse in (("mount", mount_of), ("origin_of_scan", point_of)):

@@ -41,7 +41,7 @@ _NO_ECHO_RANGE = "80"
 class CarmenLog(LineLog):
     """The FLASER and ROBOTLASER1 records of a CARMEN log.
 
-    `fov`: Angle from the first to the last beam of FLASER records [deg], in (0, 360]; of an even number of
+    `fov`: Angle from the first to the last beam of FLASER records [deg], in (6.28, 360]; of an even number of
         beams, to where one more would be. Left out, it is what PARAM records declare, else that of the laser
         that is known for its number of beams, else 180, with a note.
     """
@@ -51,8 +51,8 @@ class CarmenLog(LineLog):
 
     def __init__(self, source: Source, fov: float | None = None, zero_is: str | None = None) -> None:
         super().__init__(source.path, dim=2)
-        if fov is not None and not 0.0 < fov <= 360.0:
-            raise WrongValue.of("fov", f"{fov} degrees", "in (0, 360]")
+        if fov is not None and not math.tau < fov <= 360.0:  # Below, it is in radians.
+            raise WrongValue.of("fov", f"{fov} degrees", "in (6.28, 360], in degrees")
         self._fov = fov
         check_zero_is(source.path, zero_is)
         self.rules = Rules(zero_is=zero_is)
