@@ -61,8 +61,20 @@ CAPABILITIES = {
     "setup": Capability(
         setup.setup_trial,
         ("room", "hall", "loop", "twins", "recesses"),
-        ("none", "noisy", "late", "turned", "moved", "mirrored", "backwards", "scaled", "begins_at_0"),
-        (5, 19, 29, 36, 40, 51, 52, 53, 57),
+        (
+            "none",
+            "noisy",
+            "late",
+            "turned",
+            "moved",
+            "mirrored",
+            "backwards",
+            "scaled",
+            "begins_at_0",
+            "millimetres",
+            "degrees",
+        ),
+        (0, 1, 2, 3, 5, 6, 7, 8, 9, 10, 15),
     ),
     "setup_in_space": Capability(
         setup_in_space.setup_trial,

@@ -25,6 +25,8 @@ _SAID = {
     "backwards": {"signs", "mirrored"},
     "scaled": {"scale"},
     "begins_at_0": set(),
+    "millimetres": {"unit"},
+    "degrees": {"degrees"},
 }
 
 Told = Callable[[Floats], Floats]
@@ -51,6 +53,8 @@ def _told(true: Told, fault: str, rng: np.random.Generator, first: float) -> Tol
         "turned": lambda times: true(times) + np.array([0, 0, 0.2 * size]),
         "moved": moved,
         "backwards": lambda times: true(times) * [1, 1, -1],
+        "millimetres": lambda times: true(times) * [1000, 1000, 1],
+        "degrees": lambda times: true(times) * [1, 1, 180 / np.pi],
         "begins_at_0": lambda times: np.where((times < first)[:, None], 0.0, true(times)),
     }
     return told.get(fault, true)
@@ -88,6 +92,7 @@ def setup_trial(case: Case) -> tuple[Recording, Outcome]:
     if len(size) and not hides:
         outcome.expect("displaced walls", 100 * float(np.average(away, weights=size**2)))
     outcome.drawn.update({"map": m, "displaced walls": centers[away]})
+    outcome.words = [one for one in outcome.words if "had no pose" not in one]  # At the log's ends.
     outcome.may_doubt = case.fault in _SAID
     said = chosen.get("setup")
     may_say = _SAID.get(case.fault, set())

@@ -123,8 +123,8 @@ _MEASURES: dict[str, Callable[[Floats], Floats]] = {
 }
 #: Of these, those next to none: rings on the ground look the same as if nothing had moved.
 _STILL = ("times 0.0", *(kind for kind, scale in _UNITS.items() if scale < 1))
-#: A turn to the next cloud that no match finds [rad], and the quantile of turns that is above it if misread.
-_LOST, _MANY = 0.35, 0.8
+#: A turn to the next cloud that no match finds [rad], and how many of them tell that they are misread.
+_LOST, _FEW = 0.35, 4
 #: What else a robot's motion may be.
 _MOTIONS = {"mirrored": lambda motions: _MIRROR @ motions @ _MIRROR, **_ASIDE, **_MEASURES}
 
@@ -139,10 +139,10 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     pairs, is_far = log.pairs()
     readings = log.readings(pairs)
     few = slice(None, None, max(1, len(pairs) // _MOST_NEAR))
-    turned = [float(np.linalg.norm(turn_of(one[:3, :3]))) for one in readings[""][~is_far]]
+    turned = [float(np.linalg.norm(turn_of(one[:3, :3]))) > _LOST for one in readings[""][~is_far]]
     unlikely = {
         *(_STILL if np.count_nonzero(is_far) >= LEAST_PAIRS else ()),
-        *(["degrees"] if float(np.quantile(turned or [0.0], _MANY)) < _LOST else ()),
+        *(["degrees"] if sum(turned) < _FEW else ()),
     }
     agree = {
         kind: log.agreement(pairs[few], motions[few])
@@ -171,7 +171,9 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
             if are_degrees(*of_z, others, 1 / np.linalg.norm(whitening[:, :, -1], axis=1)):
                 return SetupError("degrees", (), None)
         likely = {kind: likelihood(one) for kind, one in left.items()}
-        # Straight on, several read alike: the first of them.
+        # None moves beyond what it sees between scans. Straight on, several read alike: the first of them.
+        if log.reach < float(np.median(np.linalg.norm(readings[""][:, :3, 3], axis=1))):
+            del likely["times 0.0"]
         best = next(kind for kind in likely if likely[kind] > max(likely.values()) - BOTH)
         if best in (*_READINGS, "mirrored", *_UNITS) and is_gain(left[""], left[best]):
             return SetupError("unit", (_UNITS[best],), None) if best in _UNITS else SetupError(best, (), None)
@@ -266,6 +268,8 @@ class _Log:
         if len(self.clouds) < LEAST_PAIRS:  # It stands, or the way is in far too large a unit.
             self.clouds = clouds[:: max(1, len(clouds) // (2 * LEAST_PAIRS))]
         self.is_planar = any(one.scan.dim == 2 for one in self.clouds)
+        #: How far the sensor sees [m].
+        self.reach = max((float(one.ranges.max(initial=0.0)) for one in self.clouds), default=0.0)
         #: Columns of motions and their errors that are seen.
         self.freedoms = [0, 1, 5] if self.is_planar else list(range(6))
         # How the sensor is told to sit, on the whole, as seen from where it looks.
@@ -330,15 +334,17 @@ class _Log:
     def pairs(self) -> tuple[Floats, Floats]:
         """(n, 2) pairs that are matched, and whether each is one of `_far`; others are next to each other."""
         number, far = len(self.poses), self._far()
-        # Mounts show where it turns, all else everywhere.
-        turns = self.poses[:, :3, :3]
-        turned = sorted(far, key=lambda pair: np.vdot(turns[pair[0]], turns[pair[1]]))
-        far = sorted({*turned[: _MOST_PAIRS // 2], *far[:: max(1, math.ceil(2 * len(far) / _MOST_PAIRS))]})
         near = [(i, i + k) for i in range(number) for k in (1, 2) if i + k < number]
-        near = near[:: max(1, math.ceil(len(near) / (_MOST_NEAR if far else _MOST_PAIRS)))]
+        far, near = self._some(far, _MOST_PAIRS), self._some(near, _MOST_NEAR if far else _MOST_PAIRS)
         pairs = sorted({*far, *near})
         is_far = [one in far for one in pairs]
         return np.array(pairs, dtype=int).reshape(-1, 2), np.array(is_far, dtype=bool)
+
+    def _some(self, pairs: list[tuple[int, int]], most: int) -> list[tuple[int, int]]:
+        """Of pairs that many, half of them where it turns, where mounts show; all else shows everywhere."""
+        turns = self.poses[:, :3, :3]
+        turned = sorted(pairs, key=lambda pair: np.vdot(turns[pair[0]], turns[pair[1]]))
+        return sorted({*turned[: most // 2], *pairs[:: max(1, math.ceil(2 * len(pairs) / most))]})
 
     def _far(self) -> list[tuple[int, int]]:
         """Of each cloud the next whose motion is much larger than what poses err, and a far one.

@@ -141,6 +141,12 @@ class Cloud:
     def stamp(self) -> float:
         return self.scan.stamp
 
+    @property
+    def ranges(self) -> Floats:
+        """Of the beams that met something [m]."""
+        lengths: Floats = np.linalg.norm(self.scan.endpoints - self.scan.origin, axis=1)
+        return lengths[self.scan.hits()]
+
     @cached_property
     def patches(self) -> _Patches:
         """In the sensor's frame; at the largest range may be beams without echo."""
@@ -207,8 +213,7 @@ class Cloud:
 def unit_of(clouds: Sequence[Cloud]) -> float:
     """What lengths of clouds are multiplied by: 1 but for absurd ones, which have hardly any patches."""
     clouds = clouds[::64]
-    ranges = [np.linalg.norm(one.scan.endpoints - one.scan.origin, axis=1)[one.scan.hits()] for one in clouds]
-    usual = float(np.median(np.concatenate([*ranges, [_USUAL]])))
+    usual = float(np.median(np.concatenate([*(one.ranges for one in clouds), [_USUAL]])))
     if 0.1 * _USUAL < usual < 10 * _USUAL:
         return 1.0
     told, scaled = (sum(len(one.times(by).patches.keys) for one in clouds) for by in (1.0, _USUAL / usual))
