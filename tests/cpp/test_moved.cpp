@@ -355,6 +355,12 @@ TEST(Moved, ProbabilityIsThatOfBayes) {
   tally.unsure = 3;
   EXPECT_EQ(posterior(tally, 50.0F), 0.5F) << "with beams too far apart, neither";
   EXPECT_GT(posterior(tally, -50.0F), 0.8F);
+  for (int i = 0; i < options.most_scans - 1; ++i) tally.find();
+  EXPECT_GT(posterior(tally, -50.0F), 0.5F);
+  tally.find();
+  EXPECT_EQ(posterior(tally, -50.0F), 0.5F) << "it came, and stands";
+  posterior.pass(tally);
+  EXPECT_GT(posterior(tally, -50.0F), 0.5F);
 }
 
 TEST(Moved, BeamsPassARodBesideAndAnEmptyPlaceAnywhere) {

@@ -194,6 +194,34 @@ def test_what_is_disputed_is_where_something_moved(office, tmp_path):
     assert json.loads((tmp_path / "f.json").read_text())["disputed"] is None
 
 
+@pytest.mark.parametrize("there, is_kept", [((30, 60), True), ((30, 48), False), ((54, 60), False)])
+def test_what_came_and_stands_is_kept(there, is_kept):
+    """A post in a round room, from a scan on to before another of 60."""
+    way = np.radians(np.arange(720) / 2)
+    way = np.stack([np.cos(way), np.sin(way)], 1)
+
+    def to_circle(middle, radius, side):
+        along = way @ middle
+        return along + side * np.sqrt(radius**2 - middle @ middle + along**2)
+
+    scans, posts = [], []
+    for i in range(60):
+        origin = np.array([0.01 * i, -0.3])
+        length = to_circle(-origin, 4.0, 1)
+        with np.errstate(invalid="ignore"):
+            post = to_circle(np.array([1.5, 0.5]) - origin, 0.2, -1)
+        posts.append((post > 0) & (there[0] <= i < there[1]))
+        scans.append((origin + way * np.where(posts[-1], post, length)[:, None], origin))
+    evidence = ndtree.MovedEvidence(dim=2, range_sigma=0.01)
+    for use in (evidence.add, evidence.look):
+        for points, origin in scans:
+            use(points, origin)
+    ends, is_post = np.concatenate([points for points, _ in scans]), np.concatenate(posts)
+    removed = np.asarray(evidence.probability(ends)) > 0.5
+    assert not removed[~is_post].any()
+    assert np.mean(removed[is_post]) == pytest.approx(0.0 if is_kept else 1.0, abs=0.1)
+
+
 def test_scans_without_what_moved_say_nothing_of_its_place(office):
     points = MovedPoints(office, {"range_sigma": 0.02}, np.inf, "free").look()
     changed = 0

@@ -23,7 +23,7 @@ struct MovedOptions {
   double range_sigma_quadratic = 0.0;  ///< plus this times r² [1/m].
   double noise_sigmas = 2.0;           ///< Of a range, that a point and a beam each may be wrong by.
   double error_rate = 0.2;             ///< Fraction of the scans that see through what stands, at most.
-  int most_scans = 12;  ///< Scans in a row that see through and outweigh any that found it before.
+  int most_scans = 12;                 ///< Scans in a row that outweigh any before that said otherwise.
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   void validate() const {
@@ -41,9 +41,9 @@ struct MovedOptions {
 /// What scans said of a cell.
 struct MovedTally {
   std::uint32_t through = 0;   ///< Scans that saw through it,
-  std::uint32_t streak = 0;    ///< of these the last in a row,
   std::uint32_t found = 0;     ///< and scans that found a surface there,
   std::uint32_t stays = 0;     ///< in how many rows without one that saw through.
+  std::int32_t streak = 0;     ///< The last scans in a row: that saw through, negative that found a surface.
   std::uint32_t unsure = 0;    ///< Scans that passed it with beams too far apart to surely meet it.
   std::uint32_t own_scan = 0;  ///< The last with a beam that ended in it.
   /// Logarithm of the odds, by where those that saw through passed it, that something thin stands there:
@@ -53,7 +53,7 @@ struct MovedTally {
   void find() {
     stays += found == 0 || streak > 0 ? 1 : 0;
     ++found;
-    streak = 0;
+    streak = std::min(streak, 0) - 1;
   }
 };
 
@@ -71,15 +71,13 @@ struct MovedTally {
 /// less the more found it or the more often it was found again.
 ///
 /// Once `most_scans` in a row have seen through, h counts for no more than these outweigh: what stood for
-/// long and left goes.
+/// long and left goes. What as many in a row found last is not said to have moved: it came, and stands.
 class MovedPosterior {
  public:
   /// @throws std::invalid_argument as MovedOptions::validate().
   explicit MovedPosterior(const MovedOptions& options)
-      : error_rate_(validated(options).error_rate),
-        most_scans_(static_cast<std::uint32_t>(options.most_scans)),
-        below_(error_rate_) {
-    while (operator()(most_scans_, outweighed_ + 1, 1) > 0.5F) ++outweighed_;
+      : error_rate_(validated(options).error_rate), most_scans_(options.most_scans), below_(error_rate_) {
+    while (operator()(static_cast<std::uint32_t>(most_scans_), outweighed_ + 1, 1) > 0.5F) ++outweighed_;
   }
 
   /// Of a cell that `through` scans saw through, and in which `found` found a surface, in `stays` rows of
@@ -102,7 +100,7 @@ class MovedPosterior {
   /// @param thin logarithm of the odds of something thin, of the cell and those around it.
   [[nodiscard]] float operator()(const MovedTally& tally, float thin) const {
     float probability = operator()(tally.through, tally.found, tally.stays);
-    if (!(thin < 0.0F)) probability = std::min(probability, 0.5F);
+    if (!(thin < 0.0F) || tally.streak <= -most_scans_) probability = std::min(probability, 0.5F);
     const bool is_open = tally.unsure > error_rate_ * (static_cast<double>(tally.unsure) + tally.found);
     return is_open ? std::max(probability, 0.5F) : probability;
   }
@@ -118,7 +116,8 @@ class MovedPosterior {
   /// Counts a scan that saw through.
   void pass(MovedTally& tally) const {
     ++tally.through;
-    if (++tally.streak < most_scans_) return;
+    tally.streak = std::max(tally.streak, 0) + 1;
+    if (tally.streak < most_scans_) return;
     tally.found = std::min(tally.found, outweighed_);
     tally.stays = std::min(tally.stays, outweighed_);
   }
@@ -138,7 +137,7 @@ class MovedPosterior {
   }
 
   double error_rate_;
-  std::uint32_t most_scans_;
+  std::int32_t most_scans_;
   QuickIncompleteBeta below_;     // Of error_rate.
   std::uint32_t outweighed_ = 0;  // Scans that found a surface, by most_scans that saw through.
 };
