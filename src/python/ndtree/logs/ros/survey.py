@@ -124,7 +124,7 @@ class Survey:
         whole = {topic.name for topic in bag.of_type(*TF, CAMERA_INFO)}
         if poses is not None:
             whole.add(poses)
-        for raw in bag.messages(whole, heads=self.seen, on_damage=self.ends.append):
+        for raw in bag.messages({*whole, *self.seen}, self.ends.append):
             topic, type, received = raw.connection.topic, raw.connection.type, 1e-9 * raw.received
             if topic in self.seen and topic not in whole:
                 head = head_of(raw)
