@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ndtree._errors import WrongValue, key
 from ndtree._lazy import needs
 from ndtree._native._core import depth_points
+from ndtree.base.words import numbers_in
 from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.plain_file import open_regular
 
@@ -59,10 +60,7 @@ def camera_of(text: str, *, scale: float) -> Camera:
     `scale`: Where the text names none.
     Raises ValueError if it is something else.
     """
-    try:
-        numbers = [float(field) for field in text.split(",")]
-    except ValueError:
-        numbers = []
+    numbers = numbers_in(text)
     if len(numbers) not in (4, 5):
         raise WrongValue(f"{key('camera')} = {text!r}: expected fx,fy,cx,cy or fx,fy,cx,cy,scale")
     return Camera(*numbers[:4], scale=numbers[4] if len(numbers) == 5 else scale)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ndtree._errors import key
+from ndtree.logs.core.failures import some_of
 from ndtree.logs.core.source import WrongOption, check_zero_is
 from ndtree.logs.folders.depth_image import check_stride
 from ndtree.logs.poses.covariances import USES
@@ -42,8 +43,7 @@ class Wanted:
 
 def listed(topics: list[Topic]) -> str:
     """Topics for errors."""
-    shown = [f"{topic.name} ({short(topic.type)})" for topic in topics[:12]]
-    return ", ".join(shown + ["..."] * (len(topics) > 12))
+    return some_of([f"{topic.name} ({short(topic.type)})" for topic in topics], 12)
 
 
 def instead(topics: list[Topic]) -> str:
