@@ -76,7 +76,6 @@ class Trajectory:
         self._gaps = self._found_gaps()
 
     def __len__(self) -> int:
-        """Number of poses."""
         return len(self.stamps)
 
     def __repr__(self) -> str:
