@@ -226,7 +226,6 @@ def _times_in(source: Source, names: Sequence[str]) -> list[float]:
 
 
 def _images(path: str) -> tuple[list[float], list[str]]:
-    """Times [s] and names of the images that a list has."""
     stamps, names = [], []
     for number, line in text_lines(path):
         fields = line.split("#", 1)[0].split(maxsplit=1)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.logs.core.failures import shown
-from ndtree.logs.core.plain_file import open_regular
+from ndtree.logs.core.plain_file import are_numbers, numbers_of, open_regular
 
 _HEADER_LINES, _LINE_BYTES = 10_000, 1 << 16
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
@@ -175,15 +175,11 @@ def _columns_of(path: str, vertex: _Element, lines: list[bytes], axes: list[int]
             column.append(values[place])
     kinds = [np.dtype(vertex.properties[axis].kind) for axis in axes]
     try:
-        return [
-            np.array(column, dtype="S").astype(np.float64).astype(kind if kind.kind == "f" else np.float64)
-            if column
-            else np.zeros(0, np.float32)
-            for column, kind in zip(columns, kinds)
-        ]
+        return [numbers_of(column, kind) for column, kind in zip(columns, kinds)]
     except ValueError:
-        wrong = next((value for column in columns for value in column if not _is_number(value)), b"")
-        raise _damaged(path, f"found {shown(wrong.decode(errors='replace'))!r}, expected a number") from None
+        values = (value.decode(errors="replace") for column in columns for value in column)
+        wrong = next((value for value in values if not are_numbers([value])), "")
+        raise _damaged(path, f"found {shown(wrong)!r}, expected a number") from None
 
 
 def _of_binary(
@@ -252,14 +248,6 @@ def _with_lists(path: str, order: str, one: _Element, data: bytes, at: int) -> t
         at += equal * size
         run = run * 4 if equal == len(table) else max(1, run // 4)
     return lambda axis: np.concatenate(parts[axis]) if parts[axis] else np.zeros(0, np.float32), at
-
-
-def _is_number(value: bytes) -> bool:
-    try:
-        float(value)
-    except ValueError:
-        return False
-    return True
 
 
 def _damaged(path: str, what: str) -> ValueError:
