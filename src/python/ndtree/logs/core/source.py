@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from ndtree._errors import WrongValue, key
+from ndtree.base.options import option
 from ndtree.base.scan import Scan
 from ndtree.logs.core.arrays import Floats, Points
 from ndtree.logs.core.failures import NotALog, WrongOption
 from ndtree.logs.core.log import Log
 from ndtree.logs.core.plain_file import open_plain
-from ndtree.logs.core.rules import INVALID, NO_ECHO
 
 __all__ = ["Format", "Source", "WrongOption", "source_of"]
 
@@ -42,12 +42,6 @@ class Source:
     def inside(self, *parts: str) -> str:
         """Path of something in the folder."""
         return os.path.join(self.path, *parts)
-
-
-def check_zero_is(path: str, zero_is: str | None) -> None:
-    """Refuse what is none of the words for it. @raises WrongOption"""
-    if zero_is not in (None, NO_ECHO, INVALID):
-        raise WrongOption(f"{path}: {key('zero_is')} = {zero_is!r}: must be {NO_ECHO} or {INVALID}")
 
 
 @dataclass(frozen=True)
@@ -77,7 +71,9 @@ class Format:
         return self.stored_as in ("either", "folder" if source.is_folder else "file")
 
     def log(self, source: Source, dim: int | None, options: dict[str, Any]) -> Log:
-        """The log of a source; ValueError where it has another dimension than `dim`."""
+        """The log of a source; ValueError for wrong options, or where it has another dimension than `dim`."""
+        for name, value in options.items():
+            option(name).require(value)
         if self.dim is None:
             return self.open(source, dim=dim, **options)
         if dim not in (None, self.dim):

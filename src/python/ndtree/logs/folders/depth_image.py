@@ -54,12 +54,7 @@ class Camera:
 
 
 def camera_of(text: str, *, scale: float) -> Camera:
-    """The camera that a text names.
-
-    `text`: ``"fx,fy,cx,cy"`` or ``"fx,fy,cx,cy,scale"``.
-    `scale`: Where the text names none.
-    Raises ValueError if it is something else.
-    """
+    """Of ``"fx,fy,cx,cy,scale"``, or of ``"fx,fy,cx,cy"`` and a scale; ValueError of something else."""
     numbers = numbers_in(text)
     if len(numbers) not in (4, 5):
         raise WrongValue(f"{key('camera')} = {text!r}: expected fx,fy,cx,cy or fx,fy,cx,cy,scale")
@@ -82,12 +77,6 @@ def points_of(
     first = pixel_stride // 2
     values = image[first::pixel_stride, first::pixel_stride]
     return depth_points(values, x, y, 1.0 / camera.scale, no_depth)
-
-
-def check_stride(pixel_stride: int) -> None:
-    """Refuses what is not a number of rows and columns."""
-    if pixel_stride < 1:
-        raise WrongValue.of("pixel_stride", pixel_stride, ">= 1")
 
 
 @lru_cache(maxsize=4)
@@ -128,9 +117,8 @@ def _check_size(where: str, columns: int, rows: int) -> None:
 
 
 def png_pixels(file: IO[bytes], where: str) -> NDArray[np.uint16]:
-    """A depth image of one channel in a PNG of 16 bits a pixel, (rows, columns).
+    """A depth image of one channel in a PNG of 16 bits a pixel, (rows, columns); errors call it `where`.
 
-    `where`: How errors call it.
     Raises ImportError if Pillow is not there; ValueError if it is no such image, or damaged.
     """
     with needs("depth images in PNG need Pillow", "clouds"):

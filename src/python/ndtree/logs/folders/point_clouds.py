@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 
-from ndtree._errors import WrongValue
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
 from ndtree.logs.core.arrays import Points
@@ -27,7 +26,6 @@ from ndtree.logs.formats.text import dimension_of, first_fields, looks_like_poin
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.trajectory_files import read_pose, trajectory_kind
 
-FRAMES = ("sensor", "map")
 _PCD = kind_of_name("a.pcd")
 
 
@@ -65,8 +63,6 @@ class PointCloudLog(FolderLog):
         points_only: bool = False,
     ) -> None:
         unplaced = Unplaced.of(source.path, origin_of_scan, points_only, trajectory=trajectory)
-        if points_in not in FRAMES:
-            raise WrongValue.of("points_in", f"{points_in!r}", f"one of {', '.join(FRAMES)}")
         self._points_in, self._unplaced = points_in, unplaced
         self.has_sensor = not unplaced.points_only
         scans = _scans_of(source)

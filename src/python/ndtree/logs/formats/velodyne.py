@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import struct
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -125,8 +124,6 @@ def _open(
         raise NotALog(source.path, f"packets of a lidar by {sender}", [way])
     if trajectory is not None and still:
         raise WrongOption(f"{source.path}: {key('trajectory')} and {key('still')}: expected one of them")
-    if not math.isfinite(time_offset):
-        raise WrongOption(f"{key('time_offset')} = {time_offset:g} s: must be finite")
     if trajectory is None and not still:
         ways = [f"ndtree map {source.path} --trajectory FILE (poses of the sensor)", "--still (it stands)"]
         raise NotALog(source.path, "packets of a Velodyne, and no poses with them", ways)
