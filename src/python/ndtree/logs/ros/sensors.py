@@ -52,11 +52,7 @@ def recorded_unit(bag: Bag, topic: str) -> tuple[float, str] | None:
     """How many metres an integer of a depth image is, and the topic that says so.
 
     The recorder of the RealSense SDK writes the options of each sensor beside its images. That of the same
-    sensor counts, else that of the same device.
-
-    `topic`: With the images.
-    Returns (float, str), or None: None where it is not stated.
-    Raises ValueError if the option is no length.
+    sensor counts, else that of the same device. None where it is not stated; ValueError if it is no length.
     """
     own = _SENSOR.match(topic)
     if own is None:

@@ -60,11 +60,8 @@ def _between(
 
     The sums are those of `Pose.apply`, block by block and axis by axis.
 
-    `rotations`: (k, 3, 3).
-    `positions`: (k, 3).
-    `before` (n,): Of each point, which pose is before its time; there is one after.
-    `share` (n,): Of the time between both, 0 to 1.
-    `points`: (n, 3).
+    `rotations` (k, 3, 3), `positions` (k, 3): The poses.
+    `before`, `share` (n,): Which pose is before a point's time, and of the time to the next, 0 to 1.
     """
     turns, moves = np.ascontiguousarray(np.moveaxis(rotations, 0, -1)), np.ascontiguousarray(positions.T)
     ends = np.empty(points.shape)

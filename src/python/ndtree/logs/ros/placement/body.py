@@ -53,9 +53,7 @@ class Body:
     ) -> tuple[Beams, int]:
         """The beams, without a word of those that end in the body, and how many these are.
 
-        `place`: Of their sensor.
         `frame`, `body`: That the beams, and the body, are in.
-        `stamp`: When they were measured [s].
         """
         points = place.tree.pose_at(body, frame, stamp).apply(beams.points)
         inside = np.zeros(len(points), dtype=bool)

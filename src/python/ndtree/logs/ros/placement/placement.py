@@ -305,11 +305,8 @@ def observer_of(tree: TransformTree, frame: str, wanted: str | None) -> str | No
 
     SLAM publishes clouds that it has moved into the frame of its map, in which the robot drives: that frame
     is no sensor's. It is a usual fixed one, or the root of the tree, and a frame below it moves about. Of
-    these the one that was asked for counts, else a robot's usual base, else the uppermost.
-
-    `frame`: Of the cloud.
-    `wanted`: Asked for.
-    Returns: None where the frame may be that of a sensor.
+    these the one that is `wanted` counts, else a robot's usual base, else the uppermost. None where the
+    cloud's frame may be that of a sensor.
     """
     if posixpath.basename(frame) in BASES:
         return None
