@@ -177,8 +177,8 @@ def _columns_of(path: str, vertex: _Element, lines: list[bytes], axes: list[int]
     try:
         return [numbers_of(column, kind) for column, kind in zip(columns, kinds)]
     except ValueError:
-        values = (value.decode(errors="replace") for column in columns for value in column)
-        wrong = next((value for value in values if not are_numbers([value])), "")
+        texts = (value.decode(errors="replace") for column in columns for value in column)
+        wrong = next((text for text in texts if not are_numbers([text])), "")
         raise _damaged(path, f"found {shown(wrong)!r}, expected a number") from None
 
 
