@@ -44,6 +44,12 @@ class Source:
         return os.path.join(self.path, *parts)
 
 
+def require_one(path: str, given: Sequence[str]) -> None:
+    """Refuse several of options that exclude each other; raises WrongOption."""
+    if len(given) > 1:
+        raise WrongOption(f"{path}: {' and '.join(map(key, given))}: expected one of them")
+
+
 @dataclass(frozen=True)
 class Format:
     """One row of the table of formats: how to recognise it, and how to open it.
@@ -134,9 +140,7 @@ class Unplaced:
         Raises WrongOption if more than one way is given; ValueError if the origin is no point.
         """
         ways = {"origin_of_scan": origin_of_scan, "points_only": points_only or None, **others}
-        given = [name for name, value in ways.items() if value is not None]
-        if len(given) > 1 and ("origin_of_scan" in given or "points_only" in given):
-            raise WrongOption(f"{path}: {' and '.join(given)}: expected one of them")
+        require_one(path, [name for name, value in ways.items() if value is not None])
         if origin_of_scan is None:
             return Unplaced(None, bool(points_only))
         return Unplaced(point_of(origin_of_scan), False)

@@ -12,7 +12,6 @@ from typing import IO, Any
 
 import numpy as np
 
-from ndtree._errors import key
 from ndtree._lazy import needs
 from ndtree.base.scan import Scan
 from ndtree.logs.core.arrays import Floats, Points
@@ -20,7 +19,7 @@ from ndtree.logs.core.failures import NoPose, NotALog, one_line
 from ndtree.logs.core.log import Log
 from ndtree.logs.core.plain_file import open_regular
 from ndtree.logs.core.silence import without_padding
-from ndtree.logs.core.source import Format, Source, WrongOption
+from ndtree.logs.core.source import Format, Source, require_one
 from ndtree.logs.poses.pose import matrices_of, rotated
 from ndtree.logs.poses.trajectory import Trajectory
 from ndtree.logs.poses.trajectory_files import read_trajectory
@@ -122,8 +121,8 @@ def _open(
     if sender != "Velodyne":
         way = _OF_OTHERS[sender].format(path=source.path)
         raise NotALog(source.path, f"packets of a lidar by {sender}", [way])
-    if trajectory is not None and still:
-        raise WrongOption(f"{source.path}: {key('trajectory')} and {key('still')}: expected one of them")
+    ways = {"trajectory": trajectory, "still": still or None}
+    require_one(source.path, [name for name, value in ways.items() if value is not None])
     if trajectory is None and not still:
         ways = [f"ndtree map {source.path} --trajectory FILE (poses of the sensor)", "--still (it stands)"]
         raise NotALog(source.path, "packets of a Velodyne, and no poses with them", ways)

@@ -11,7 +11,7 @@ import numpy as np
 from ndtree._errors import key
 from ndtree.base.options import option
 from ndtree.logs.core.failures import some_of
-from ndtree.logs.core.source import WrongOption
+from ndtree.logs.core.source import WrongOption, require_one
 from ndtree.logs.ros.files.bag import Bag, Topic
 from ndtree.logs.ros.messages.beams import IMAGES, short
 from ndtree.logs.ros.survey import ODOMETRY, POSE_NAMES, POSES
@@ -82,8 +82,7 @@ class BagOptions:
         ways = ("fixed_frame", "odometry", "poses", "trajectory")
         given = [name for name in ways if getattr(self, name) is not None]
         given += ["still"] if self.still and given != ["fixed_frame"] else []
-        if len(given) > 1:
-            raise WrongOption(f"{path}: {' and '.join(map(key, given))}: expected one of them")
+        require_one(path, given)
         for one in fields(self):
             value = getattr(self, one.name)
             if value is not None:
