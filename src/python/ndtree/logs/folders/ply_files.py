@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.failures import shown
+from ndtree.logs.core.failures import at_place, shown
 from ndtree.logs.core.plain_file import are_numbers, numbers_of, open_regular
+from ndtree.logs.poses.pose import Pose
 
 _HEADER_LINES, _LINE_BYTES = 10_000, 1 << 16
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
@@ -57,18 +58,16 @@ def ply_columns(path: str) -> list[NDArray[Any]]:
     return _columns(path, (order, elements), data, "vertex", tuple("xyz"))
 
 
-def ply_camera(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Position (3,) and rotation (3, 3) of the sensor in the map, from the element camera that PCL writes.
-
-    None where the file has none. Its rows are what PCL calls axes.
-    """
+def ply_viewpoint(path: str) -> Pose:
+    """Pose of the sensor by the element camera that PCL writes, whose axes are rows; else the identity."""
     with open_regular(path) as file:
         order, elements = _header(path, file)
         if [one.count for one in elements if one.name == "camera"] != [1]:
-            return None
+            return Pose.identity()
         data = file.read()
     found = np.concatenate(_columns(path, (order, elements), data, "camera", _CAMERA)).astype(np.float64)
-    return found[:3], found[3:].reshape(3, 3)
+    with at_place(f"{path}: element camera", "a position and a rotation"):
+        return Pose.from_matrix(np.column_stack([found[3:].reshape(3, 3), found[:3]]))
 
 
 def _columns(
