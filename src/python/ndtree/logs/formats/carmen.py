@@ -103,6 +103,7 @@ def _recognises(source: Source) -> bool:
 
 
 def _ranges_in(fields: list[str]) -> slice:
+    """Where a laser's record has its ranges; nowhere in other records."""
     begin = _FIRST_RANGE.get(fields[0], 0) if fields else 0
     if not begin or len(fields) < begin or not fields[begin - 1].isdigit():
         return slice(0, 0)

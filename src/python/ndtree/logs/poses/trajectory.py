@@ -78,10 +78,6 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.stamps)
 
-    def __repr__(self) -> str:
-        times = f"{self.stamps[0]:.3f} to {self.stamps[-1]:.3f} s"
-        return f"<Trajectory {self.name!r}, {len(self)} poses, {times}>"
-
     def pose_at(self, stamp: float) -> Pose:
         """The pose at a time [s]: as `poses_at`, without the cost of arrays for one."""
         first, last = float(self.stamps[0]), float(self.stamps[-1])

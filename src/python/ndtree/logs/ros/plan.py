@@ -50,6 +50,7 @@ class BagPlan:
     damaged: list[ValueError]
     damage: list[str]
     notes: list[str]
+    spans: dict[str, tuple[float, float]]  # Of all scans, and of the first sensor's poses unless it stands.
     hint: str  # What may help where no scan has a pose.
     decisions: dict[str, Decision] = field(default_factory=dict)
 
@@ -57,11 +58,6 @@ class BagPlan:
     def place(self) -> Placement:
         """How the first sensor's poses are found."""
         return self.places[self.sensors[0].topic.name]
-
-    @property
-    def spans(self) -> dict[str, tuple[float, float]]:
-        """Of all scans, by the poses' clock, and of the first sensor's poses unless it stands."""
-        return _spans(self.sensors, self.place)
 
 
 def planned(bag: Bag, options: BagOptions, dim: int | None, *, so_far: bool, in_memory: bool) -> BagPlan:
@@ -93,9 +89,8 @@ def planned(bag: Bag, options: BagOptions, dim: int | None, *, so_far: bool, in_
     if left:
         notes.append(f"{key('topic')} would take another sensor than {used[0].name}: {listed(left)}")
     notes += [sensor.note for sensor in sensors if sensor.note]
-    bodies = (
-        {} if body is None else {name: body.frame_of(one, options.base_frame) for name, one in places.items()}
-    )
+    spans = _spans(sensors, place)
+    bodies = {name: body.frame_of(one, options.base_frame) for name, one in places.items() if body}
     return BagPlan(
         options=options,
         sensors=sensors,
@@ -110,7 +105,8 @@ def planned(bag: Bag, options: BagOptions, dim: int | None, *, so_far: bool, in_
         damaged=survey.damaged,
         damage=bag.damage,
         notes=[*notes, *place.notes, *bag.damage, *said],
-        hint=_clocks(sensors[0], survey, _spans(sensors, place)),
+        spans=spans,
+        hint=_clocks(sensors[0], survey, spans),
         decisions=_decisions(options, wanted, place, shown, covariances),
     )
 

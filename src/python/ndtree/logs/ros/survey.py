@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ndtree.logs.core.arrays import Floats
+from ndtree.logs.core.failures import at_place
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.transforms import TransformTree, is_transform, plain
 from ndtree.logs.ros.clock import Clock
@@ -132,7 +133,8 @@ class Survey:
                     heads[topic].append((received, *head))
                 continue
             try:
-                message = bag.named(raw)
+                with at_place(f"{bag.path}: {topic}"):
+                    message = bag.decoded(raw)
             except ValueError as error:
                 self.damaged.append(error)
                 continue

@@ -15,7 +15,6 @@ from functools import lru_cache
 from typing import Any
 
 from ndtree._lazy import needs
-from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import FREE_BYTES, MOST_PACKED
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files import mcap_file, ros1_file, sqlite_file
@@ -105,11 +104,6 @@ class Bag:
             return store.deserialize_cdr(raw.data, one.type)
         except Exception as error:  # A library at the mercy of foreign bytes raises whatever comes.
             raise ValueError(f"no whole {one.type} ({type(error).__name__}: {line_of(error)})") from None
-
-    def named(self, raw: Raw) -> Any:
-        """As `decoded`; its errors have the names of the bag and the topic."""
-        with at_place(f"{self.path}: {raw.connection.topic}"):
-            return self.decoded(raw)
 
     def first(self, topic: str) -> Any:
         """The first message of a topic that is whole."""
@@ -240,8 +234,8 @@ def _opened(name: str, stack: ExitStack) -> Storage:
         head = _head(path)
         if not head:
             raise ValueError(f"{name}: cannot be unpacked (cut off), expected a whole file")
-    elif head.startswith(sqlite_file.MAGIC) and _size_of(name + sqlite_file.WAL):
-        path = _with_wal(name, stack)
+    elif head.startswith(sqlite_file.MAGIC) and os.path.isfile(wal := name + sqlite_file.WAL):
+        path = _with_wal(name, stack) if os.path.getsize(wal) else path
     for magic, kind in _FILES.items():
         if head.startswith(magic):
             return kind(path, name)
@@ -252,10 +246,6 @@ def _opened(name: str, stack: ExitStack) -> Storage:
 def _head(path: str) -> bytes:
     with open(path, "rb") as file:
         return file.read(16)
-
-
-def _size_of(path: str) -> int:
-    return os.path.getsize(path) if os.path.isfile(path) else 0
 
 
 def _with_wal(path: str, stack: ExitStack) -> str:

@@ -141,7 +141,7 @@ def turning(tree: TransformTree, fixed_frame: str, frame: str, stamps: Floats, s
 
     `sweep` is how long one takes [s].
     """
-    if len(stamps) < 2 * GROUP or tree.is_fixed(fixed_frame, frame):
+    if len(stamps) < 2 * GROUP or not tree.moving(fixed_frame, frame):
         return []
     first, last = tree.span(fixed_frame, frame)
     at = np.flatnonzero((stamps - sweep >= first) & (stamps + sweep <= last))

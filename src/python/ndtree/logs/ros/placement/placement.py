@@ -248,7 +248,7 @@ class Finder:
             return plain(wanted)
         candidates = [usual for usual in USUAL if usual in connected]
         roots = (root for root in tree.roots(sensor) if root != sensor)
-        candidates += [root for root in roots if not tree.is_fixed(root, sensor)]
+        candidates += [root for root in roots if tree.moving(root, sensor)]
         if not candidates:
             said = f"{sensor} is connected to none of {', '.join(USUAL)}, nor to a frame in which it moves"
             frames = f"{key('fixed_frame')} FRAME, of {some_of(connected)}"
@@ -310,7 +310,7 @@ def observer_of(tree: TransformTree, frame: str, wanted: str | None) -> str | No
     """
     if posixpath.basename(frame) in BASES:
         return None
-    roots = [root for root in tree.roots(frame) if tree.is_fixed(root, frame)]
+    roots = [root for root in tree.roots(frame) if not tree.moving(root, frame)]
     if not roots and posixpath.basename(frame) not in USUAL:
         return None
     below = tree.below(frame)
