@@ -291,7 +291,7 @@ def test_damaged_frames_can_be_passed_over(case: str, kind: str, tmp_path: Path)
         ({"camera": "-1,1,2,3"}, "fx = -1 of the camera: must be > 0"),
         ({"camera": "1,1,nan,3"}, "cx = nan of the camera: must be finite"),
         ({"camera": "1,1,2,3,-5"}, "scale = -5 of the camera: must be > 0"),
-        ({"pixel_stride": 0}, "pixel_stride = 0: must be >= 1"),
+        ({"pixel_stride": 0}, "pixel_stride = 0: must be a whole number >= 1"),
         ({"dim": 2}, "a 7-Scenes folder is 3-D, expected dim=3"),
     ],
 )

@@ -24,8 +24,7 @@ from ndtree.evaluation.sampling import AUTO
 from ndtree.live.ros.parameters import ROWS, check, config_of, in_parameters
 from ndtree.logs import FORMATS
 from ndtree.logs.core.rules import INVALID, NO_ECHO
-from ndtree.logs.folders.point_clouds import FRAMES
-from ndtree.logs.poses.covariances import USES
+from ndtree.logs.poses.covariances import IGNORE, USE
 from ndtree.logs.ros.messages.sweep import BY_WORD
 from ndtree.logs.ros.survey import POSE_NAMES
 from ndtree.maps.kinds import KINDS, MAP_OPTIONS
@@ -186,7 +185,7 @@ def test_an_option_is_found_everywhere(place: str) -> None:
 def test_words_are_those_of_the_program() -> None:
     """Words and defaults that stand in the table are what those who take them know."""
     known: dict[str, tuple[str, Iterable[str]]] = {
-        "sweep": ("map", BY_WORD), "pose_covariance": ("map", USES), "points_in": ("map", FRAMES),
+        "sweep": ("map", BY_WORD), "pose_covariance": ("map", (AUTO, IGNORE, USE)),
         "strategy": ("explore", STRATEGIES), "zero_is": ("map", (NO_ECHO, INVALID)),
         "no_return": ("map", ("free", "ignore", AUTO)), "engine": ("fleet", ENGINES),
     }  # fmt: skip

@@ -54,7 +54,7 @@ def test_what_was_said_of_zero_holds(tmp_path: Path) -> None:
     way = first.endpoints[gone] - first.origin
     right = -math.pi / 2 + np.flatnonzero(gone) * math.pi / 180
     np.testing.assert_allclose(np.arctan2(way[:, 1], way[:, 0]), right, atol=1e-9)
-    with pytest.raises(TypeError, match="zero_is = 'far': must be no-echo or invalid"):
+    with pytest.raises(ValueError, match="zero_is = 'far': must be one of no-echo, invalid"):
         ndtree.read(path, zero_is="far")
 
 

@@ -85,6 +85,15 @@ class Option:
         }  # fmt: skip
         return of_type.get(self.type, one)
 
+    def require(self, value: Any) -> None:
+        """Refuse what is none of its words, or not within its limits; raises WrongValue."""
+        given = getattr(value, "item", lambda: value)()  # Of NumPy's numbers, those of Python.
+        try:
+            if self.words or self.limits:
+                self.check(given)
+        except ValueError:
+            raise WrongValue.of(self.name, f"{given!r}", self.check.expected) from None
+
     @property
     def expected(self) -> str:
         """What must be typed, in words."""

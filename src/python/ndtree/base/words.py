@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Numbers of things and tables, for people."""
+"""Numbers of things and tables for people, and numbers that people type."""
 
 from __future__ import annotations
 
@@ -11,6 +11,14 @@ from decimal import Decimal
 def number_of(count: int, thing: str) -> str:
     """As "1 scan" and "2,000 scans"."""
     return f"{count:,} {thing}{'' if count == 1 else 's'}"
+
+
+def numbers_in(text: str) -> list[float]:
+    """Numbers between commas; no number at all if one of them is none."""
+    try:
+        return [float(field) for field in text.split(",")]
+    except ValueError:
+        return []
 
 
 def percent(share: float) -> str:

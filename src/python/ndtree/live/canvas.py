@@ -57,11 +57,10 @@ class Canvas:
     `lower` (2,): Its first pixel, x and y.
     """
 
-    def __init__(self, first: Ints | None = None, last: Ints | None = None) -> None:
-        """Of pixels [first, last) with room around them; without, of none."""
-        self.lower = np.zeros(2, np.int64) if first is None else first // GROWS * GROWS
-        upper = self.lower if last is None else -(-last // GROWS) * GROWS
-        self.values = np.full((upper - self.lower)[::-1], UNKNOWN, dtype=np.int8)
+    def __init__(self, first: Ints, last: Ints) -> None:
+        """Of pixels [first, last) with room around them."""
+        self.lower = first // GROWS * GROWS
+        self.values = np.full((-(-last // GROWS) * GROWS - self.lower)[::-1], UNKNOWN, dtype=np.int8)
 
     @property
     def upper(self) -> Ints:

@@ -90,32 +90,22 @@ def state_in_column(leaves: Leaves, unit: float) -> Pixels:
     return (state + ((state == 1) & (leaves.size > 1.5 * unit))).astype(np.int8)
 
 
-class WallFronts:
-    """How far behind free pixels large occupied cells are drawn; beyond they are unknown.
+def _front(depth: float | None, pixel: float) -> int:
+    """How far behind free pixels large occupied cells are drawn [pixels]; 0: all of each."""
+    return 0 if depth is None or math.isinf(depth) else max(1, math.floor(depth / pixel * (1 + 1e-9)))
 
-    `depth`: [m]; None or infinite: all of each.
-    """
 
-    def __init__(self, depth: float | None = None) -> None:
-        self.depth = depth
-
-    def reach(self, pixel: float) -> int:
-        """How far a free pixel shows others [pixels]."""
-        if self.depth is None or math.isinf(self.depth):
-            return 0
-        return max(1, math.floor(self.depth / pixel * (1 + 1e-9)))
-
-    def drawn(self, values: Pixels, pixel: float) -> Pixels:
-        """Values without any that is `LARGE`; within reach of the border, what lies beyond is missing."""
-        large, reach = values == LARGE, self.reach(pixel)
-        near = values == FREE if reach else large
-        for axis, size in enumerate(values.shape):
-            if reach and size:
-                before = np.insert(near.cumsum(axis), 0, 0, axis)  # How many are free before each.
-                at = np.arange(size)
-                last, first = np.minimum(at + reach + 1, size), np.maximum(at - reach, 0)
-                near = before.take(last, axis) > before.take(first, axis)
-        return np.where(large, np.where(near, OCCUPIED, UNKNOWN), values).astype(np.int8)
+def _drawn(values: Pixels, reach: int) -> Pixels:
+    """Values without any that is `LARGE`; within reach of the border, what lies beyond is missing."""
+    large = values == LARGE
+    near = values == FREE if reach else large
+    for axis, size in enumerate(values.shape):
+        if reach and size:
+            before = np.insert(near.cumsum(axis), 0, 0, axis)  # How many are free before each.
+            at = np.arange(size)
+            last, first = np.minimum(at + reach + 1, size), np.maximum(at - reach, 0)
+            near = before.take(last, axis) > before.take(first, axis)
+    return np.where(large, np.where(near, OCCUPIED, UNKNOWN), values).astype(np.int8)
 
 
 class Counts:
@@ -123,15 +113,18 @@ class Counts:
 
     Free, occupied and large occupied cells above each pixel are counted: what changes moves from one count to
     another.
+
+    `depth`: Of large occupied cells that is drawn behind free pixels [m]; None or infinite: all of each.
     """
 
+    depth: float | None = None
+
     def __init__(self) -> None:
-        self.fronts = WallFronts()
         self._counts = np.zeros((3, 0, 0), dtype=np.int32)
 
     def reach(self, pixel: float) -> int:
         """How far what has changed may change others [pixels]."""
-        return self.fronts.reach(pixel)
+        return _front(self.depth, pixel)
 
     def begin(self, rows: int, columns: int) -> None:
         """Begin with a grid that is all unknown."""
@@ -159,12 +152,12 @@ class Counts:
             where, which = pixels_in(boxes.first[use] - first, boxes.last[use] - first, size[1])
             sums = np.bincount(where, weights=change[use][which], minlength=size[0] * size[1])
             counts[state] += sums.reshape(size).astype(np.int32)
-        reach = self.fronts.reach(pixel)
+        reach = _front(self.depth, pixel)
         low, left = (max(one.start - reach, 0) for one in at)
         free, occupied, large = self._counts[:, low : at[0].stop + reach, left : at[1].stop + reach] > 0
         values = np.select([occupied, large, free], [OCCUPIED, LARGE, FREE], UNKNOWN).astype(np.int8)
         row, column = at[0].start - low, at[1].start - left
-        return self.fronts.drawn(values, pixel)[row : row + size[0], column : column + size[1]]
+        return _drawn(values, reach)[row : row + size[0], column : column + size[1]]
 
 
 class AboveGround:
@@ -172,15 +165,17 @@ class AboveGround:
 
     `height` (low, high): Above the ground [m].
     `slope`: The steepest ground [m/m].
+    `depth`: As of `Counts`.
     """
 
+    depth: float | None = None
+
     def __init__(self, height: tuple[float, float], slope: float) -> None:
-        self.fronts = WallFronts()
         self._height, self._slope = height, slope
 
     def reach(self, pixel: float) -> int:
         """As of `Counts`."""
-        return math.ceil(REACH / pixel) + self.fronts.reach(pixel)
+        return math.ceil(REACH / pixel) + _front(self.depth, pixel)
 
     def begin(self, rows: int, columns: int) -> None:
         """Nothing is kept."""
@@ -210,5 +205,5 @@ class AboveGround:
             pixel,
             (*self._height, self._slope),
         )
-        values = self.fronts.drawn(values, pixel)
+        values = _drawn(values, _front(self.depth, pixel))
         return values[reach : len(values) - reach, reach : values.shape[1] - reach]

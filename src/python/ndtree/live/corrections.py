@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -149,16 +149,14 @@ class Corrections:
         self._scan_bytes: list[int] = []
         self._bytes = 0
         self._next = 0
-        self._stamps: list[float] = []
-        self._rows: dict[str, list[Pose]] = {"sensor": [], "odometry": [], "mount": []}
+        self._motions: list[Motion] = []
         self._wanted: dict[str, Correction] = {}
         self._debt = 0.0
 
     def begin(self, dim: int, options: dict[str, float]) -> None:
         """Begin with an empty map of these options."""
         self._history = ScanHistory(dim=dim, **options)  # type: ignore[arg-type]
-        self._scan_bytes, self._stamps, self._bytes = [], [], 0
-        self._rows = {name: [] for name in self._rows}
+        self._scan_bytes, self._motions, self._bytes = [], [], 0
         self._wanted, self._debt, self._next = {}, 0.0, 0
 
     @property
@@ -171,9 +169,8 @@ class Corrections:
         if self.frozen:
             raise ValueError(f"{self.frozen} scans are frozen: expected all of them")
         history = self._made()
-        rows = zip(self._stamps, *(self._rows[name] for name in ("sensor", "odometry", "mount")))
-        for key, row in zip(history.keys(), rows):
-            yield Motion(*row), history.scan(key)
+        for key, motion in zip(history.keys(), self._motions):
+            yield motion, history.scan(key)
 
     def _made(self) -> ScanHistory:
         if self._history is None:
@@ -203,9 +200,7 @@ class Corrections:
         of_beam += 0 if scan.range_sigma is None and scan.pose_covariance is None else _SIGMA
         self._scan_bytes.append(_SCAN + of_beam * len(ends))
         self._next += 1
-        self._stamps.append(motion.stamp)
-        for name, rows in self._rows.items():
-            rows.append(getattr(motion, name))
+        self._motions.append(motion)
         self._debt = max(self._debt - 1.0, 0.0)
         self._bytes += self._scan_bytes[-1]
         if self._bytes > self._memory:
@@ -226,17 +221,17 @@ class Corrections:
         self._apply((0.0, 0.0))
 
     def _apply(self, tolerance: tuple[float, float]) -> None:
-        if not self._stamps:
+        if not self._motions:
             return
         begin = time.perf_counter()
         history = self._made()
         for correction in self._wanted.values():
             at, rotations, positions = self._placed(correction)
-            now = _stacked([self._rows["sensor"][i] for i in at])
+            now = self._poses("sensor", at)
             moves = np.flatnonzero(_differ((rotations, positions), now, history.dim, tolerance))
             if not len(moves):
                 continue
-            first = self._next - len(self._stamps)
+            first = self._next - len(self._motions)
             poses = {int(at[k]): Pose(rotations[k], positions[k]) for k in moves}
             report = history.move(
                 {
@@ -246,7 +241,7 @@ class Corrections:
                 threads=self._threads,
             )
             for i, pose in poses.items():
-                self._rows["sensor"][i] = pose
+                self._motions[i] = replace(self._motions[i], sensor=pose)
             self.applied += 1
             self.moved += len(moves)
             self._debt = _REST * report.replayed
@@ -255,19 +250,16 @@ class Corrections:
     def _freeze(self) -> None:
         self._apply((0.0, 0.0))
         begin = time.perf_counter()
-        count = max(int(_FREEZES * len(self._stamps)), 1)
+        count = max(int(_FREEZES * len(self._motions)), 1)
         self._made().freeze(count, threads=self._threads)
         self._bytes -= sum(self._scan_bytes[:count])
-        del self._scan_bytes[:count], self._stamps[:count]
-        for rows in self._rows.values():
-            del rows[:count]
+        del self._scan_bytes[:count], self._motions[:count]
         self.frozen += count
         self.seconds += time.perf_counter() - begin
 
     def _placed(self, correction: Correction) -> tuple[NDArray[np.intp], Floats, Floats]:
         """Which scans a correction is about, and where their sensors belong: rotations and positions."""
-        keys = correction.stamps
-        stamps = np.array(self._stamps)
+        keys, stamps = correction.stamps, self._stamps()
         if not len(keys):
             return np.zeros(0, np.intp), np.zeros((0, 3, 3)), np.zeros((0, 3))
         before = np.searchsorted(keys, stamps, side="right") - 1
@@ -280,7 +272,7 @@ class Corrections:
         after = np.minimum(before + 1, len(keys) - 1)
         span = keys[after] - keys[before]
         share = (stamps[at] - keys[before]) / np.where(span > 0, span, 1.0)
-        odometry = _stacked([self._rows["odometry"][i] for i in at])
+        odometry = self._poses("odometry", at)
         key_poses = correction.rotations, correction.positions
         if correction.of == "body":
             known, inverse = self._odometry_at(keys)
@@ -296,20 +288,26 @@ class Corrections:
         turns, places = _between(first, second, share)
         turns[is_exact] = correction.rotations[before[is_exact]]
         places[is_exact] = correction.positions[before[is_exact]]
-        sensors = _joined((turns, places), _stacked([self._rows["mount"][i] for i in at]))
+        sensors = _joined((turns, places), self._poses("mount", at))
         chosen = is_known | is_exact
         return at[chosen], sensors[0][chosen], sensors[1][chosen]
 
+    def _stamps(self) -> Floats:
+        return np.array([one.stamp for one in self._motions])
+
+    def _poses(self, name: str, at: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """One of the poses of some scans' motions."""
+        return _stacked([getattr(self._motions[i], name) for i in at])
+
     def _odometry_at(self, keys: Floats) -> tuple[NDArray[np.bool_], tuple[Floats, Floats]]:
         """Whether odometry knows where the body was at times (k,) [s], and the inverse of where."""
-        order = np.argsort(np.array(self._stamps), kind="stable")
-        stamps = np.array(self._stamps)[order]
-        rotations, positions = _stacked([self._rows["odometry"][i] for i in order])
+        stamps = self._stamps()
+        order = np.argsort(stamps, kind="stable")
+        stamps, poses = stamps[order], self._poses("odometry", order)
         after = np.clip(np.searchsorted(stamps, keys, side="left"), 0, len(stamps) - 1)
         before = np.where(stamps[after] == keys, after, np.maximum(after - 1, 0))
         span = stamps[after] - stamps[before]
         share = np.clip((keys - stamps[before]) / np.where(span > 0, span, 1.0), 0.0, 1.0)
-        poses = rotations, positions
         turned, moved = _between(_taken(poses, before), _taken(poses, after), share)
         back = np.swapaxes(turned, -1, -2)
         return (keys >= stamps[0]) & (keys <= stamps[-1]), (back, -rotated(back, moved))

@@ -110,7 +110,6 @@ class Fading:
         return self._forget(m, edge)
 
     def _see(self, keys: Keys, stamp: float) -> None:
-        """Cubes that were seen at a time [s]."""
         at = np.searchsorted(self._keys, keys)
         known = np.zeros(len(keys), dtype=bool)
         inside = at < len(self._keys)

@@ -63,19 +63,10 @@ class Follower:
     ) -> tuple[Any, Evidence, bool]:
         """Match a scan near where odometry has a hypothesis, and move that there if it fits.
 
-        Parameters
-        ----------
-        one : Hypothesis
-            It is changed.
-        ends, at : ndarray
-            End points and odometry, as `Surroundings` has them.
-        fits : callable
-            Whether evidence is that of a right pose.
-
-        Returns
-        -------
-        Match, Evidence, bool
-            The last is true if the scan narrowed what odometry left open, so that other poses may fit, too.
+        `ends`, `at`: End points and odometry, as `Surroundings` has them.
+        `fits`: Whether evidence is that of a right pose.
+        Returns Match, Evidence, bool: The last is true if the scan narrowed what odometry left open, so that
+            other poses may fit, too.
         """
         guess, around = one.map_odometry @ at, self._around
         prior = self.predicted(one, at)

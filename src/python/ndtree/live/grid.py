@@ -17,7 +17,7 @@ from ndtree._errors import WrongValue
 from ndtree._native._core import OccupancyMap
 from ndtree._native.results import Changes
 from ndtree.live.canvas import Canvas, GridPart, Ints, Pixels, difference
-from ndtree.live.columns import AboveGround, Boxes, Counts, WallFronts
+from ndtree.live.columns import AboveGround, Boxes, Counts
 from ndtree.maps.ground import FREE, OCCUPIED, SLOPE, UNKNOWN
 from ndtree.maps.writers.map_server import noise_depth
 
@@ -97,8 +97,8 @@ class GridFollower:
         if changes is None or not self._is_measured:
             self._is_measured = bool((m.leaves(states=["occupied"]).hits > 0).any())
         depth = self._depth(m) if self._is_measured else None
-        if changes is None or self._canvas is None or depth != self._columns.fronts.depth:
-            self._columns.fronts = WallFronts(depth)
+        if changes is None or self._canvas is None or depth != self._columns.depth:
+            self._columns.depth = depth
             return self._anew(m)
         corners, states = (changes.lower, changes.size), (changes.before, changes.after)
         boxes = Boxes.of(corners, states, self.cell_size, unit, self._height)
@@ -116,7 +116,6 @@ class GridFollower:
         return noise_depth(m) if self._wall_depth is None else self._wall_depth
 
     def _anew(self, m: OccupancyMap) -> GridPart | None:
-        """Forget the grid, and paint all that is known."""
         boxes = Boxes.known(m, self.cell_size, self._height)
         if boxes:
             self._canvas = Canvas(boxes.first.min(axis=0), boxes.last.max(axis=0))
@@ -181,7 +180,6 @@ class GridFollower:
 
 
 def _is_known(m: OccupancyMap, height: tuple[float, float] | None) -> bool:
-    """Whether something is known between two heights."""
     if m.dim == 2:
         return len(m.leaves(states=["free", "occupied"])) > 0
     return bool(Boxes.known(m, m.options["min_cell_size"], height))

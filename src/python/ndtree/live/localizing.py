@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 
 from ndtree._native._core import OccupancyMap
 from ndtree.alignment.planar import yaw_of
+from ndtree.base.words import numbers_in
 from ndtree.live.following import GUESS, LEAST, WIDEST, Follower, inverse
 from ndtree.live.hypotheses import (
     NOT_HERE,
@@ -70,29 +71,17 @@ ANEW, VIEWPOINTS, KNOWN, STANDS, WELL = (0.25, 0.25), 8, -0.3, 10, -0.1
 
 @dataclass(frozen=True, eq=False)
 class Localization:
-    """Where a robot is.
+    """Where a robot is; poses and covariance are (dim + 1, dim + 1) float64.
 
-    Attributes
-    ----------
-    stamp : float
-        Of the scan [s].
-    is_lost : bool
-        Nothing is known then, and the rest is the last that was.
-    pose : (dim + 1, dim + 1) float64
-        Of the sensor in the map.
-    body : (dim + 1, dim + 1) float64
-        Of the robot in the map, as far as it was told where the sensor is on it; else the sensor's.
-    map_odometry : (dim + 1, dim + 1) float64
-        The odometry's frame in the map: what a robot publishes.
-    covariance : (dim + 1, dim + 1) float64
-        Of x, y, in space z, and yaw of the pose [m, rad].
-    score, inliers : float
-        As of `Match`; of a scan that was not matched 0.
+    `body`: Of the robot in the map, as far as it was told where the sensor is on it; else the sensor's.
+    `map_odometry`: The odometry's frame in the map: what a robot publishes.
+    `covariance`: Of x, y, in space z, and yaw of the pose [m, rad].
+    `score`, `inliers`: As of `Match`; of a scan that was not matched 0.
     """
 
-    stamp: float
-    is_lost: bool
-    pose: Floats
+    stamp: float  # Of the scan [s].
+    is_lost: bool  # Nothing is known then, and the rest is the last that was.
+    pose: Floats  # Of the sensor in the map.
     body: Floats
     map_odometry: Floats
     covariance: Floats
@@ -103,28 +92,14 @@ class Localization:
 class Localizer:
     """Tracks a sensor in a map, says when it is lost, and finds it again.
 
-    Parameters
-    ----------
-    m : OccupancyMap
-        2-D, or 3-D with -z along gravity; it is not changed.
-    guess : array_like, (3,) or (4,), optional
-        Where the sensor is at the first scan: x, y and yaw, or x, y, z and yaw; left out, it is looked for in
-        all of the map. In a 3-D map without z, at all heights. The yaw is that of the sensor's x axis; if
-        that is steeper than 45 degrees at the first scan, of its most level one.
-
-    Attributes
-    ----------
-    dim : int
-        Of the map.
-    is_lost : bool
-        Also until a scan fits at the guess.
-    scans, fitting, times_lost : int
-        Scans that came, that fitted, and how often the robot was lost.
-
-    Raises
-    ------
-    ValueError
-        If the map is neither 2-D nor 3-D, or has no occupied cells.
+    `m`: 2-D, or 3-D with -z along gravity; it is not changed.
+    `guess` (3,) or (4,): Where the sensor is at the first scan: x, y and yaw, or x, y, z and yaw; left out,
+        it is looked for in all of the map. In a 3-D map without z, at all heights. The yaw is that of the
+        sensor's x axis; if that is steeper than 45 degrees at the first scan, of its most level one.
+    Attributes:
+    `is_lost`: Also until a scan fits at the guess.
+    `scans`, `fitting`, `times_lost`: Scans that came, that fitted, and how often the robot was lost.
+    Raises ValueError if the map is neither 2-D nor 3-D, or has no occupied cells.
     """
 
     def __init__(self, m: OccupancyMap, guess: ArrayLike | None = None) -> None:
@@ -154,20 +129,12 @@ class Localizer:
     ) -> Localization:
         """Take a scan.
 
-        Parameters
-        ----------
-        points : (n, dim)
-            End points on surfaces, in the sensor's frame [m]; those that are not finite say nothing.
-        odometry : (3,) or (3, 3); in space (4,) or (4, 4)
-            The sensor in the odometry's frame, whose z is up in space: x, y, there z, and yaw, or a matrix.
-        stamp : float
-            [s]
-        body : the same, optional
-            The robot in the odometry's frame; else the sensor.
-
-        Returns
-        -------
-        Localization
+        `points` (n, dim): End points on surfaces, in the sensor's frame [m]; those that are not finite say
+            nothing.
+        `odometry` (3,) or (3, 3); in space (4,) or (4, 4): The sensor in the odometry's frame, whose z is up
+            in space: x, y, there z, and yaw, or a matrix.
+        `stamp`: [s]
+        `body`: The same of the robot; else of the sensor.
         """
         around, sensor = self._around, self._around.matrix_of(odometry)
         at, ends = around.seen(points, sensor)
@@ -293,7 +260,6 @@ class Localizer:
         return len(means) >= VIEWPOINTS or (count >= STANDS and min(means) >= WELL)
 
     def _settle(self, one: Hypothesis) -> None:
-        """One is left."""
         one.prior, one.seen, one.scans = 0.0, [], []
         self._hypotheses, self._viewpoints, self._heights = [one], [], []
         self._told = one
@@ -311,7 +277,6 @@ class Localizer:
             self._lose()
 
     def _is_odd(self, evidence: Evidence, score: float) -> bool:
-        """Whether a scan fits worse than those before."""
         usual, usual_score = self._median()
         return (usual - evidence.mean) * evidence.pieces > ASKS or score < USUAL * usual_score
 
@@ -341,14 +306,10 @@ class Localizer:
             for one, _ in said:
                 del one.seen[0], one.scans[0]
 
-    def _may_ask(self) -> bool:
-        """Whether it is time to look for others."""
-        self._rests -= 1
-        return self._rests < 0
-
     def _ask(self, ends: Floats, at: Floats) -> list[_Said]:
         """Other hypotheses, near and in all of the map, that explain the scan."""
-        is_due = self._may_ask()
+        self._rests -= 1
+        is_due = self._rests < 0
         slipped = self._told if self._told in self._hypotheses and self._told.failed else None
         new: list[_Said] = []
         others = self._near(ends, at) if self._hypotheses and (is_due or slipped) else []
@@ -378,7 +339,6 @@ class Localizer:
         return new
 
     def _near(self, ends: Floats, at: Floats) -> list[Any]:
-        """Matches near the last pose."""
         near, around = self._told.map_odometry @ at, self._around
         poses = around.near(ends, near, 2.0 * WIDEST[0], WIDEST[1])
         return [around.match(ends, near, WIDEST), *(around.match(ends, pose, LEAST) for pose in poses)]
@@ -387,10 +347,7 @@ class Localizer:
 def place_of(text: str, dim: int = 2) -> Floats:
     """Of X,Y,YAW, or in space also of X,Y,Z,YAW; ValueError says what is wrong."""
     forms = {3: "X,Y,YAW", 4: "X,Y,Z,YAW"} if dim == 3 else {3: "X,Y,YAW"}
-    try:
-        place = np.array([float(one) for one in text.split(",")])
-    except ValueError:
-        place = np.zeros(0)
+    place = np.array(numbers_in(text))
     if len(place) not in forms or not np.isfinite(place).all():
         raise ValueError(f"guess = {text}: must be {' or '.join(forms.values())} in m and rad")
     return place

@@ -203,7 +203,6 @@ class LiveMapper:
         return self._map_some(now, closing)
 
     def _take_poses(self, until: float) -> None:
-        """Take note of poses that were received until a time [s]."""
         while self._take_pose(until):
             pass
 
@@ -216,7 +215,6 @@ class LiveMapper:
         return True
 
     def _decided(self, now: float, closing: bool) -> bool:
-        """Whether it is decided how to map."""
         if closing or self.intake.is_decidable(now):
             waiting = self._feed.entries()
             if closing and not waiting:
@@ -271,7 +269,6 @@ class LiveMapper:
                 return True
 
     def _found(self, entry: Entry, now: float, closing: bool) -> Scan | Verdict:
-        """A scan of a measurement, or why there is none."""
         until = entry.received + self._patience
         while True:
             found = self.intake.scan(entry, False, self.figures)

@@ -246,7 +246,6 @@ class MessagesIntake(PosedIntake):
         return is_other
 
     def _looked(self, raws: list[Raw], everything: bool) -> tuple[RosbagLog, Bag, Config]:
-        """What these messages say as a recording."""
         bag = bag_of(self._name, raws)
         dim = self._given.get("dim")
         log = RosbagLog(self._name, BagOptions(**self._reading), dim=dim, bag=bag, so_far=not everything)

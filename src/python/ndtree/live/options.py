@@ -83,12 +83,7 @@ class LiveOptions(SimpleNamespace):
     def settings(
         self, given: Config, begun: OccupancyMap | Session | None, *, odometry: bool | None = None
     ) -> LiveSettings:
-        """Of a mapper.
-
-        `given`, `begun`: As `beginning` has them.
-        `odometry`: As for `Slam`.
-        Raises ValueError if a number is out of its limits.
-        """
+        """Of a mapper, of what `beginning` has, and `odometry` for `Slam`; ValueError for wrong numbers."""
         target = begun if isinstance(begun, OccupancyMap) else None
         dim = target.dim if self.localize and target is not None else 2
         place = place_of(self.initial_pose, dim) if self.initial_pose else None

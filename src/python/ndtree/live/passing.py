@@ -110,8 +110,7 @@ def hide(
 ) -> None:
     """Let pixels of a grid be free around places, but for pixels that were published as obstacles.
 
-    `values`: The grid, (rows, columns), which is changed.
-    `origin`, `size`: Its lower corner and a pixel [m].
+    `values`, `origin`, `size`: The grid, (rows, columns), which is changed; its lower corner and a pixel [m].
     `places`: (k, 2) [m].
     `published`: The grid before, and its lower corner.
     """

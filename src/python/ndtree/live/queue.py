@@ -40,7 +40,6 @@ class ScanQueue:
         self._first = math.inf
 
     def __len__(self) -> int:
-        """How many wait."""
         return len(self._heap)
 
     @property

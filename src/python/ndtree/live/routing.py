@@ -32,9 +32,7 @@ class Router:
     def way(self, m: OccupancyMap, start: Array, goal: Array, radius: float, tolerance: float = 0.0) -> Path:
         """A way to a goal, or to the place nearest to it where the robot fits.
 
-        `m`: As it is now.
-        `start`, `goal` (dim,) float64: [m].
-        `radius`: Of the robot [m].
+        `start`, `goal` (dim,), `radius`: Of the robot [m].
         `tolerance`: How far from the goal the way may end [m], if the robot collides there.
         Raises ValueError if the robot collides at the start, or at the goal and all around it.
         """

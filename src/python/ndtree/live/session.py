@@ -100,8 +100,7 @@ class Session:
 
     def scans(self) -> Iterator[tuple[Motion, Scan]]:
         """All of them, where they are in the map, with where their sensors are."""
-        for motion, scan, _ in _scans_of(self.arrays, self.drive.stamps):
-            yield motion, scan
+        return _scans_of(self.arrays, self.drive.stamps)
 
 
 def _restored(head: dict[str, Any], arrays: dict[str, Any]) -> Session:
@@ -115,7 +114,8 @@ def _restored(head: dict[str, Any], arrays: dict[str, Any]) -> Session:
     stamps = arrays.pop("stamps").tolist()
     keys = set(track.keys)
     seen = {}
-    for _, scan, number in _scans_of(arrays, stamps):
+    for motion, scan in _scans_of(arrays, stamps):
+        number = int(motion.stamp)
         if number in keys:
             seen[number] = replace(sensor_scan(scan, MAX_RANGE), pose=track.poses[number])
     if seen.keys() != keys or not keys:
@@ -124,7 +124,7 @@ def _restored(head: dict[str, Any], arrays: dict[str, Any]) -> Session:
     return Session(Drive(track, loops, stamps), head["options"], arrays)
 
 
-def _scans_of(arrays: dict[str, Any], stamps: list[float]) -> Iterator[tuple[Motion, Scan, int]]:
+def _scans_of(arrays: dict[str, Any], stamps: list[float]) -> Iterator[tuple[Motion, Scan]]:
     ends = np.cumsum(arrays["counts"])
     for end, count, number, pose in zip(
         ends, arrays["counts"], arrays["numbers"].tolist(), arrays["mapped_at"]
@@ -142,4 +142,4 @@ def _scans_of(arrays: dict[str, Any], stamps: list[float]) -> Iterator[tuple[Mot
             range_sigma=None if np.isnan(sigmas).all() else sigmas,
             heading=float(pose[2]),
         )
-        yield Motion(float(number), sensor, sensor, Pose.identity()), scan, number
+        yield Motion(float(number), sensor, sensor, Pose.identity()), scan

@@ -35,14 +35,10 @@ NOT_FOUND = "not found in the saved map yet"
 class Slam:
     """Makes the poses of a mapper's scans.
 
-    Parameters
-    ----------
-    odometry : bool, optional
-        Whether poses of scans say how the sensor moved; left out, what the mapper's intake says.
-    earlier : Session, optional
-        A drive that is gone on with.
-    guess : array_like, (3,), optional
-        Where the sensor is in the map of that: x, y [m] and yaw [rad]; else it is looked for everywhere.
+    `odometry`: Whether poses of scans say how the sensor moved; left out, what the mapper's intake says.
+    `earlier`: A drive that is gone on with.
+    `guess` (3,): Where the sensor is in the map of that: x, y [m] and yaw [rad]; else it is looked for
+        everywhere.
     """
 
     def __init__(
@@ -81,17 +77,9 @@ class Slam:
     def placed(self, scan: Scan, motion: Motion | None) -> Scan | None:
         """A scan where its sensor was in the map; None until that is found in the earlier one.
 
-        Parameters
-        ----------
-        scan : Scan
-            2-D, in the frame of the odometry.
-        motion : Motion, optional
-            Of its sensor there; None where nothing moves, or poses are of the map alone.
-
-        Raises
-        ------
-        ValueError
-            If the scan is not 2-D, or nothing says where its sensor was.
+        `scan`: 2-D, in the frame of the odometry.
+        `motion`: Of its sensor there; None where nothing moves, or poses are of the map alone.
+        Raises ValueError if the scan is not 2-D, or nothing says where its sensor was.
         """
         if scan.dim != 2:
             raise ValueError(f"a scan is {scan.dim}-D, expected those of a planar laser")
@@ -122,7 +110,6 @@ class Slam:
         return found.covariance + _BENT
 
     def _note(self, stamp: float, pose: Floats, at: Floats, motion: Motion | None) -> None:
-        """Take note of where the last scan's sensor and the robot are."""
         assert self._online is not None
         number = float(len(self._online.track.poses) - 1)
         map_odometry = composed(pose, between(at, np.zeros(3)))

@@ -17,17 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ndtree._native._core import Matcher, OccupancyMap, pose_matrix
 from ndtree.alignment.planar import pose_of, yaw_of
-from ndtree.live.hypotheses import (
-    BEFORE,
-    PIECE,
-    THROUGH,
-    UNKNOWN,
-    Evidence,
-    Floats,
-    evidence_by,
-    pieces_of,
-    scan_evidence,
-)
+from ndtree.live import hypotheses
+from ndtree.live.hypotheses import Evidence, Floats
 
 #: Points that are matched at most, of a scan while it is tracked, and in all of the map.
 TRACKED, LOST = 400, 90
@@ -52,13 +43,7 @@ _UPRIGHT = np.ix_((0, 1, 2, 5), (0, 1, 2, 5))
 
 
 class Surroundings:
-    """A 2-D map, which is not changed.
-
-    Attributes
-    ----------
-    extent : (dim,) float64
-        Of what is occupied [m].
-    """
+    """A 2-D map, which is not changed; `extent` (dim,) is that of what is occupied [m]."""
 
     dim = 2
 
@@ -109,14 +94,13 @@ class Surroundings:
 
     def evidence(self, pose: Floats, ends: Floats) -> Evidence:
         """What a scan says for a pose."""
-        return scan_evidence(self._map, self._noise, pose, ends)
+        return hypotheses.scan_evidence(self._map, self._noise, pose, ends)
 
     def pieces(self, ends: Floats) -> int:
         """Of surface that a scan sees."""
-        return pieces_of(self._telling(ends))
+        return hypotheses.pieces_of(self._telling(ends))
 
     def _telling(self, ends: Floats) -> Floats:
-        """End points that tell the place."""
         return ends
 
     def score(self, ends: Floats, pose: Floats) -> float:
@@ -221,7 +205,7 @@ class InSpace(Surroundings):
         yaw = math.atan2(sensor[1, self._heading], sensor[0, self._heading])
         at = self.matrix_of([*sensor[:3, 3], yaw])
         ends = self._finite(points) @ (at[:3, :3].T @ sensor[:3, :3]).T
-        _, first = np.unique(np.floor(ends / PIECE) @ [1e12, 1e6, 1.0], return_index=True)
+        _, first = np.unique(np.floor(ends / hypotheses.PIECE) @ [1e12, 1e6, 1.0], return_index=True)
         ends = ends[np.sort(first)]
         stands = upright(ends)
         flat = thinned(ends[~stands], int(FLAT * TRACKED))
@@ -250,9 +234,11 @@ class InSpace(Surroundings):
         near = np.exp(
             -0.5 * np.square(off / np.hypot(0.5 * self._cell, self._noise[0] + self._noise[1] * ranges**2))
         )
-        least = np.where(is_through, THROUGH, np.where(is_before, BEFORE, UNKNOWN))
+        least = np.where(
+            is_through, hypotheses.THROUGH, np.where(is_before, hypotheses.BEFORE, hypotheses.UNKNOWN)
+        )
         is_known = (cast.state == 1) | (near > 0.5)
-        return evidence_by(ends, np.log(least + (1.0 - least) * near), is_known)
+        return hypotheses.evidence_by(ends, np.log(least + (1.0 - least) * near), is_known)
 
     def _off(self, points: Floats) -> Floats:
         """How far points are from what is occupied, and half a cell around it [m]."""

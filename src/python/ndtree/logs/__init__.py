@@ -12,7 +12,7 @@ from ndtree._errors import WrongValue, key
 from ndtree._native._checked import checked
 from ndtree.base.option import Option
 from ndtree.base.options import option
-from ndtree.logs.core.failures import NotALog, readable
+from ndtree.logs.core.failures import NotALog, readable, some_of
 from ndtree.logs.core.joined import JoinedLog
 from ndtree.logs.core.log import Log, SizedLog
 from ndtree.logs.core.plain_file import are_numbers
@@ -137,18 +137,9 @@ def contents(
 ) -> dict[str, Any]:
     """Say what a file or folder holds, also where it takes options to read it as a log.
 
-    Parameters
-    ----------
-    path, format
-        As for `read`.
-    whole : bool
-        Read all of it; else only the index and the first messages, which takes no time.
-
-    Returns
-    -------
-    dict
-        Of a ROS bag: "start" and "end" [s], and "topics", each with "topic", "type", "messages" and "frame".
-        Of formats that hold nothing but one log: nothing.
+    `whole`: Read all of it; else only the index and the first messages, which takes no time.
+    Returns of a ROS bag: "start" and "end" [s], and "topics", each with "topic", "type", "messages" and
+        "frame"; of formats that hold nothing but one log: nothing.
     """
     source, chosen = _looked_up(path, format)
     with readable(source.path, f"cannot be read as {chosen.description}"):
@@ -176,7 +167,6 @@ def kind_of(path: str | os.PathLike[str]) -> tuple[str, tuple[str, ...]] | None:
 
 
 def _looked_up(path: str | os.PathLike[str], format: str | None) -> tuple[Source, Format]:
-    """A file or folder, and its format."""
     name = os.fspath(path)
     by_name = {row.name: row for row in _TABLE}
     if format is not None and format not in by_name:
@@ -208,8 +198,7 @@ def _recognised(source: Source) -> Format:
     if other is not None:
         raise other
     if source.is_folder:
-        some = ", ".join(source.names[:6]) + (", ..." if len(source.names) > 6 else "")
-        found = f"a directory with {some}" if source.names else "an empty directory"
+        found = f"a directory with {some_of(source.names, 6)}" if source.names else "an empty directory"
         raise IsADirectoryError(errno.EISDIR, f"is {found}, {_KINDS_ARE}", source.path)
     if b"\0" in source.head:
         raise ValueError(f"{source.path}: binary data, {_KINDS_ARE}")

@@ -117,7 +117,6 @@ class MapService:
         self.diagnose = self._reports.diagnose
 
     def _sinks(self) -> list[Any]:
-        """What is done with the map."""
         node = self._node
         sinks: list[Any] = [*self._grids]
         sinks += [kind(node, self._frame) for kind in (CellsSink, ChangesSink, FrontiersSink)]
@@ -150,11 +149,7 @@ class MapService:
         self.mapper.put(raw, 1e-9 * raw.received)
 
     def tick(self) -> set[str] | None:
-        """What is to be done every `TICK` seconds.
-
-        Returns set of str or None: Topics that are used, without the slash, when that was decided since the
-            last time.
-        """
+        """Do what is due every `TICK` seconds; which topics are used, if that was decided since the last."""
         self.mapper.advance(self._node.now())
         if self._robot is not None:
             self._robot.repeat()

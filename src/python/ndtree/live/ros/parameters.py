@@ -12,6 +12,7 @@ from typing import Any
 
 from ndtree._errors import WrongValue, leading_key, marked, spelled
 from ndtree.base.options import MAP_OPTIONS, options_of
+from ndtree.base.words import numbers_in
 from ndtree.live.options import LiveOptions
 from ndtree.live.slam import scans_beside
 from ndtree.tuning.config import Config
@@ -33,10 +34,8 @@ class Layer:
     def of(text: str) -> Layer:
         """Of NAME:LOW,HIGH; ValueError if it is none."""
         name, _, heights = text.partition(":")
-        try:
-            low, high = (float(one) for one in heights.split(","))
-        except ValueError:
-            low = high = math.nan
+        found = numbers_in(heights)
+        low, high = found if len(found) == 2 else (math.nan, math.nan)
         if not (re.fullmatch("[A-Za-z0-9_]+", name) and -math.inf < low < high < math.inf):
             raise WrongValue.of("grid_layers", text, "NAME:LOW,HIGH with heights in m")
         return Layer(name, low, high)

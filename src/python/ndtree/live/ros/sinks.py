@@ -19,15 +19,7 @@ from ndtree.live.canvas import GridPart, difference
 from ndtree.live.grid import GridFollower, GroundFollower
 from ndtree.live.outputs import Frontiers, State, cell_points, changed_points
 from ndtree.live.passing import Passing, hide
-from ndtree.live.ros.messages import (
-    cloud_message,
-    frontier_message,
-    grid_message,
-    marker_message,
-    octomap_message,
-    optional_class,
-    update_message,
-)
+from ndtree.live.ros import messages
 from ndtree.live.ros.middleware import Middleware, Publisher
 from ndtree.live.ros.parameters import Layer
 from ndtree.live.way import Robot
@@ -82,7 +74,7 @@ class GridSink(NodeSink):
         self._robot, self._passing, self._layer = robot, passing, layer
         topic = "map" if layer is None else f"map_{layer.name}"
         self._maps = node.publisher(OccupancyGrid, topic)
-        self._update = optional_class("map_msgs/msg/OccupancyGridUpdate")
+        self._update = messages.optional_class("map_msgs/msg/OccupancyGridUpdate")
         self._updates = (
             None if self._update is None else node.publisher(self._update, f"{topic}_updates", depth=UPDATES)
         )
@@ -107,7 +99,7 @@ class GridSink(NodeSink):
                 self._maps.publish(self._message())
             elif part is not None:
                 assert self._updates is not None
-                self._updates.publish(update_message(self._update, part, self._frame(), stamp))
+                self._updates.publish(messages.update_message(self._update, part, self._frame(), stamp))
 
     def _followed(self, m: OccupancyMap) -> GridPart | None:
         """What of the grid has changed."""
@@ -168,7 +160,7 @@ class GridSink(NodeSink):
     def _message(self) -> OccupancyGrid:
         assert self._grid is not None and self._values is not None
         place = (*self._grid.origin, self._z)
-        return grid_message(self._values, self._grid.cell_size, place, self._frame(), self._stamp)
+        return messages.grid_message(self._values, self._grid.cell_size, place, self._frame(), self._stamp)
 
     def welcome(self) -> None:
         """Send the grid as a whole if a subscriber has come since the last one."""
@@ -205,9 +197,9 @@ class CellsSink(NodeSink):
             without = state == "occupied" and self._node.value("filter_speckles")
             points = cell_points(m, state, without_speckles=without)
             if to_clouds:
-                clouds.publish(cloud_message(points, self._frame(), stamp))
+                clouds.publish(messages.cloud_message(points, self._frame(), stamp))
             if to_markers:
-                markers.publish(marker_message(points, self._frame(), stamp))
+                markers.publish(messages.marker_message(points, self._frame(), stamp))
 
 
 class ChangesSink(NodeSink):
@@ -228,7 +220,7 @@ class ChangesSink(NodeSink):
             self._seen = type(m)(dim=m.dim, layers=m.layers, **m.options)
         changes, self._seen = m.changes(since=self._seen), m
         if len(changes.size):
-            self._clouds.publish(cloud_message(changed_points(changes), self._frame(), stamp))
+            self._clouds.publish(messages.cloud_message(changed_points(changes), self._frame(), stamp))
 
 
 class FrontiersSink(NodeSink):
@@ -243,7 +235,7 @@ class FrontiersSink(NodeSink):
 
     def update(self, m: OccupancyMap, stamp: float) -> None:
         if self._poses.listeners():
-            self._poses.publish(frontier_message(self._frontiers.follow(m), self._frame(), stamp))
+            self._poses.publish(messages.frontier_message(self._frontiers.follow(m), self._frame(), stamp))
 
 
 class OctomapSink(NodeSink):
@@ -267,4 +259,4 @@ class OctomapSink(NodeSink):
     def message(self, m: OccupancyMap, stamp: float, *, binary: bool) -> Any:
         """A 3-D map as an Octomap."""
         found = octomap_nodes(m, self._node.value("octomap_cell_size") or None, binary=binary)
-        return octomap_message(self._kind, found, self._frame(), stamp, binary=binary)
+        return messages.octomap_message(self._kind, found, self._frame(), stamp, binary=binary)

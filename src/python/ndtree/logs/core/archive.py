@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from ndtree.base.files import replaced
 from ndtree.base.scan import Scan
-from ndtree.logs.core.arrays import Bools, Floats
 
 
 def is_archive(path: str) -> bool:
@@ -37,11 +36,7 @@ def save_archive(
     """
     if not os.fspath(path).endswith(".npz"):
         raise ValueError(f"{os.fspath(path)}: the name must end in .npz")
-    points: list[NDArray[Any]] = []
-    origins: list[NDArray[Any]] = []
-    returned: list[Bools] = []
-    stamps: list[float] = []
-    covariances: list[Floats | None] = []
+    kept: list[Scan] = []
     more: dict[str, list[NDArray[Any]]] = {}
     for i, scan in enumerate(scans):
         scan.require_sensor(f"archives as of {name}")
@@ -49,25 +44,22 @@ def save_archive(
             raise ValueError(f"{name}: scan {i} has an origin for each beam, expected one: .npz has no more")
         if scan.range_sigma is not None:
             raise ValueError(f"{name}: scan {i} has a range_sigma for each beam, of which .npz has none")
-        covariances.append(scan.pose_covariance)
-        points.append(scan.endpoints)
-        origins.append(scan.origin)
-        returned.append(scan.did_return)
-        stamps.append(scan.stamp)
+        kept.append(scan)
         for field, values in (fields(i) if fields else {}).items():
             more.setdefault(field, []).append(values)
-    if not points:
+    if not kept:
         raise ValueError(f"{name}: no scans, expected at least one")
     arrays: dict[str, Any] = {
-        "origins": np.asarray(origins),
-        "points": np.concatenate(points),
-        "offsets": np.cumsum([0, *map(len, points)]),
-        "stamps": np.asarray(stamps),
+        "origins": np.asarray([one.origin for one in kept]),
+        "points": np.concatenate([one.endpoints for one in kept]),
+        "offsets": np.cumsum([0, *map(len, kept)]),
+        "stamps": np.asarray([one.stamp for one in kept]),
         **{field: np.concatenate(values) for field, values in more.items()},
     }
-    no_return = ~np.concatenate(returned)
+    no_return = ~np.concatenate([one.did_return for one in kept])
     if no_return.any():
         arrays["no_return"] = no_return
+    covariances = [one.pose_covariance for one in kept]
     known = [one for one in covariances if one is not None]
     if known:
         if len({one.shape for one in known}) > 1:
@@ -76,4 +68,4 @@ def save_archive(
         arrays["pose_covariances"] = np.stack([none if one is None else one for one in covariances])
     with replaced(path, is_archive) as part:
         np.savez_compressed(part, **arrays)
-    return len(points)
+    return len(kept)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from ndtree._errors import WrongOption, WrongValue, located
@@ -65,6 +65,11 @@ def shown(value: object, most: int = MOST_SHOWN) -> str:
     return text if len(text) <= most and not cut else text[: most - 3] + "..."
 
 
+def some_of(names: Sequence[str], most: int = 24) -> str:
+    """Names for errors: the first ones, and whether there are more."""
+    return ", ".join([*names[:most], *(["..."] if len(names) > most else [])])
+
+
 def _clear(path: str, what: str, error: BaseException, foreign: bool) -> BaseException:
     if isinstance(error, (ImportError, WrongOption)):
         return error
@@ -116,14 +121,9 @@ class NowhereKnown(WrongValue):
 class NotALog(ValueError):
     """A file or folder whose kind is known, but that alone is no log.
 
-    Attributes
-    ----------
-    kind : str
-        With its article: "a PNG image".
-    help : tuple of str
-        What helps, each a command or half a sentence; the best first.
-    has_points : bool
-        It can be read with ``points_only``.
+    `kind`: With its article: "a PNG image".
+    `help`: What helps, each a command or half a sentence; the best first.
+    `has_points`: It can be read with ``points_only``.
     """
 
     def __init__(self, path: str, kind: str, help: Iterable[str] = (), *, has_points: bool = False) -> None:

@@ -90,7 +90,6 @@ class JoinedLog(Log):
         self._at = len(self._logs)
 
     def _take_over(self, kind: str, one: Skipped) -> None:
-        """What one of the logs has passed over counts for all."""
         before = self.skipped.get(kind)
         if before is None:
             self.skipped[kind] = Skipped(one.count, one.first, one.summary)

@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.failures import one_line
@@ -240,6 +241,13 @@ def table_of(lines: Sequence[bytes], width: int) -> Floats | None:
     except ValueError:
         return None
     return table if table.shape == (len(lines), width) else None
+
+
+def numbers_of(fields: Sequence[bytes], kind: np.dtype[Any]) -> NDArray[Any]:
+    """Numbers in text, in a type if it is one of floating point; ValueError if one is none."""
+    if not fields:
+        return np.zeros(0, np.float32)
+    return np.array(fields, dtype="S").astype(np.float64).astype(kind if kind.kind == "f" else np.float64)
 
 
 def wrong_line(path: str, number: int, found: str | bytes, expected: str) -> ValueError:

@@ -86,11 +86,6 @@ class Selection:
             object.__setattr__(self, "origin", _point("origin", self.origin, self.dim))
 
     @property
-    def is_timed(self) -> bool:
-        """Whether it asks when scans were measured."""
-        return self.start is not None or self.stop is not None
-
-    @property
     def times(self) -> tuple[float, float]:
         """Of the scans, [start, stop) since the first [s]."""
         start = 0.0 if self.start is None else float(self.start)
@@ -140,8 +135,10 @@ class OneByOne:
         start, stop = selection.times
         if self._seen == 0:
             self._first = scan.stamp
-        elif self._seen == 1 and selection.is_timed and self._first == scan.stamp == 0.0:
-            raise WrongValue(f"{self._name}: its scans have no times: no {key('start')} nor {key('stop')}")
+        elif self._seen == 1 and self._first == scan.stamp == 0.0:
+            if (selection.start, selection.stop) != (None, None):
+                said = f"no {key('start')} nor {key('stop')}"
+                raise WrongValue(f"{self._name}: its scans have no times: {said}")
         self._seen += 1
         after = scan.stamp - self._first
         self.is_over = self.is_over or after >= stop

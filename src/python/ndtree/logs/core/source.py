@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from ndtree._errors import WrongValue, key
+from ndtree.base.options import option
 from ndtree.base.scan import Scan
 from ndtree.logs.core.arrays import Floats, Points
 from ndtree.logs.core.failures import NotALog, WrongOption
 from ndtree.logs.core.log import Log
 from ndtree.logs.core.plain_file import open_plain
-from ndtree.logs.core.rules import INVALID, NO_ECHO
 
 __all__ = ["Format", "Source", "WrongOption", "source_of"]
 
@@ -44,10 +44,10 @@ class Source:
         return os.path.join(self.path, *parts)
 
 
-def check_zero_is(path: str, zero_is: str | None) -> None:
-    """Refuse what is none of the words for it. @raises WrongOption"""
-    if zero_is not in (None, NO_ECHO, INVALID):
-        raise WrongOption(f"{path}: {key('zero_is')} = {zero_is!r}: must be {NO_ECHO} or {INVALID}")
+def require_one(path: str, given: Sequence[str]) -> None:
+    """Refuse several of options that exclude each other; raises WrongOption."""
+    if len(given) > 1:
+        raise WrongOption(f"{path}: {' and '.join(map(key, given))}: expected one of them")
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,9 @@ class Format:
         return self.stored_as in ("either", "folder" if source.is_folder else "file")
 
     def log(self, source: Source, dim: int | None, options: dict[str, Any]) -> Log:
-        """The log of a source; ValueError where it has another dimension than `dim`."""
+        """The log of a source; ValueError for wrong options, or where it has another dimension than `dim`."""
+        for name, value in options.items():
+            option(name).require(value)
         if self.dim is None:
             return self.open(source, dim=dim, **options)
         if dim not in (None, self.dim):
@@ -138,9 +140,7 @@ class Unplaced:
         Raises WrongOption if more than one way is given; ValueError if the origin is no point.
         """
         ways = {"origin_of_scan": origin_of_scan, "points_only": points_only or None, **others}
-        given = [name for name, value in ways.items() if value is not None]
-        if len(given) > 1 and ("origin_of_scan" in given or "points_only" in given):
-            raise WrongOption(f"{path}: {' and '.join(given)}: expected one of them")
+        require_one(path, [name for name, value in ways.items() if value is not None])
         if origin_of_scan is None:
             return Unplaced(None, bool(points_only))
         return Unplaced(point_of(origin_of_scan), False)

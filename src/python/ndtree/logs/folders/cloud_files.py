@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.logs.core.arrays import Floats, Points
-from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import open_regular
 from ndtree.logs.folders import text_clouds
 from ndtree.logs.folders.las_files import las_note, las_points
 from ndtree.logs.folders.pcd_files import pcd_columns
-from ndtree.logs.folders.ply_files import ply_camera, ply_columns
+from ndtree.logs.folders.ply_files import ply_columns, ply_viewpoint
 from ndtree.logs.folders.text_clouds import text_points
 from ndtree.logs.poses.pose import Pose
 
@@ -126,11 +125,6 @@ class CloudFile:
     note: Callable[[str], str] | None = None
 
 
-def pcd_points(path: str) -> Points:
-    """Points of a PCD: ascii, binary or binary_compressed; NaN where the sensor measured nothing."""
-    return _columns(*pcd_columns(path))
-
-
 def pcd_viewpoint(path: str) -> Pose:
     """Pose of the sensor in a PCD's header; the identity where the header has none."""
     with open_regular(path) as file:
@@ -151,35 +145,14 @@ def pcd_viewpoint(path: str) -> Pose:
     return Pose.identity()
 
 
-def ply_viewpoint(path: str) -> Pose:
-    """Pose of the sensor in a PLY's element camera, as PCL writes it; the identity where there is none."""
-    found = ply_camera(path)
-    if found is None:
-        return Pose.identity()
-    position, rotation = found
-    with at_place(f"{path}: element camera", "a position and a rotation"):
-        return Pose.from_matrix(np.column_stack([rotation, position]))
-
-
-def ply_points(path: str) -> Points:
-    """Vertices of a PLY, ascii or binary, with or without faces."""
-    return _columns(*ply_columns(path))
-
-
-def points_of_numbers(path: str) -> Points:
-    """Points of a file of float32 numbers; how many a point has is told from the content."""
-    return bin_points(path, floats_a_point([path]))
-
-
+_PCD = (b"# .PCD", b"# .pcd", b"VERSION", b"FIELDS", b"COLUMNS")
 #: Those without first bytes of their own come last, and only their names tell them.
 CLOUD_FILES = (
-    CloudFile(
-        "PCD", (".pcd",), (b"# .PCD", b"# .pcd", b"VERSION", b"FIELDS", b"COLUMNS"), pcd_points, pcd_viewpoint
-    ),
-    CloudFile("PLY", (".ply",), (b"ply\n", b"ply\r"), ply_points, ply_viewpoint),
+    CloudFile("PCD", (".pcd",), _PCD, lambda path: _points(pcd_columns(path)), pcd_viewpoint),
+    CloudFile("PLY", (".ply",), (b"ply\n", b"ply\r"), lambda path: _points(ply_columns(path)), ply_viewpoint),
     CloudFile("LAS", (".las", ".laz"), (b"LASF",), las_points, note=las_note),
     CloudFile("text", text_clouds.ENDINGS, (), text_points),
-    CloudFile("bin", (".bin",), (), points_of_numbers),
+    CloudFile("bin", (".bin",), (), lambda path: bin_points(path, floats_a_point([path]))),
 )
 TEXT_CLOUD, BIN_CLOUD = CLOUD_FILES[-2:]
 
@@ -220,6 +193,6 @@ def points_of_file(path: str, among: CloudFile | None = None) -> Points:
     return kind.points(path)
 
 
-def _columns(*columns: NDArray[Any]) -> Points:
+def _points(columns: Sequence[NDArray[Any]]) -> Points:
     small = all(column.dtype.newbyteorder("=") == np.float32 for column in columns)
     return np.stack([column.astype(np.float32 if small else np.float64) for column in columns], axis=1)

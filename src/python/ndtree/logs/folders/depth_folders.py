@@ -18,7 +18,7 @@ from ndtree.logs.core.arrays import Points
 from ndtree.logs.core.failures import NotALog, at_place, one_line
 from ndtree.logs.core.plain_file import open_regular, text_lines, wrong_line
 from ndtree.logs.core.source import Format, Source
-from ndtree.logs.folders.depth_image import ENDINGS, Camera, camera_of, check_stride, load_depth, points_of
+from ndtree.logs.folders.depth_image import ENDINGS, Camera, camera_of, load_depth, points_of
 from ndtree.logs.folders.folder import FolderLog, PosesOfFiles, number_in, stem_of
 from ndtree.logs.folders.scan_folder import only_trajectory
 from ndtree.logs.poses.pose import Pose
@@ -63,7 +63,6 @@ class DepthLog(FolderLog):
         pixel_stride: int,
         found: Camera | None = None,
     ) -> None:
-        check_stride(pixel_stride)
         super().__init__(source.path, files)
         self._pixel_stride, known = pixel_stride, self.usual
         if camera is not None:
@@ -145,7 +144,6 @@ class DepthFolderLog(DepthLog):
         trajectory: str | None = None,
         time_offset: float = 0.0,
     ) -> None:
-        check_stride(pixel_stride)
         folder = source.inside(IMAGES)
         names = sorted(_images_in(folder), key=lambda name: (number_in(stem_of(name)) or 0, name))
         trajectory = trajectory or _trajectory_in(source)
@@ -226,7 +224,6 @@ def _times_in(source: Source, names: Sequence[str]) -> list[float]:
 
 
 def _images(path: str) -> tuple[list[float], list[str]]:
-    """Times [s] and names of the images that a list has."""
     stamps, names = [], []
     for number, line in text_lines(path):
         fields = line.split("#", 1)[0].split(maxsplit=1)

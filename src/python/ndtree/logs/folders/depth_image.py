@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ndtree._errors import WrongValue, key
 from ndtree._lazy import needs
 from ndtree._native._core import depth_points
+from ndtree.base.words import numbers_in
 from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.plain_file import open_regular
 
@@ -53,16 +54,8 @@ class Camera:
 
 
 def camera_of(text: str, *, scale: float) -> Camera:
-    """The camera that a text names.
-
-    `text`: ``"fx,fy,cx,cy"`` or ``"fx,fy,cx,cy,scale"``.
-    `scale`: Where the text names none.
-    Raises ValueError if it is something else.
-    """
-    try:
-        numbers = [float(field) for field in text.split(",")]
-    except ValueError:
-        numbers = []
+    """Of ``"fx,fy,cx,cy,scale"``, or of ``"fx,fy,cx,cy"`` and a scale; ValueError of something else."""
+    numbers = numbers_in(text)
     if len(numbers) not in (4, 5):
         raise WrongValue(f"{key('camera')} = {text!r}: expected fx,fy,cx,cy or fx,fy,cx,cy,scale")
     return Camera(*numbers[:4], scale=numbers[4] if len(numbers) == 5 else scale)
@@ -84,12 +77,6 @@ def points_of(
     first = pixel_stride // 2
     values = image[first::pixel_stride, first::pixel_stride]
     return depth_points(values, x, y, 1.0 / camera.scale, no_depth)
-
-
-def check_stride(pixel_stride: int) -> None:
-    """Refuses what is not a number of rows and columns."""
-    if pixel_stride < 1:
-        raise WrongValue.of("pixel_stride", pixel_stride, ">= 1")
 
 
 @lru_cache(maxsize=4)
@@ -130,9 +117,8 @@ def _check_size(where: str, columns: int, rows: int) -> None:
 
 
 def png_pixels(file: IO[bytes], where: str) -> NDArray[np.uint16]:
-    """A depth image of one channel in a PNG of 16 bits a pixel, (rows, columns).
+    """A depth image of one channel in a PNG of 16 bits a pixel, (rows, columns); errors call it `where`.
 
-    `where`: How errors call it.
     Raises ImportError if Pillow is not there; ValueError if it is no such image, or damaged.
     """
     with needs("depth images in PNG need Pillow", "clouds"):

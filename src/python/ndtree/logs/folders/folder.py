@@ -103,7 +103,6 @@ class FolderLog(SizedLog):
         return 0.0 if self._poses is None else self._poses.stamp(i)
 
     def _scan(self, i: int, points: Points, T_map_sensor: Pose) -> Scan:
-        """Points of a scan, moved to the map."""
         ends, stamp = self._in_map(points, T_map_sensor), self._stamp(i)
         return Scan(ends, T_map_sensor.position, stamp=stamp, rotation=T_map_sensor.rotation)
 
@@ -223,7 +222,6 @@ class PosesOfFiles:
 
     @cached_property
     def _known(self) -> frozenset[float]:
-        """Numbers of the poses."""
         return frozenset(self._trajectory.stamps.tolist())
 
     @cached_property

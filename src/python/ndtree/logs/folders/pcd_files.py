@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ndtree._lazy import needs
 from ndtree.logs.core.failures import one_line
-from ndtree.logs.core.plain_file import open_regular
+from ndtree.logs.core.plain_file import numbers_of, open_regular
 
 #: No header is longer; it ends with its line DATA.
 _HEADER_LINES, _LINE_BYTES = 200, 1 << 16
@@ -151,14 +151,7 @@ def _of_text(path: str, header: PcdHeader, data: bytes, axes: list[int]) -> list
             raise _damaged(path, f"point {i} has {len(row)} values, expected {width}")
     starts = np.concatenate([[0], np.cumsum(columns)]).tolist()
     try:
-        return [
-            np.array([row[starts[i]] for row in rows], dtype="S")
-            .astype(np.float64)
-            .astype(header.types[i] if header.types[i].kind == "f" else np.float64)
-            if rows
-            else np.zeros(0, np.float32)
-            for i in axes
-        ]
+        return [numbers_of([row[starts[i]] for row in rows], header.types[i]) for i in axes]
     except ValueError as error:
         raise _damaged(path, one_line(error)) from None
 

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.failures import shown
-from ndtree.logs.core.plain_file import open_regular
+from ndtree.logs.core.failures import at_place, shown
+from ndtree.logs.core.plain_file import are_numbers, numbers_of, open_regular
+from ndtree.logs.poses.pose import Pose
 
 _HEADER_LINES, _LINE_BYTES = 10_000, 1 << 16
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
@@ -57,18 +58,16 @@ def ply_columns(path: str) -> list[NDArray[Any]]:
     return _columns(path, (order, elements), data, "vertex", tuple("xyz"))
 
 
-def ply_camera(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Position (3,) and rotation (3, 3) of the sensor in the map, from the element camera that PCL writes.
-
-    None where the file has none. Its rows are what PCL calls axes.
-    """
+def ply_viewpoint(path: str) -> Pose:
+    """Pose of the sensor by the element camera that PCL writes, whose axes are rows; else the identity."""
     with open_regular(path) as file:
         order, elements = _header(path, file)
         if [one.count for one in elements if one.name == "camera"] != [1]:
-            return None
+            return Pose.identity()
         data = file.read()
     found = np.concatenate(_columns(path, (order, elements), data, "camera", _CAMERA)).astype(np.float64)
-    return found[:3], found[3:].reshape(3, 3)
+    with at_place(f"{path}: element camera", "a position and a rotation"):
+        return Pose.from_matrix(np.column_stack([found[3:].reshape(3, 3), found[:3]]))
 
 
 def _columns(
@@ -175,15 +174,11 @@ def _columns_of(path: str, vertex: _Element, lines: list[bytes], axes: list[int]
             column.append(values[place])
     kinds = [np.dtype(vertex.properties[axis].kind) for axis in axes]
     try:
-        return [
-            np.array(column, dtype="S").astype(np.float64).astype(kind if kind.kind == "f" else np.float64)
-            if column
-            else np.zeros(0, np.float32)
-            for column, kind in zip(columns, kinds)
-        ]
+        return [numbers_of(column, kind) for column, kind in zip(columns, kinds)]
     except ValueError:
-        wrong = next((value for column in columns for value in column if not _is_number(value)), b"")
-        raise _damaged(path, f"found {shown(wrong.decode(errors='replace'))!r}, expected a number") from None
+        texts = (value.decode(errors="replace") for column in columns for value in column)
+        wrong = next((text for text in texts if not are_numbers([text])), "")
+        raise _damaged(path, f"found {shown(wrong)!r}, expected a number") from None
 
 
 def _of_binary(
@@ -252,14 +247,6 @@ def _with_lists(path: str, order: str, one: _Element, data: bytes, at: int) -> t
         at += equal * size
         run = run * 4 if equal == len(table) else max(1, run // 4)
     return lambda axis: np.concatenate(parts[axis]) if parts[axis] else np.zeros(0, np.float32), at
-
-
-def _is_number(value: bytes) -> bool:
-    try:
-        float(value)
-    except ValueError:
-        return False
-    return True
 
 
 def _damaged(path: str, what: str) -> ValueError:

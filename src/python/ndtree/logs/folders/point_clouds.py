@@ -12,41 +12,20 @@ from functools import cached_property
 
 import numpy as np
 
-from ndtree._errors import WrongValue
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
 from ndtree.logs.core.arrays import Points
 from ndtree.logs.core.silence import without_zeros
 from ndtree.logs.core.source import Format, Source, Unplaced, source_of, without_sensor
-from ndtree.logs.folders.cloud_files import (
-    BIN_CLOUD,
-    TEXT_CLOUD,
-    WIDTHS,
-    CloudFile,
-    bin_points,
-    floats_a_point,
-    kind_of_file,
-    kind_of_name,
-    may_be_points,
-    points_of_file,
-)
+from ndtree.logs.folders import cloud_files, scan_folder
+from ndtree.logs.folders.cloud_files import BIN_CLOUD, TEXT_CLOUD, CloudFile, kind_of_file, kind_of_name
 from ndtree.logs.folders.folder import FolderLog, PosesOfFiles, number_in, stamps_in, stem_of
-from ndtree.logs.folders.scan_folder import (
-    FoundPoses,
-    Scans,
-    pose_beside,
-    poses_above,
-    poses_of,
-    scans_in,
-    times_of,
-    unread_poses,
-)
+from ndtree.logs.folders.scan_folder import FoundPoses, Scans
 from ndtree.logs.folders.text_clouds import ENDINGS, MAYBE, columns_in, ends_as_points
 from ndtree.logs.formats.text import dimension_of, first_fields, looks_like_points
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.trajectory_files import read_pose, trajectory_kind
 
-FRAMES = ("sensor", "map")
 _PCD = kind_of_name("a.pcd")
 
 
@@ -84,8 +63,6 @@ class PointCloudLog(FolderLog):
         points_only: bool = False,
     ) -> None:
         unplaced = Unplaced.of(source.path, origin_of_scan, points_only, trajectory=trajectory)
-        if points_in not in FRAMES:
-            raise WrongValue.of("points_in", f"{points_in!r}", f"one of {', '.join(FRAMES)}")
         self._points_in, self._unplaced = points_in, unplaced
         self.has_sensor = not unplaced.points_only
         scans = _scans_of(source)
@@ -110,23 +87,27 @@ class PointCloudLog(FolderLog):
             self._find_poses(source, scans, time_offset)
 
     def _poses_in(self, trajectory: str, scans: Scans, time_offset: float) -> PosesOfFiles:
-        return PosesOfFiles(trajectory, self._files, times_of(scans.folder, scans), time_offset)
+        return PosesOfFiles(trajectory, self._files, scan_folder.times_of(scans.folder, scans), time_offset)
 
     def _find_poses(self, source: Source, scans: Scans, time_offset: float) -> None:
         """Poses by where they are; raises the error of points without any."""
-        found = poses_of(source.path, scans) if source.is_folder else pose_beside(scans)
+        found = (
+            scan_folder.poses_of(source.path, scans) if source.is_folder else scan_folder.pose_beside(scans)
+        )
         # Those above may be of other scans, and those beside one map of the scans that it was made of.
         must_fit = len(self) == 1 and number_in(stem_of(self._files[0])) is None
         is_above = not found and not self._have_viewpoints() and source.is_folder
         if is_above:
-            found, must_fit = poses_above(scans), True
+            found, must_fit = scan_folder.poses_above(scans), True
         others = ""
         if found.trajectory is not None:
             poses = self._poses_in(found.trajectory, scans, time_offset)
             others = _misfit(poses, found.trajectory, is_above) if must_fit else ""
             self._trajectory, found = (None, FoundPoses()) if others else (poses, found)
         if not found and not self._have_viewpoints():
-            raise without_sensor(source.path, self._said(), more=self._more(others or unread_poses(scans)))
+            raise without_sensor(
+                source.path, self._said(), more=self._more(others or scan_folder.unread_poses(scans))
+            )
         self._beside = found.beside
         one = found.trajectory or next((name for name in found.beside if name), None)
         if one is not None and os.path.dirname(one) != scans.folder:
@@ -189,14 +170,16 @@ class PointCloudLog(FolderLog):
 
     def _points(self, i: int) -> Points:
         if self._kind is BIN_CLOUD:
-            return bin_points(self._files[i], self._width)
-        return points_of_file(self._files[i], self._kind)
+            return cloud_files.bin_points(self._files[i], self._width)
+        return cloud_files.points_of_file(self._files[i], self._kind)
 
     @cached_property
     def _width(self) -> int:
         """How many numbers a point has, in all files of bare numbers."""
-        width = floats_a_point(self._files)
-        self._decided.append(f"{width} numbers a point in .bin, as the content tells: {WIDTHS[width]}")
+        width = cloud_files.floats_a_point(self._files)
+        self._decided.append(
+            f"{width} numbers a point in .bin, as the content tells: {cloud_files.WIDTHS[width]}"
+        )
         return width
 
     def _scan(self, i: int, points: Points, T_map_sensor: Pose) -> Scan:
@@ -221,7 +204,7 @@ def _misfit(poses: PosesOfFiles, path: str, by_name: bool) -> str:
 
 def _scans_of(source: Source) -> Scans | None:
     if source.is_folder:
-        return scans_in(source.path, source.names)
+        return scan_folder.scans_in(source.path, source.names)
     kind = kind_of_file(source.head) or _kind_without_magic(source)
     if kind is None:
         return None
@@ -232,7 +215,7 @@ def _kind_without_magic(source: Source) -> CloudFile | None:
     """Of a file that its first bytes do not tell: points in text, or bare numbers in a .bin."""
     if b"\0" not in source.head:
         return TEXT_CLOUD if _is_text_cloud(source) else None
-    if kind_of_name(source.path) is BIN_CLOUD and may_be_points(source.path):
+    if kind_of_name(source.path) is BIN_CLOUD and cloud_files.may_be_points(source.path):
         return BIN_CLOUD
     return None
 
@@ -272,7 +255,7 @@ def _in_order(names: list[str]) -> list[str]:
 
 def _recognises(source: Source) -> bool:
     if source.is_folder:
-        return scans_in(source.path, source.names) is not None
+        return scan_folder.scans_in(source.path, source.names) is not None
     return kind_of_file(source.head) is not None or _kind_without_magic(source) is not None
 
 

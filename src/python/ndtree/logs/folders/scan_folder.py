@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from ndtree._errors import WrongValue, key
+from ndtree.logs.core.failures import some_of
 from ndtree.logs.core.plain_file import open_plain
 from ndtree.logs.folders.cloud_files import BIN_CLOUD, TEXT_CLOUD, CloudFile, kind_of_name, may_be_points
 from ndtree.logs.folders.folder import number_in, stem_of
@@ -66,7 +67,7 @@ def scans_in(path: str, names: Sequence[str]) -> Scans | None:
         return found
     below = [one for folder in _below(path, _DEPTH) if (one := _clouds(folder, _entries(folder))) is not None]
     if len(below) > 1:
-        some = ", ".join(one.folder for one in below[:6]) + (", ..." if len(below) > 6 else "")
+        some = some_of([one.folder for one in below], 6)
         raise ValueError(f"{path}: {len(below)} folders with point clouds, expected one of them: {some}")
     return below[0] if below else None
 

@@ -14,7 +14,7 @@ from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
 from ndtree.logs.core.log import LineLog
 from ndtree.logs.core.rules import NO_ECHO, Rules
-from ndtree.logs.core.source import Format, Source, check_zero_is
+from ndtree.logs.core.source import Format, Source
 from ndtree.logs.formats.text import first_fields
 
 #: Records of the format.
@@ -54,7 +54,6 @@ class CarmenLog(LineLog):
         if fov is not None and not math.tau < fov <= 360.0:  # Below, it is in radians.
             raise WrongValue.of("fov", f"{fov} degrees", "in (6.28, 360], in degrees")
         self._fov = fov
-        check_zero_is(source.path, zero_is)
         self.rules = Rules(zero_is=zero_is)
 
     def _scans(self) -> Iterator[Scan]:

@@ -85,7 +85,6 @@ class NpzLog(SizedLog):
 
 
 def _load(path: str) -> dict[str, NDArray[Any]]:
-    """The arrays of an archive that is whole."""
     if not zipfile.is_zipfile(path):
         raise ValueError(f"{path}: not a zip archive or cut off, expected a whole .npz")
     arrays: dict[str, NDArray[Any]] = {}

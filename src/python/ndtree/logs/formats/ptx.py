@@ -55,7 +55,6 @@ class PtxLog(LineLog):
                 yield Scan(pose.apply(points), pose.position) if moves else Scan(points, pose.position)
 
     def _points(self, file: PlainFile, count: int) -> Floats:
-        """Points of a scan that were measured, in its own frame."""
         parts = [np.empty((0, 3))]
         left, width = count, 0
         while left:

@@ -62,54 +62,23 @@ class SimulatedLog(SizedLog):
         return Scan(*self._simulation.scan(i % len(self)))
 
     def moved(self, i: int) -> NDArray[np.bool_]:
-        """Which beams of scan i returned from something that moves, exactly.
-
-        Parameters
-        ----------
-        i : int
-            Number of the scan.
-
-        Returns
-        -------
-        ndarray of bool, (n,)
-            False for beams that returned from nowhere, as outliers do.
-        """
+        """(n,) bool: which beams of scan i returned from something that moves, exactly; no outlier did."""
         if not -len(self) <= i < len(self):
             raise IndexError(f"scan {i}: the log has {len(self)}")
         return self._simulation.moved(i % len(self))
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Whether points are inside something solid, or on its surface.
-
-        Parameters
-        ----------
-        points : array_like, (n, dim)
-            In the map frame [m].
-
-        Returns
-        -------
-        ndarray of bool, (n,)
-        """
+        """(n,) bool: whether points (n, dim) in the map frame [m] are inside something solid, or on it."""
         return self._simulation.contains(points)
 
     def distance(
         self, origins: ArrayLike, directions: ArrayLike, *, max_range: float = math.inf
     ) -> NDArray[np.float64]:
-        """Exact distances to the first surface.
+        """(n,) float64: exact distances to the first surface [m], nan where there is none.
 
-        Parameters
-        ----------
-        origins : array_like, (n, dim) or (dim,)
-            Where the rays start [m].
-        directions : array_like, (n, dim)
-            Of any length but zero.
-        max_range : float
-            Surfaces beyond it do not count [m].
-
-        Returns
-        -------
-        ndarray of float64, (n,)
-            Distances [m], nan where there is no surface.
+        `origins` (n, dim) or (dim,): Where the rays start [m].
+        `directions` (n, dim): Of any length but zero.
+        `max_range`: Surfaces beyond it do not count [m].
         """
         return self._simulation.distance(origins, directions, max_range=max_range)
 
@@ -118,20 +87,11 @@ class SimulatedLog(SizedLog):
     ) -> _core.SeenSpace:
         """Which space scans of this log saw, by the exact line of sight.
 
-        Parameters
-        ----------
-        scans : iterable of Scan
-            Some or all of this log.
-        max_range : float
-            As for `Scan.insert_into` [m]; the sensor's own limits it, too.
-        **options
-            As in `SeenSpace`: ``samples``, ``spacings``, ``tolerance`` [m], ``margin`` [m], ``middle``,
-            ``seed``.
-
-        Raises
-        ------
-        ValueError
-            As for `SeenSpace`.
+        `scans`: Some or all of this log.
+        `max_range`: As for `Scan.insert_into` [m]; the sensor's own limits it, too.
+        `**options`: As in `SeenSpace`: ``samples``, ``spacings``, ``tolerance`` [m], ``margin`` [m],
+            ``middle``, ``seed``.
+        Raises ValueError as `SeenSpace`.
         """
         return _core.SeenSpace(scans, max_range=max_range, simulation=self._simulation, **options)
 

@@ -3,17 +3,15 @@
 
 from __future__ import annotations
 
-import math
+import contextlib
 import struct
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from typing import IO, Any
 
 import numpy as np
 
-from ndtree._errors import key
 from ndtree._lazy import needs
 from ndtree.base.scan import Scan
 from ndtree.logs.core.arrays import Floats, Points
@@ -21,7 +19,7 @@ from ndtree.logs.core.failures import NoPose, NotALog, one_line
 from ndtree.logs.core.log import Log
 from ndtree.logs.core.plain_file import open_regular
 from ndtree.logs.core.silence import without_padding
-from ndtree.logs.core.source import Format, Source, WrongOption
+from ndtree.logs.core.source import Format, Source, require_one
 from ndtree.logs.poses.pose import matrices_of, rotated
 from ndtree.logs.poses.trajectory import Trajectory
 from ndtree.logs.poses.trajectory_files import read_trajectory
@@ -71,9 +69,9 @@ class VelodyneLog(Log):
         """Of each turn its time [s], its points in the sensor's frame, and their times since then [s]."""
         decoder = _decoder(self.path)
         try:
-            for packet in packets(self.path):
-                if is_velodyne(packet.data):
-                    turn = self._decoded(partial(decoder.decode, packet.stamp, packet.data, True))
+            for stamp, _, data in packets(self.path):
+                if is_velodyne(data):
+                    turn = self._decoded(partial(decoder.decode, stamp, data, True))
                     if turn is not None:
                         yield turn
         except ValueError as error:
@@ -123,10 +121,8 @@ def _open(
     if sender != "Velodyne":
         way = _OF_OTHERS[sender].format(path=source.path)
         raise NotALog(source.path, f"packets of a lidar by {sender}", [way])
-    if trajectory is not None and still:
-        raise WrongOption(f"{source.path}: {key('trajectory')} and {key('still')}: expected one of them")
-    if not math.isfinite(time_offset):
-        raise WrongOption(f"{key('time_offset')} = {time_offset:g} s: must be finite")
+    ways = {"trajectory": trajectory, "still": still or None}
+    require_one(source.path, [name for name, value in ways.items() if value is not None])
     if trajectory is None and not still:
         ways = [f"ndtree map {source.path} --trajectory FILE (poses of the sensor)", "--still (it stands)"]
         raise NotALog(source.path, "packets of a Velodyne, and no poses with them", ways)
@@ -145,26 +141,17 @@ _PCAP = {
 }
 _PCAPNG = b"\x0a\x0d\x0d\x0a"
 MAGICS = (*_PCAP, _PCAPNG)
-#: No packet and no block is longer [bytes].
-_LONGEST = 1 << 20
+#: No packet and no block is longer [bytes]; as many packets tell their sender.
+_LONGEST, _LOOKED_AT = 1 << 20, 2000
 #: Bytes before the type of the protocol, by the kind of link.
 _ETHERNET, _LINUX, _LINUX_2, _RAW, _LOOPBACK = 1, 113, 276, 101, 0
 _IPV4, _VLAN, _UDP = 0x0800, (0x8100, 0x88A8), 17
 
 
-@dataclass(frozen=True)
-class Packet:
-    """What was sent by UDP: when it was recorded [s], to which port, and its bytes."""
+def packets(path: str) -> Iterator[tuple[float, int, bytes]]:
+    """UDP packets over IPv4: when each was recorded [s], its port, and its bytes.
 
-    stamp: float
-    port: int
-    data: bytes
-
-
-def packets(path: str) -> Iterator[Packet]:
-    """UDP packets over IPv4 in the order of recording; fragments and other traffic are passed over.
-
-    Raises ValueError where the file is damaged or cut off, with the byte.
+    Fragments and other traffic are passed over. Raises ValueError where the file is damaged or cut off.
     """
     with open_regular(path) as file:
         magic = file.read(4)
@@ -173,18 +160,16 @@ def packets(path: str) -> Iterator[Packet]:
         for stamp, link, frame in frames:
             found = _udp(link, frame)
             if found is not None:
-                yield Packet(stamp, *found)
+                yield stamp, *found
 
 
-def sender_of(path: str, most: int = 2000) -> str | None:
+def sender_of(path: str) -> str | None:
     """Which lidar has sent the packets: "Velodyne", "Ouster", "Hesai", "RoboSense" or "Livox"; else None."""
-    try:
-        for packet in islice(packets(path), most):
-            known = _sender(packet)
+    with contextlib.suppress(ValueError):
+        for _, port, data in islice(packets(path), _LOOKED_AT):
+            known = _sender(port, data)
             if known is not None:
                 return known
-    except ValueError:
-        pass
     return None
 
 
@@ -193,17 +178,16 @@ def is_velodyne(data: bytes) -> bool:
     return len(data) == 1206 and all(data[at : at + 1] == b"\xff" for at in range(0, 1200, 100))
 
 
-def _sender(packet: Packet) -> str | None:
-    data = packet.data
+def _sender(port: int, data: bytes) -> str | None:
     if is_velodyne(data):
         return "Velodyne"
     if data.startswith(b"\xee\xff"):
         return "Hesai"
     if data.startswith((b"\x55\xaa\x05\x0a\x5a\xa5\x50\xa0", b"\x55\xaa\x05\x5a")):
         return "RoboSense"
-    if packet.port in (56300, 56301, 57000, 60001) and len(data) > 1000:
+    if port in (56300, 56301, 57000, 60001) and len(data) > 1000:
         return "Livox"
-    if packet.port == 7502 or (len(data) in _OF_OUSTER and packet.port != 2368):
+    if port == 7502 or (len(data) in _OF_OUSTER and port != 2368):
         return "Ouster"
     return None
 

@@ -15,7 +15,7 @@ from ndtree.base.scan import require_covariance
 from ndtree.logs.core.arrays import Floats
 
 #: What is done with covariances: taken if they are no driver's default, never, always.
-USES = AUTO, IGNORE, USE = ("auto", "ignore", "use")
+AUTO, IGNORE, USE = ("auto", "ignore", "use")
 #: A larger variance is a driver's word for an axis that it does not measure [m², rad²].
 NOT_MEASURED = 1e3
 #: Covariances that are remembered of a robot that drives.

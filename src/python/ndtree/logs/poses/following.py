@@ -52,7 +52,7 @@ class FollowedTree:
         self._added = 0
         self._waiting: dict[Edge, list[_Row]] = {}
         self._used: set[Edge] = set()
-        self._newest = {edge: tree.newest(edge) for edge in tree.told()}
+        self._newest = tree.newest()
 
     def add(self, parent: str, child: str, stamp: float, position: ArrayLike, quaternion: ArrayLike) -> None:
         """A transform at a time [s]."""

@@ -76,12 +76,7 @@ class Trajectory:
         self._gaps = self._found_gaps()
 
     def __len__(self) -> int:
-        """Number of poses."""
         return len(self.stamps)
-
-    def __repr__(self) -> str:
-        times = f"{self.stamps[0]:.3f} to {self.stamps[-1]:.3f} s"
-        return f"<Trajectory {self.name!r}, {len(self)} poses, {times}>"
 
     def pose_at(self, stamp: float) -> Pose:
         """The pose at a time [s]: as `poses_at`, without the cost of arrays for one."""

@@ -15,7 +15,7 @@ import numpy as np
 from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import are_numbers, floats_of, text_lines, with_points
-from ndtree.logs.poses.pose import ROTATION_TOLERANCE, Pose, matrices_of
+from ndtree.logs.poses.pose import ROTATION_TOLERANCE, Pose
 from ndtree.logs.poses.pose_columns import TUM, PoseColumns, columns_named, order_in_doubt, seconds_of
 from ndtree.logs.poses.trajectory import Trajectory
 
@@ -37,9 +37,7 @@ class _Poses(NamedTuple):
     is_numbered: bool
 
 
-def read_trajectory(
-    path: str | os.PathLike[str], *, times: str | os.PathLike[str] | None = None
-) -> Trajectory:
+def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
     """Read a trajectory file; blank lines and comments behind # are passed over.
 
     Formats are TUM's and KITTI's; tables whose first line names the columns, as EuRoC's; matrices of 4x4
@@ -50,29 +48,20 @@ def read_trajectory(
     other names are passed over. Stamps are in the unit that it names; without one, stamps since 1970 in ms,
     us and ns are told from their size.
 
-    `path`: 8 numbers a line are a time [s], a position [m] and a quaternion (x, y, z, w), in this order
-        unless a header says otherwise; 12 are the upper three rows of a pose's matrix.
-    `times`: Times of the poses of a KITTI file, one a line [s]. Left out, a pose's time is its number, from
-        0, or as a graph or log numbers it.
+    8 numbers a line are a time [s], a position [m] and a quaternion (x, y, z, w), in this order unless a
+    header says otherwise; 12 are the upper three rows of a pose's matrix. Where there is no time, it is the
+    pose's number, from 0, or as a graph or log numbers it.
+
     Raises OSError if a file cannot be read; ValueError if a line is not as it should be: which, what was
     found, and what was expected.
     """
     name = os.fspath(path)
     kind = _kind_of_list(name)
     readers = {"g2o": _of_g2o, "log": _of_log, "matrices": _of_matrices, "timed matrices": _of_matrices}
-    found = readers[kind](name) if kind else _of_columns(name)
-    if times is not None and (isinstance(found, Trajectory) or not found.is_numbered):
-        raise ValueError(f"{name}: has times of its own, expected none in {os.fspath(times)}")
-    if isinstance(found, Trajectory):
-        return found
-    stamps, matrices, is_numbered = found
-    if times is not None:
-        stamps, is_numbered = read_times(times), False
-        if len(stamps) != len(matrices):
-            said = f"{len(stamps)} times, expected {len(matrices)} as there are poses in {name}"
-            raise ValueError(f"{os.fspath(times)}: {said}")
-    elif not is_numbered:
-        stamps = seconds_of(stamps, None, name)
+    if kind is None:
+        return _of_columns(name)
+    stamps, matrices, is_numbered = readers[kind](name)
+    stamps = stamps if is_numbered else seconds_of(stamps, None, name)
     return Trajectory(stamps, matrices[:, :, 3], matrices[:, :, :3], name=name, is_numbered=is_numbered)
 
 
@@ -182,7 +171,6 @@ def _content(line: str) -> tuple[str, list[str]]:
 
 
 def _rows(path: str) -> Iterator[tuple[int, list[str]]]:
-    """Fields of each line that has any."""
     for number, line in text_lines(path):
         fields = _content(line)[1]
         if fields:
@@ -227,17 +215,10 @@ def _of_g2o(path: str) -> _Poses:
         if len(values) != count + 1 or values[0] != int(values[0]):
             expected = f"expected the id of a {fields[0]} and {count} more"
             raise ValueError(f"{path}: line {number}: found {len(values)} numbers, {expected}")
-        if count == 3:
-            x, y, turn = values[1:]
-            cos, sin = math.cos(turn), math.sin(turn)
-            found[int(values[0])] = np.array([[cos, -sin, 0, x], [sin, cos, 0, y], [0, 0, 1, 0]])
-        else:
-            turned = np.array(values[4:])
-            length = float(np.linalg.norm(turned))
-            if not abs(length - 1) < 0.02:
-                raise ValueError(f"{path}: line {number}: a quaternion of length {length:.3g}, expected 1")
-            rotation = matrices_of(turned[None] / length)[0]
-            found[int(values[0])] = np.column_stack([rotation, values[1:4]])
+        with at_place(f"{path}: line {number}"):
+            of_plane = count == 3
+            pose = Pose.planar(*values[1:]) if of_plane else Pose.from_quaternion(values[1:4], values[4:])
+        found[int(values[0])] = np.column_stack([pose.rotation, pose.position])
     if not found:
         raise ValueError(f"{path}: no vertex with a pose, expected {' or '.join(_VERTICES)}")
     ids = sorted(found)

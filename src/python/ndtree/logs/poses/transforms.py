@@ -74,13 +74,9 @@ class TransformTree:
             at = other
         return None
 
-    def told(self) -> list[tuple[str, str]]:
-        """Transforms that were told one time after the other, by `add`."""
-        return list(self._rows)
-
-    def newest(self, edge: tuple[str, str]) -> float:
-        """The latest time of one of the transforms that were `told` [s]."""
-        return max(row[0] for row in self._rows[edge][-NEWEST:])
+    def newest(self) -> dict[tuple[str, str], float]:
+        """The latest time of each transform that was told one time after the other, by `add` [s]."""
+        return {edge: max(row[0] for row in rows[-NEWEST:]) for edge, rows in self._rows.items()}
 
     def forget(self, edge: tuple[str, str], before: float, keep: int) -> None:
         """Forget what a transform was before a time [s], but for the last `keep` > 0 of all."""
@@ -150,10 +146,6 @@ class TransformTree:
             positions = rotated(turned, positions) + moved
             at = edge[0] if at == edge[1] else edge[1]
         return rotations, positions
-
-    def is_fixed(self, target: str, source: str) -> bool:
-        """Whether all transforms on the way between connected frames are fixed."""
-        return not self.moving(target, source)
 
     def stands(self, target: str, source: str) -> bool:
         """Whether the pose between connected frames is the same at all times at which it is known."""

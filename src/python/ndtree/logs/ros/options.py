@@ -4,17 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from ndtree._errors import key
-from ndtree.logs.core.source import WrongOption, check_zero_is
-from ndtree.logs.folders.depth_image import check_stride
-from ndtree.logs.poses.covariances import USES
+from ndtree.base.options import option
+from ndtree.logs.core.failures import some_of
+from ndtree.logs.core.source import WrongOption, require_one
 from ndtree.logs.ros.files.bag import Bag, Topic
 from ndtree.logs.ros.messages.beams import IMAGES, short
-from ndtree.logs.ros.messages.sweep import BY_WORD
 from ndtree.logs.ros.survey import ODOMETRY, POSE_NAMES, POSES
 
 
@@ -42,8 +41,7 @@ class Wanted:
 
 def listed(topics: list[Topic]) -> str:
     """Topics for errors."""
-    shown = [f"{topic.name} ({short(topic.type)})" for topic in topics[:12]]
-    return ", ".join(shown + ["..."] * (len(topics) > 12))
+    return some_of([f"{topic.name} ({short(topic.type)})" for topic in topics], 12)
 
 
 def instead(topics: list[Topic]) -> str:
@@ -80,31 +78,20 @@ class BagOptions:
         return [Wanted.of(one) for one in ([self.topic] if isinstance(self.topic, str) else self.topic or [])]
 
     def check(self, path: str) -> None:
-        """Refuse what makes no sense for any bag.
-
-        Raises WrongOption.
-        """
+        """Refuse what makes no sense for any bag; raises WrongValue or WrongOption."""
         ways = ("fixed_frame", "odometry", "poses", "trajectory")
         given = [name for name in ways if getattr(self, name) is not None]
         given += ["still"] if self.still and given != ["fixed_frame"] else []
-        if len(given) > 1:
-            raise WrongOption(f"{path}: {' and '.join(map(key, given))}: expected one of them")
-        if not np.isfinite(self.time_offset):
-            raise WrongOption(f"{key('time_offset')} = {self.time_offset:g} s: must be finite")
-        for name, words in (("sweep", BY_WORD), ("pose_covariance", USES)):
-            value = getattr(self, name)
-            if value is not None and value not in words:
-                raise WrongOption(f"{path}: {key(name)} = {value}: expected one of {', '.join(words)}")
+        require_one(path, given)
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if value is not None:
+                option(one.name).require(value)
         if self.sweep is not None and not self.deskew:
             raise WrongOption(f"{path}: {key('sweep')} = {self.sweep}: is for beams that are deskewed")
-        check_stride(self.pixel_stride)
-        check_zero_is(path, self.zero_is)
 
     def check_topics(self, path: str, topics: list[Topic]) -> None:
-        """Refuse what makes no sense for some sensors.
-
-        Raises WrongOption.
-        """
+        """Refuse what makes no sense for some sensors; raises WrongOption."""
         names = ", ".join(one.name for one in topics)
         if self.camera is not None and not any(one.type in IMAGES for one in topics):
             raise WrongOption(f"{path}: {key('camera')}: {names} has no depth images")

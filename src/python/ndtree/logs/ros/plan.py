@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,10 +14,11 @@ from ndtree.logs.core.source import WrongOption
 from ndtree.logs.poses.covariances import AUTO, IGNORE, REMEMBERED, USE, PoseCovariances
 from ndtree.logs.ros.clock import Clock
 from ndtree.logs.ros.files.bag import Bag, Topic
+from ndtree.logs.ros.messages.beams import short
 from ndtree.logs.ros.messages.sweep import BY_WORD, Sweep
 from ndtree.logs.ros.options import BagOptions, Wanted, listed
 from ndtree.logs.ros.placement.body import Body
-from ndtree.logs.ros.placement.placement import TRANSFORMS, Placement, placed, without_sensors
+from ndtree.logs.ros.placement.placement import TRANSFORMS, Finder, Placement, without_sensors
 from ndtree.logs.ros.sensors import Sensor, chosen, encodings_in, poor, readable, sights, understood
 from ndtree.logs.ros.sensors import in_order as in_order_of_sight
 from ndtree.logs.ros.survey import ODOMETRY, POSES, Survey
@@ -50,6 +50,7 @@ class BagPlan:
     damaged: list[ValueError]
     damage: list[str]
     notes: list[str]
+    spans: dict[str, tuple[float, float]]  # Of all scans, and of the first sensor's poses unless it stands.
     hint: str  # What may help where no scan has a pose.
     decisions: dict[str, Decision] = field(default_factory=dict)
 
@@ -58,11 +59,6 @@ class BagPlan:
         """How the first sensor's poses are found."""
         return self.places[self.sensors[0].topic.name]
 
-    @property
-    def spans(self) -> dict[str, tuple[float, float]]:
-        """Of all scans, by the poses' clock, and of the first sensor's poses unless it stands."""
-        return _spans(self.sensors, self.place)
-
 
 def planned(bag: Bag, options: BagOptions, dim: int | None, *, so_far: bool, in_memory: bool) -> BagPlan:
     """Look at a bag once, and decide how it is read; where `so_far`, more of its messages may follow."""
@@ -70,39 +66,6 @@ def planned(bag: Bag, options: BagOptions, dim: int | None, *, so_far: bool, in_
         body = None if options.body is None else Body.of(options.body)
     except ValueError as error:
         raise WrongOption(f"{bag.path}: {marked(error)}") from None
-    found, wanted, notes = _placed(bag, options)
-    survey = found.survey
-    sensors = [Sensor(bag, one, survey, options, want.sigma) for one, want in zip(found.topics, wanted)]
-    sweeps, said, shown = understood(bag, sensors, found.places, survey.clock, options, so_far=so_far)
-    place = found.places[sensors[0].topic.name]
-    dim = dimension_of(bag.path, sensors, found.places, dim)
-    covariances = _covariances(bag.path, place, survey, options.pose_covariance or AUTO, dim, in_memory)
-    units = [sensor.note for sensor in sensors if sensor.note]
-    return BagPlan(
-        options=options,
-        sensors=sensors,
-        places=found.places,
-        sweeps=sweeps,
-        clock=survey.clock,
-        covariances=covariances,
-        elsewhere={one.topic.name: _unplaced(one, found.places[one.topic.name], options) for one in sensors},
-        dim=dim,
-        body=body,
-        bodies={
-            name: body.frame_of(one, options.base_frame)
-            for name, one in found.places.items()
-            if body is not None
-        },
-        damaged=survey.damaged,
-        damage=bag.damage,
-        notes=[*notes, *units, *place.notes, *bag.damage, *said],
-        hint=_clocks(sensors[0], survey, _spans(sensors, place)),
-        decisions=_decisions(options, wanted, place, shown, covariances),
-    )
-
-
-def _placed(bag: Bag, options: BagOptions) -> tuple[Placed, list[Wanted], list[str]]:
-    """Which topics are read, where their sensors are, and what is to be said of both."""
     wanted = options.wanted
     topics = chosen(bag, wanted) if wanted else readable(bag)
     seen = sights(bag, topics) if not wanted and len(topics) > 1 else {}
@@ -110,19 +73,42 @@ def _placed(bag: Bag, options: BagOptions) -> tuple[Placed, list[Wanted], list[s
     if not topics:
         raise WrongValue(without_sensors(bag, encodings_in(bag)))
     options.check_topics(bag.path, topics)
-    asked = options.with_poses_of(bag)
-
-    def surveyed(poses: str | None) -> Survey:
-        return Survey(bag, [one.name for one in topics], poses, options.time_offset)
-
-    found = find_places(bag, surveyed, topics, asked, None if wanted else poor(seen))
+    found = _Placer(bag, topics, options.with_poses_of(bag), None if wanted else poor(seen))
+    survey, places = found.survey, found.places
+    used = [one for one in topics if one.name in places]
+    wanted = wanted or [Wanted(one.name) for one in used]
+    sensors = [Sensor(bag, one, survey, options, want.sigma) for one, want in zip(used, wanted)]
+    sweeps, said, shown = understood(bag, sensors, places, survey.clock, options, so_far=so_far)
+    place = places[used[0].name]
+    dim = dimension_of(bag.path, sensors, places, dim)
+    covariances = _covariances(bag.path, place, survey, options.pose_covariance or AUTO, dim, in_memory)
     again = "what follows is mapped as if it came later"
-    notes = [f"the clock begins again at {stamp:.3f} s: {again}" for stamp in found.survey.clock.falls]
+    notes = [f"the clock begins again at {stamp:.3f} s: {again}" for stamp in survey.clock.falls]
     notes += found.notes
-    left = [one for one in topics if one not in found.topics]
+    left = [one for one in topics if one not in used]
     if left:
-        notes.append(f"{key('topic')} would take another sensor than {found.topics[0].name}: {listed(left)}")
-    return found, wanted or [Wanted(one.name) for one in found.topics], notes
+        notes.append(f"{key('topic')} would take another sensor than {used[0].name}: {listed(left)}")
+    notes += [sensor.note for sensor in sensors if sensor.note]
+    spans = _spans(sensors, place)
+    bodies = {name: body.frame_of(one, options.base_frame) for name, one in places.items() if body}
+    return BagPlan(
+        options=options,
+        sensors=sensors,
+        places=places,
+        sweeps=sweeps,
+        clock=survey.clock,
+        covariances=covariances,
+        elsewhere={one.topic.name: _unplaced(one, places[one.topic.name], options) for one in sensors},
+        dim=dim,
+        body=body,
+        bodies=bodies,
+        damaged=survey.damaged,
+        damage=bag.damage,
+        notes=[*notes, *place.notes, *bag.damage, *said],
+        spans=spans,
+        hint=_clocks(sensors[0], survey, spans),
+        decisions=_decisions(options, wanted, place, shown, covariances),
+    )
 
 
 def _unplaced(sensor: Sensor, place: Placement, options: BagOptions) -> list[str]:
@@ -195,91 +181,85 @@ def _clocks(sensor: Sensor, survey: Survey, spans: dict[str, tuple[float, float]
     return f"their stamps are of two clocks, which the times of recording bring together by {way}"
 
 
-#: Makes the survey of a bag with the poses of a topic, or without any.
-Surveyed = Callable[["str | None"], Survey]
+class _Placer:
+    """Finds where sensors are, of topics of a bag.
 
-
-@dataclass(frozen=True)
-class Placed:
-    """Sensors, and how the pose of each is found."""
-
-    topics: list[Topic]
-    places: dict[str, Placement]  # By topic.
-    survey: Survey  # That they are from.
-    notes: list[str] = field(default_factory=list)  # What was taken for granted.
-
-
-def find_places(
-    bag: Bag, surveyed: Surveyed, topics: list[Topic], asked: BagOptions, poor: set[str] | None
-) -> Placed:
-    """Where sensors are: all of them, or the first of which it is known where `poor` is not None.
-
-    `poor` has the names of those that make no map beside the others: they are not taken in the place of a
-    better one of which it is not known where it is.
-
-    Where nothing was said of poses and the transforms do not tell, a topic with Odometry counts whose
-    messages say of which frame they are, if the sensor is connected with that.
-
-    Raises ValueError if it is not known; of the first topic.
+    `poor`: Those that make no map beside the others: they are not taken in the place of a better one of which
+        it is not known where it is. None: all topics are wanted, else the first of which it is known.
+    Attributes:
+    `survey`, `places`, `notes`: What was found: where places are from, places by topic, and what was taken
+        for granted.
     """
-    survey = surveyed(asked.poses)
-    try:
-        return _first_placed(bag, survey, topics, asked, poor)
-    except ValueError as error:
-        wrong = error
-    if not (asked.still or asked.poses or asked.trajectory or asked.fixed_frame):
-        sources = bag.of_type(ODOMETRY)
+
+    def __init__(self, bag: Bag, topics: list[Topic], asked: BagOptions, poor: set[str] | None) -> None:
+        self._bag, self._topics, self._asked, self._poor = bag, topics, asked, poor
+        self._others = {one.name: short(one.type) for one in bag.of_type(*POSES)}
+        self.notes: list[str] = []
+        self.survey = self._surveyed(asked.poses)
+        self.places = self._placed()
+
+    def _surveyed(self, poses: str | None) -> Survey:
+        return Survey(self._bag, [one.name for one in self._topics], poses, self._asked.time_offset)
+
+    def _placed(self) -> dict[str, Placement]:
+        """Places of all sensors, or of one; ValueError if it is not known, of the first.
+
+        Where nothing was said of poses and the transforms do not tell, a topic with Odometry counts whose
+        messages say of which frame they are, if the sensor is connected with that.
+        """
+        asked, survey = self._asked, self.survey
+        try:
+            return self._first(survey, asked)
+        except ValueError as error:
+            wrong = error
+        sources = self._bag.of_type(ODOMETRY)
+        if asked.still or asked.poses or asked.trajectory or asked.fixed_frame:
+            sources = []
         for source in sources:
-            other = surveyed(source.name)
-            if not (other.poses and (other.poses[0].child or asked.mount)):
+            self.survey = self._surveyed(source.name)
+            if not (self.survey.poses and (self.survey.poses[0].child or asked.mount)):
                 continue
             try:
-                found = _first_placed(bag, other, topics, replace(asked, poses=source.name), poor)
+                found = self._first(self.survey, replace(asked, poses=source.name))
             except ValueError:
                 continue
             left = [one for one in sources if one is not source]
             note = f"/tf does not say where the sensor is: poses are those of {key('odometry')} {source.name}"
-            found.notes.append(note + (f"; others are {listed(left)}" if left else ""))
+            self.notes.append(note + (f"; others are {listed(left)}" if left else ""))
             return found
-    if unread := [*survey.ends, *survey.damaged]:
-        raise ValueError(f"{wrong}\nnot all of the bag could be read: {unread[0]}")
-    raise wrong
+        if unread := [*survey.ends, *survey.damaged]:
+            raise ValueError(f"{wrong}\nnot all of the bag could be read: {unread[0]}")
+        raise wrong
 
+    def _first(self, survey: Survey, asked: BagOptions) -> dict[str, Placement]:
+        if self._poor is None:
+            return self._together(survey, self._topics, asked)
+        wrong: ValueError | None = None
+        registered: list[tuple[int, dict[str, Placement]]] = []
+        for topic in self._topics:
+            try:
+                places = self._together(survey, [topic], asked)
+            except ValueError as error:
+                wrong = wrong or error
+                continue
+            if places[topic.name].observer is None:
+                if wrong is not None and topic.name in self._poor:
+                    raise WrongValue(f"{marked(wrong)}\n  {key('topic')} {topic.name}, which sees far less")
+                return places
+            registered.append((topic.messages, places))
+        if registered:  # Of clouds in a fixed frame the rare ones are whole maps.
+            return max(registered, key=lambda one: one[0])[1]
+        assert wrong is not None
+        raise wrong
 
-def _first_placed(
-    bag: Bag, survey: Survey, topics: list[Topic], asked: BagOptions, poor: set[str] | None
-) -> Placed:
-    if poor is None:
-        return Placed(topics, _together(bag, survey, topics, asked), survey)
-    wrong: ValueError | None = None
-    registered: list[tuple[Topic, dict[str, Placement]]] = []
-    for topic in topics:
-        try:
-            places = _together(bag, survey, [topic], asked)
-        except ValueError as error:
-            wrong = wrong or error
-            continue
-        if places[topic.name].observer is None:
-            if wrong is not None and topic.name in poor:
-                raise WrongValue(f"{marked(wrong)}\n  {key('topic')} {topic.name}, which sees far less")
-            return Placed([topic], places, survey)
-        registered.append((topic, places))
-    if registered:  # Of clouds in a fixed frame the rare ones are whole maps.
-        topic, places = max(registered, key=lambda one: one[0].messages)
-        return Placed([topic], places, survey)
-    assert wrong is not None
-    raise wrong
-
-
-def _together(bag: Bag, survey: Survey, topics: list[Topic], asked: BagOptions) -> dict[str, Placement]:
-    """Where some sensors are, all of them in the frame of the first."""
-    others = {one.name: one.type.rpartition("/")[2] for one in bag.of_type(*POSES)}
-    places: dict[str, Placement] = {}
-    for topic in topics:
-        places[topic.name] = placed(bag.path, survey, topic, asked, others)
-        if asked.poses is None and asked.trajectory is None:
-            asked = replace(asked, fixed_frame=places[topic.name].fixed_frame)
-    return places
+    def _together(self, survey: Survey, topics: list[Topic], asked: BagOptions) -> dict[str, Placement]:
+        """Where some sensors are, all of them in the frame of the first."""
+        places: dict[str, Placement] = {}
+        for topic in topics:
+            places[topic.name] = Finder(self._bag.path, survey, topic, asked, self._others).placement()
+            if asked.poses is None and asked.trajectory is None:
+                asked = replace(asked, fixed_frame=places[topic.name].fixed_frame)
+        return places
 
 
 #: A laser is planar if it tilts no more than this at half of the times, and than that at all but 5 % [rad],

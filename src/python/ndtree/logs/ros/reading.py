@@ -21,7 +21,6 @@ from ndtree.logs.ros.messages.laser import NoiseAtLimit
 from ndtree.logs.ros.placement.placement import Placement
 from ndtree.logs.ros.placement.standing import Standing
 from ndtree.logs.ros.plan import BagPlan
-from ndtree.logs.ros.sensors import Sensor
 from ndtree.logs.ros.storage import Raw
 
 _LEAST_WAY = 0.1  # Of beams that tell how a sensor is turned [m].
@@ -30,14 +29,11 @@ _MOST_TURNED, _LEAST_SPREAD = 64, 1e-3  # Beams that tell of space; of their way
 
 
 class OtherFrame(ValueError):
-    """A message is in a frame of which nothing says where it is.
+    """A message is in a frame of which nothing says where it is; what is said of all such of its topic."""
 
-    `sensor`: Of its topic.
-    """
-
-    def __init__(self, message: str, sensor: Sensor) -> None:
+    def __init__(self, message: str, of_all: str) -> None:
         super().__init__(message)
-        self.sensor = sensor
+        self.of_all = of_all
 
 
 @dataclass(frozen=True)
@@ -99,8 +95,11 @@ class MessageReader:
             beams = self._plan.sweeps[name].applied(beams)
         except ValueError as error:
             raise located(where, error) from None
-        if own in self._plan.elsewhere[name]:
-            raise OtherFrame(f"{where}: is in {own}, expected {sensor.seen.frame}", sensor)
+        if own in (others := self._plan.elsewhere[name]):
+            count = sum(sensor.seen.frames[frame] for frame in others)
+            said = f"{count} of {sensor.topic.messages} messages of {name} are left out: they are in"
+            said = f"{said} {', '.join(others) or 'no frame'}, and nothing says where that is"
+            raise OtherFrame(f"{where}: is in {own}, expected {sensor.seen.frame}", said)
         frame = own if place.is_own else place.frame
         stamp = self._clock.time((name, own), 1e-9 * raw.received, stamp)
         return Measured(name, self._numbers[name], frame, stamp, beams, where)
@@ -195,15 +194,6 @@ class MessageReader:
             if warning is not None:
                 lines.append(warning)
         return lines
-
-
-def elsewhere_said(sensor: Sensor, others: list[str]) -> str:
-    """What is said of a topic's messages in frames without a known place."""
-    count = sum(sensor.seen.frames[frame] for frame in others)
-    return (
-        f"{count} of {sensor.topic.messages} messages of {sensor.topic.name} are left out: they are in "
-        f"{', '.join(others) or 'no frame'}, and nothing says where that is"
-    )
 
 
 def heading_of(local: Points, ends: Floats, origins: Floats) -> float | None:

@@ -22,7 +22,7 @@ from ndtree.logs.ros.files.bag import ENDINGS, MAGICS, METADATA, METADATA_BEGINS
 from ndtree.logs.ros.messages.beams import CAMERA_INFO, IMAGES, SENSORS
 from ndtree.logs.ros.options import BagOptions
 from ndtree.logs.ros.plan import planned
-from ndtree.logs.ros.reading import MessageReader, OtherFrame, elsewhere_said
+from ndtree.logs.ros.reading import MessageReader, OtherFrame
 from ndtree.logs.ros.sensors import encodings_in
 from ndtree.logs.ros.storage import OnDamage, Raw
 from ndtree.logs.ros.survey import POSES, TF, Survey
@@ -78,7 +78,6 @@ class RosbagLog(SizedLog):
     place = property(attrgetter("plan.place"))  # How the first sensor's poses are found.
 
     def _opened(self) -> AbstractContextManager[Bag]:
-        """The bag, open for as long as it is read."""
         return open_bag(self.path) if self._in_memory is None else nullcontext(self._in_memory)
 
     def _scans(self) -> Iterator[Scan]:
@@ -107,8 +106,7 @@ class RosbagLog(SizedLog):
             try:
                 measured = reader.measured(raw)
             except OtherFrame as error:
-                others = self.plan.elsewhere[error.sensor.topic.name]
-                self._leave_out("messages in other frames", error, elsewhere_said(error.sensor, others))
+                self._leave_out("messages in other frames", error, error.of_all)
                 continue
             except ValueError as error:
                 self.skip("damaged messages", error)
@@ -166,18 +164,12 @@ class _Beginnings(Bag):
     def __init__(self, bag: Bag) -> None:
         self.__dict__.update(bag.__dict__)
 
-    def messages(
-        self, topics: Collection[str], *, heads: Collection[str] = (), on_damage: OnDamage | None = None
-    ) -> Iterator[Raw]:
-        moving = {topic.name for topic in self.of_type(*TF)}
-
-        def first(name: str) -> list[Raw]:
-            most = _TRANSFORMS if name in moving else 1
-            whole, beginning = ([name], []) if name in topics else ([], [name])
-            rows = super(_Beginnings, self).messages(whole, heads=beginning, on_damage=on_damage)
-            return list(islice(rows, most))
-
-        rows = [first(name) for name in sorted({*topics, *heads})]
+    def messages(self, topics: Collection[str], on_damage: OnDamage | None = None) -> Iterator[Raw]:
+        most = dict.fromkeys((topic.name for topic in self.of_type(*TF)), _TRANSFORMS)
+        rows = [
+            list(islice(super(_Beginnings, self).messages([name], on_damage), most.get(name, 1)))
+            for name in sorted(topics)
+        ]
         return heapq.merge(*rows, key=lambda raw: raw.received)
 
 

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -35,7 +37,7 @@ from ndtree.logs.ros.messages.cloud import cloud_beams
 from ndtree.logs.ros.messages.foxglove import head_of
 from ndtree.logs.ros.messages.laser import laser_beams, multi_echo_beams, range_beams
 from ndtree.logs.ros.messages.own import point_beams
-from ndtree.logs.ros.messages.sweep import AS_SAID, BY_WORD, GROUP, OFF, Sweep, sharpest, turning
+from ndtree.logs.ros.messages.sweep import AS_SAID, BY_WORD, GROUP, OFF, Sweep, in_map, sharpest, turning
 from ndtree.logs.ros.options import BagOptions, Wanted, instead
 from ndtree.logs.ros.placement.placement import STILL, Placement
 from ndtree.logs.ros.storage import Raw
@@ -50,11 +52,7 @@ def recorded_unit(bag: Bag, topic: str) -> tuple[float, str] | None:
     """How many metres an integer of a depth image is, and the topic that says so.
 
     The recorder of the RealSense SDK writes the options of each sensor beside its images. That of the same
-    sensor counts, else that of the same device.
-
-    `topic`: With the images.
-    Returns (float, str), or None: None where it is not stated.
-    Raises ValueError if the option is no length.
+    sensor counts, else that of the same device. None where it is not stated; ValueError if it is no length.
     """
     own = _SENSOR.match(topic)
     if own is None:
@@ -94,7 +92,8 @@ class Sensor:
         if topic.type in IMAGES:
             first = bag.first(topic.name)
             scale = image.scale_of(first)
-            if image.is_integer(first) and (recorded := recorded_unit(bag, topic.name)) is not None:
+            is_integer = image.DEPTH_ENCODINGS[image.encoding_of(first)][0] != "f4"
+            if is_integer and (recorded := recorded_unit(bag, topic.name)) is not None:
                 scale = 1 / recorded[0]
                 self.note = f"{topic.name}: depths are in units of {recorded[0]:g} m, as {recorded[1]} says"
             if options.camera is not None:
@@ -153,8 +152,11 @@ def readable(bag: Bag) -> list[Topic]:
     By type: lasers, clouds, depth images, single ranges. Of one type the one whose name has the fewest parts,
     and then by the alphabet.
     """
-    topics = bag.of_type(*SENSORS)
-    topics = [one for one in topics if one.type not in IMAGES or image.has_depth(bag.first(one.name))]
+    topics = [
+        one
+        for one in bag.of_type(*SENSORS)
+        if one.type not in IMAGES or image.encoding_of(bag.first(one.name)) in image.DEPTH_ENCODINGS
+    ]
     return sorted(topics, key=lambda one: (SENSORS.index(one.type), plain(one.name).count("/"), one.name))
 
 
@@ -323,11 +325,11 @@ def understood(
             lines.append(f"{name}: {said}: their times are not used")
             continue
         stamps = np.array(sensor.seen.own_stamps)
-        starts = turning(place.tree, place.fixed_frame, place.frame, stamps, lasts)
-        groups = _groups(bag, sensor, starts, clock, options.time_offset)
+        frames = place.tree, place.fixed_frame, place.frame
+        groups = _groups(bag, sensor, turning(*frames, stamps, lasts), clock, options.time_offset)
         if groups:
-            sweep, gain = sharpest(place.tree, place.fixed_frame, place.frame, groups, base)
-            sweeps[name] = sweep
+            sweeps[name], gain = sharpest(partial(in_map, *frames), groups, base)
+            sweep = sweeps[name]
             shown.append(sweep)
             if sweep is not base:
                 said = "this way scans agree better than by their messages"
@@ -340,44 +342,31 @@ def _duration(bag: Bag, sensor: Sensor, clock: Clock) -> tuple[float, bool]:
 
     0 where none of the first messages has.
     """
-    for raw in islice(sensor.own_messages(bag), FIRST_MESSAGES):
-        measured = _measured(bag, sensor, raw, clock)
-        if measured is None:
-            continue
-        beams, _ = measured
+    for _, beams, _ in _measured(bag, sensor, clock, range(FIRST_MESSAGES)):
         if beams.times is not None and len(beams.times) > 1:
             return float(np.ptp(beams.times)), beams.is_guess
     return 0.0, False
-
-
-def _measured(bag: Bag, sensor: Sensor, raw: Raw, clock: Clock) -> tuple[Beams, float] | None:
-    """A message's beams, and its time as the message says it [s]; None if it cannot be read."""
-    stream = (sensor.topic.name, sensor.seen.frame)
-    try:
-        message = bag.decoded(raw)
-        stamp = clock.stamp(stream, 1e-9 * raw.received, stamp_of(message))
-        return sensor.beams(message, stamp), stamp
-    except ValueError:
-        return None
 
 
 def _groups(
     bag: Bag, sensor: Sensor, starts: list[int], clock: Clock, time_offset: float
 ) -> list[list[tuple[Beams, float]]]:
     """Scans that follow each other from some numbers on."""
-    if not starts:
-        return []
     groups: dict[int, list[tuple[Beams, float]]] = {start: [] for start in starts}
     wanted = {start + i: start for start in starts for i in range(GROUP)}
-    stream = (sensor.topic.name, sensor.seen.frame)
-    for number, raw in enumerate(sensor.own_messages(bag)):
-        if number > starts[-1] + GROUP:
-            break
-        if number in wanted:
-            measured = _measured(bag, sensor, raw, clock)
-            if measured is None:
-                continue
-            beams, stamp = measured
-            at = clock.time(stream, 1e-9 * raw.received, stamp) + time_offset
-            groups[wanted[number]].append((beams, at))
+    for number, beams, stamp in _measured(bag, sensor, clock, wanted):
+        groups[wanted[number]].append((beams, stamp + time_offset))
     return [group for group in groups.values() if len(group) > 1]
+
+
+def _measured(
+    bag: Bag, sensor: Sensor, clock: Clock, wanted: Collection[int]
+) -> Iterator[tuple[int, Beams, float]]:
+    """Of messages with some numbers that can be read: the number, the beams, and their time [s]."""
+    stream = (sensor.topic.name, sensor.seen.frame)
+    for number, raw in enumerate(islice(sensor.own_messages(bag), max(wanted, default=-1) + 1)):
+        if number in wanted:
+            with contextlib.suppress(ValueError):
+                message, received = bag.decoded(raw), 1e-9 * raw.received
+                stamp = clock.stamp(stream, received, stamp_of(message))
+                yield number, sensor.beams(message, stamp), clock.time(stream, received, stamp)

@@ -14,7 +14,7 @@ import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
-from typing import IO, Protocol, TypeVar
+from typing import IO, Any
 
 from ndtree.base.words import number_of
 from ndtree.logs.core.failures import one_line
@@ -24,8 +24,6 @@ from ndtree.logs.core.plain_file import FREE_BYTES, MOST_PACKED
 OnDamage = Callable[[ValueError], None]
 
 _DDS = re.compile(r"(\w+)::msg::(?:dds_::(?=\w+_$))?(\w+?)_?")
-#: What is read of a message of which only stamp and frame are wanted [bytes].
-HEAD_BYTES = 512
 
 
 @dataclass(frozen=True)
@@ -46,13 +44,10 @@ class Connection:
 
 @dataclass(frozen=True)
 class Raw:
-    """A message as it was recorded, or with less than all of `data` its beginning.
-
-    `received` is when it was recorded [ns].
-    """
+    """A message as it was recorded."""
 
     connection: Connection
-    received: int
+    received: int  # [ns]
     data: bytes
 
 
@@ -77,15 +72,15 @@ class Storage(ABC):
         self.unread: list[Connection] = []
 
     @abstractmethod
-    def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:
-        """Messages of some connections, in the order of recording; of `heads` the beginnings are enough."""
+    def messages(self, topics: Collection[str], on_damage: OnDamage) -> Iterator[Raw]:
+        """Messages of some topics, in the order of recording."""
 
-    @abstractmethod
     def close(self) -> None:
         """Nothing can be read afterwards."""
+        return
 
-    def _wanted(self, ids: Collection[int], heads: Collection[int]) -> dict[int, Connection]:
-        return {one.id: one for one in self.connections if one.id in ids or one.id in heads}
+    def _wanted(self, topics: Collection[str]) -> dict[int, Connection]:
+        return {one.id: one for one in self.connections if one.topic in topics}
 
     def _unreadable(self, reason: str, what: str = "") -> ValueError:
         """The error of bytes that are no bag, all of them or a part."""
@@ -96,11 +91,12 @@ class Storage(ABC):
         self.damage = f"{what}: {number_of(sum(self.counts.values()), 'message')} found in it{remedy}"
 
     def _count(self, id: int, received: int) -> None:
-        """Note a message that was found."""
         self.counts[id] = self.counts.get(id, 0) + 1
-        self.span = (received, received) if self.span is None else (
-            min(self.span[0], received), max(self.span[1], received)
-        )  # fmt: skip
+        self._cover(received, received)
+
+    def _cover(self, first: int, last: int) -> None:
+        span = self.span or (first, last)
+        self.span = min(span[0], first), max(span[1], last)
 
 
 class FileStorage(Storage):
@@ -146,20 +142,23 @@ def line_of(error: Exception) -> str:
 MOST_BYTES = 1 << 30
 _PART = 1 << 24
 _WINDOW = 1 << 27  #: Of zstd, where its header does not say how much it packs.
+_PACKINGS = ("bz2", "lz4", "zstd", "zlib")
 
 
 class Damaged(Exception):
     """Bytes that are not what they should be."""
 
 
-class Chunk(Protocol):
-    """Messages that were recorded one after the other; `first` is when the first one was [ns]."""
+@dataclass
+class Chunk:
+    """Messages that lie together in a file: where they begin, and of which connections they are.
 
-    @property
-    def first(self) -> int: ...
+    `ids`: Empty where that is not known.
+    """
 
-
-AnyChunk = TypeVar("AnyChunk", bound=Chunk)
+    position: int
+    first: int = 0  # When the first was recorded [ns].
+    ids: Collection[int] = ()
 
 
 def in_order(rows: Iterable[tuple[float, float, Raw | None]]) -> Iterator[Raw]:
@@ -174,14 +173,17 @@ def in_order(rows: Iterable[tuple[float, float, Raw | None]]) -> Iterator[Raw]:
         yield heapq.heappop(waiting)[2]
 
 
-def of_chunks(chunks: Iterable[AnyChunk], messages_of: Callable[[AnyChunk], Iterable[Raw]]) -> Iterator[Raw]:
-    """Messages of all chunks in the order of recording, also where chunks overlap in time."""
+def of_chunks(
+    chunks: Iterable[Chunk], ids: Collection[int], messages_of: Callable[[Chunk], Iterable[Raw]]
+) -> Iterator[Raw]:
+    """Messages of chunks with some connections in the order of recording, also where they overlap."""
 
     def rows() -> Iterator[tuple[float, float, Raw | None]]:
         for chunk in sorted(chunks, key=lambda one: one.first):
-            yield chunk.first, chunk.first, None
-            for raw in messages_of(chunk):
-                yield raw.received, -math.inf, raw
+            if not chunk.ids or not set(chunk.ids).isdisjoint(ids):
+                yield chunk.first, chunk.first, None
+                for raw in messages_of(chunk):
+                    yield raw.received, -math.inf, raw
 
     return in_order(rows())
 
@@ -198,12 +200,12 @@ def unpacked(packing: str, data: bytes, size: int) -> bytes:
     """
     if packing in ("", "none"):
         return data
-    if packing not in _UNPACKERS:
-        raise Damaged(f"compression {packing!r}, expected none, {', '.join(_UNPACKERS)}")
+    if packing not in _PACKINGS:
+        raise Damaged(f"compression {packing!r}, expected none, {', '.join(_PACKINGS)}")
     most = most_bytes_of(len(data))
     if size > most:
         raise Damaged(f"{len(data)} bytes that unpack to {size}, expected at most {most}")
-    content = b"".join(_parts(packing, data, size + 1))
+    content = _beginning(packing, data, size + 1)
     if len(content) != size:
         found = "more" if len(content) > size else str(len(content))
         raise Damaged(f"it unpacks to {found} bytes, expected {size}, as it says")
@@ -216,68 +218,41 @@ def unpacked_message(data: bytes) -> bytes:
     Raises Damaged if it is cut off, or more than any message.
     """
     most = most_bytes_of(len(data))
-    content = b"".join(_parts("zstd", data, most + 1))
+    content = _beginning("zstd", data, most + 1)
     if len(content) > most:
         raise Damaged(f"{len(data)} bytes unpack to more than {most}")
     return content
 
 
-def _parts(packing: str, data: bytes, most: int) -> Iterator[bytes]:
+def _beginning(packing: str, data: bytes, most: int) -> bytes:
     """What is unpacked, at most `most` bytes of it."""
+    parts: list[bytes] = []
     try:
-        for part in _UNPACKERS[packing](data, most):
-            yield part
-            most -= len(part)
-            if most <= 0:
-                return
-    except (ValueError, OSError, EOFError, RuntimeError) as error:
+        if packing == "zstd":
+            import zstandard
+
+            # A frame that says how long it is may have a window as long.
+            unpacker = zstandard.ZstdDecompressor(max_window_size=max(most, _WINDOW))
+            with unpacker.stream_reader(io.BytesIO(data)) as file:
+                while most > 0 and (part := file.read(min(most, _PART))):
+                    parts.append(part)
+                    most -= len(part)
+            return b"".join(parts)
+        while data and most > 0:
+            stream = _decompressor(packing)
+            parts.append(stream.decompress(data, most))
+            most -= len(parts[-1])
+            data = stream.unused_data if packing == "bz2" and stream.eof else b""
+    except (ImportError, MemoryError):
+        raise
+    except Exception as error:  # Libraries at the mercy of foreign bytes.
         raise Damaged(line_of(error)) from None
+    return b"".join(parts)
 
 
-def _with_bz2(data: bytes, most: int) -> Iterator[bytes]:
-    while data and most > 0:
-        stream = bz2.BZ2Decompressor()
-        part = stream.decompress(data, most)
-        most -= len(part)
-        yield part
-        if not stream.eof:  # Cut off, or more than is wanted.
-            return
-        data = stream.unused_data
+def _decompressor(packing: str) -> Any:
+    if packing == "lz4":
+        from lz4 import frame
 
-
-def _with_zlib(data: bytes, most: int) -> Iterator[bytes]:
-    try:
-        yield zlib.decompressobj(zlib.MAX_WBITS | 32).decompress(data, most)
-    except zlib.error as error:
-        raise Damaged(line_of(error)) from None
-
-
-def _with_lz4(data: bytes, most: int) -> Iterator[bytes]:
-    from lz4 import frame
-
-    yield frame.LZ4FrameDecompressor().decompress(data, most)
-
-
-def _with_zstd(data: bytes, most: int) -> Iterator[bytes]:
-    import zstandard
-
-    window = max(most, _WINDOW)  # A frame that says how long it is may have one as long.
-    try:
-        unpacker = zstandard.ZstdDecompressor(max_window_size=window)
-        with unpacker.stream_reader(io.BytesIO(data)) as stream:
-            while most > 0:
-                part = stream.read(min(most, _PART))
-                if not part:
-                    return
-                most -= len(part)
-                yield part
-    except zstandard.ZstdError as error:
-        raise Damaged(line_of(error)) from None
-
-
-_UNPACKERS: dict[str, Callable[[bytes, int], Iterator[bytes]]] = {
-    "bz2": _with_bz2,
-    "lz4": _with_lz4,
-    "zstd": _with_zstd,
-    "zlib": _with_zlib,
-}
+        return frame.LZ4FrameDecompressor()
+    return bz2.BZ2Decompressor() if packing == "bz2" else zlib.decompressobj(zlib.MAX_WBITS | 32)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ndtree.logs.core.arrays import Floats
+from ndtree.logs.core.failures import at_place
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.transforms import TransformTree, is_transform, plain
 from ndtree.logs.ros.clock import Clock
@@ -124,7 +125,7 @@ class Survey:
         whole = {topic.name for topic in bag.of_type(*TF, CAMERA_INFO)}
         if poses is not None:
             whole.add(poses)
-        for raw in bag.messages(whole, heads=self.seen, on_damage=self.ends.append):
+        for raw in bag.messages({*whole, *self.seen}, self.ends.append):
             topic, type, received = raw.connection.topic, raw.connection.type, 1e-9 * raw.received
             if topic in self.seen and topic not in whole:
                 head = head_of(raw)
@@ -132,7 +133,8 @@ class Survey:
                     heads[topic].append((received, *head))
                 continue
             try:
-                message = bag.named(raw)
+                with at_place(f"{bag.path}: {topic}"):
+                    message = bag.decoded(raw)
             except ValueError as error:
                 self.damaged.append(error)
                 continue

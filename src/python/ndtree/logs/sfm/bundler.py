@@ -129,8 +129,5 @@ class _Lines:
         return views
 
 
-def _recognises(source: Source) -> bool:
-    return source.head.startswith(MAGIC)
-
-
-BUNDLER = Format("bundler", "a Bundler model", _recognises, BundlerLog, ("pixel_sigma",))
+_OPTIONS = ("pixel_sigma",)
+BUNDLER = Format("bundler", "a Bundler model", lambda one: one.head.startswith(MAGIC), BundlerLog, _OPTIONS)

@@ -267,7 +267,6 @@ def _pose(path: str, where: str, numbers: list[float]) -> Pose:
 
 
 def _lines(path: str, *, skip_blank: bool = True) -> Iterator[tuple[str, str]]:
-    """Lines that are no comments, and where they stand."""
     for number, line in text_lines(path):
         if not line.startswith("#") and (line.strip() or not skip_blank):
             yield f"line {number}", line

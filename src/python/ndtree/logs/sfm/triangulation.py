@@ -53,12 +53,7 @@ class Triangulation:
         self._information = np.zeros((len(points), 6))  # xx, yy, zz, xy, xz, yz
 
     def observe(self, rows: Rows, center: Floats, focal_length: float) -> None:
-        """Count what one image sees.
-
-        `rows` (m,) integers: Of the points, each once.
-        `center` (3,) float64: Of the camera.
-        `focal_length`: [px].
-        """
+        """Count what one image sees: rows (m,) of points, each once; its place, and focal length [px]."""
         ray, across = self._rays(rows, center, focal_length)
         x, y, z = ray.T
         parts = np.stack([1 - x * x, 1 - y * y, 1 - z * z, -x * y, -x * z, -y * z], axis=1)
@@ -68,9 +63,8 @@ class Triangulation:
     def range_sigma(self, rows: Rows, center: Floats, focal_length: float) -> Floats:
         """Standard deviations of the ranges from a camera, after all images were counted.
 
-        `rows`, `center`, `focal_length`: As for `observe`.
-        Returns ndarray of float64, (m,): In the unit of the points; inf where not two images saw the point,
-        or all from one direction.
+        (m,) float64 in the unit of the points; inf where not two images saw the point, or all from one
+        direction.
         """
         ray, across = self._rays(rows, center, focal_length)
         xx, yy, zz, xy, xz, yz = self._information[rows].T

@@ -8,7 +8,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -25,8 +25,13 @@ from ndtree.logs.ros.storage import Connection, Damaged, OnDamage, Raw, Storage,
 METADATA, METADATA_BEGINS = "metadata.yaml", b"rosbag2_bagfile_information:"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 ENDINGS = (".db3", ".mcap", ".bag", ".db3.zstd", ".mcap.zstd", ".bag.active")
-#: First bytes of the files that bags consist of.
-MAGICS = (ros1_file.MAGIC, mcap_file.MAGIC, sqlite_file.MAGIC)
+#: The files that bags consist of, by their first bytes.
+_FILES: dict[bytes, Callable[[str, str], Storage]] = {
+    ros1_file.MAGIC: ros1_file.Ros1File,
+    mcap_file.MAGIC: mcap_file.McapFile,
+    sqlite_file.MAGIC: sqlite_file.SqliteFile,
+}
+MAGICS = tuple(_FILES)
 
 
 @dataclass(frozen=True)
@@ -77,21 +82,9 @@ class Bag:
         """A topic by its name, with a slash before it or not."""
         return next((topic for topic in self.topics if plain(topic.name) == plain(name)), None)
 
-    def messages(
-        self, topics: Collection[str], *, heads: Collection[str] = (), on_damage: OnDamage | None = None
-    ) -> Iterator[Raw]:
-        """Messages of some topics; of those in `heads` the beginnings are enough.
-
-        Raises ValueError where the bag is damaged, unless `on_damage` takes note of it.
-        """
-        rows = [
-            file.messages(
-                [one.id for one in file.connections if one.topic in topics],
-                [one.id for one in file.connections if one.topic in heads and one.topic not in topics],
-                on_damage or _raised,
-            )
-            for file in self._files
-        ]
+    def messages(self, topics: Collection[str], on_damage: OnDamage | None = None) -> Iterator[Raw]:
+        """Messages of some topics; ValueError where the bag is damaged, unless `on_damage` notes it."""
+        rows = [file.messages(topics, on_damage or _raised) for file in self._files]
         for raw in heapq.merge(*rows, key=lambda raw: raw.received) if len(rows) > 1 else rows[0]:
             yield _unpacked(raw) if raw.data.startswith(ZSTD_MAGIC) else raw
 
@@ -109,17 +102,8 @@ class Bag:
             if one.encoding == "ros1":
                 return store.deserialize_ros1(raw.data, one.type)
             return store.deserialize_cdr(raw.data, one.type)
-        except (
-            Exception
-        ) as error:  # A library at the mercy of foreign bytes: it raises whatever it runs into.
+        except Exception as error:  # A library at the mercy of foreign bytes raises whatever comes.
             raise ValueError(f"no whole {one.type} ({type(error).__name__}: {line_of(error)})") from None
-
-    def named(self, raw: Raw) -> Any:
-        """As `decoded`; its errors have the names of the bag and the topic."""
-        try:
-            return self.decoded(raw)
-        except ValueError as error:
-            raise ValueError(f"{self.path}: {raw.connection.topic}: {error}") from None
 
     def first(self, topic: str) -> Any:
         """The first message of a topic that is whole."""
@@ -130,11 +114,6 @@ class Bag:
             except ValueError as error:
                 wrong = wrong or ValueError(f"{self.path}: {topic}: first message: {error}")
         raise wrong or ValueError(f"{self.path}: {topic}: no message, expected at least one")
-
-    def close(self) -> None:
-        """Nothing can be read afterwards."""
-        for file in self._files:
-            file.close()
 
     def _store(self, encoding: str) -> Any:
         """Definitions of the types: as the bag has them, else ROS's own."""
@@ -151,7 +130,6 @@ _READ_PACKAGES = ("sensor_msgs/", "geometry_msgs/", "nav_msgs/", "tf2_msgs/", "t
 
 
 def _typesys() -> Any:
-    """The library that knows ROS's types."""
     with needs("ROS bags need rosbags", "ros"):
         from rosbags import typesys
     return typesys
@@ -188,7 +166,6 @@ def _give_up_unknown(every: dict[str, Any], known: Any) -> None:
 
 
 def _is_known(field: Any, types: dict[str, Any]) -> bool:
-    """Whether a field's type, or that of its elements, is there."""
     kind, of = field
     if kind.name in ("ARRAY", "SEQUENCE"):
         return _is_known(of[0], types)
@@ -215,7 +192,6 @@ def open_bag(path: str) -> Iterator[Bag]:
 
 
 def _files_of(folder: str) -> list[str]:
-    """The files of the recording in a folder, in their order."""
     names = [name for name in os.listdir(folder) if name.endswith(ENDINGS)]
     names.sort(key=lambda name: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)])
     named = _named_by_metadata(folder)
@@ -258,14 +234,11 @@ def _opened(name: str, stack: ExitStack) -> Storage:
         head = _head(path)
         if not head:
             raise ValueError(f"{name}: cannot be unpacked (cut off), expected a whole file")
-    elif head.startswith(sqlite_file.MAGIC) and _size_of(name + sqlite_file.WAL):
-        path = _with_wal(name, stack)
-    if head.startswith(ros1_file.MAGIC):
-        return ros1_file.Ros1File(path, name)
-    if head.startswith(mcap_file.MAGIC):
-        return mcap_file.McapFile(path, name)
-    if head.startswith(sqlite_file.MAGIC):
-        return sqlite_file.SqliteFile(path, name)
+    elif head.startswith(sqlite_file.MAGIC) and os.path.isfile(wal := name + sqlite_file.WAL):
+        path = _with_wal(name, stack) if os.path.getsize(wal) else path
+    for magic, kind in _FILES.items():
+        if head.startswith(magic):
+            return kind(path, name)
     found = f"begins with {head[:12]!r}" if head else "is empty"
     raise ValueError(f"{name}: {found}, expected a ROS bag: a .bag of version 2.0, .mcap or .db3")
 
@@ -273,10 +246,6 @@ def _opened(name: str, stack: ExitStack) -> Storage:
 def _head(path: str) -> bytes:
     with open(path, "rb") as file:
         return file.read(16)
-
-
-def _size_of(path: str) -> int:
-    return os.path.getsize(path) if os.path.isfile(path) else 0
 
 
 def _with_wal(path: str, stack: ExitStack) -> str:
@@ -325,39 +294,21 @@ def _raised(error: ValueError) -> None:
     raise error
 
 
-__all__ = [
-    "ENDINGS", "MAGICS", "METADATA", "METADATA_BEGINS", "ZSTD_MAGIC",
-    "Bag", "Connection", "Topic", "open_bag",
-]  # fmt: skip
-
-
-class MemoryFile(Storage):
+class _MemoryFile(Storage):
     """Messages in the order of arrival."""
 
     def __init__(self, name: str, messages: Sequence[Raw]) -> None:
         super().__init__(name)
         self._messages = messages
-        numbers: dict[tuple[str, str, str], int] = {}
-        self._ids = []
+        numbers: dict[Connection, int] = {}
         for raw in messages:
-            one = raw.connection
-            key = one.topic, one.type, one.encoding
-            if key not in numbers:
-                numbers[key] = len(numbers)
-                self.connections.append(replace(one, id=numbers[key]))
-            self._ids.append(numbers[key])
-            self._count(numbers[key], raw.received)
+            self._count(numbers.setdefault(raw.connection, len(numbers)), raw.received)
+        self.connections = [replace(one, id=number) for one, number in numbers.items()]
 
-    def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:
-        wanted = self._wanted(ids, heads)
-        for raw, number in zip(self._messages, self._ids):
-            if number in wanted:
-                yield Raw(wanted[number], raw.received, raw.data)
-
-    def close(self) -> None:
-        self._messages = ()
+    def messages(self, topics: Collection[str], on_damage: OnDamage) -> Iterator[Raw]:
+        return (raw for raw in self._messages if raw.connection.topic in topics)
 
 
 def bag_of(name: str, messages: Sequence[Raw]) -> Bag:
     """A bag of messages that are in memory already."""
-    return Bag(name, [MemoryFile(name, messages)])
+    return Bag(name, [_MemoryFile(name, messages)])

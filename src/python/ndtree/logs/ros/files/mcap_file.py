@@ -4,33 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from ndtree._lazy import needs
+from ndtree.logs.ros import storage
 from ndtree.logs.ros.messages import foxglove
-from ndtree.logs.ros.storage import (
-    Connection,
-    Damaged,
-    FileStorage,
-    OnDamage,
-    Raw,
-    line_of,
-    of_chunks,
-    ros2_type,
-    unpacked,
-)
+from ndtree.logs.ros.storage import Chunk, Connection, Damaged, FileStorage, OnDamage, Raw, line_of
 
 MAGIC = b"\x89MCAP0\r\n"
-
-
-@dataclass(frozen=True)
-class _Chunk:
-    """Where a chunk's record begins, when its first message was recorded [ns], and its channels, if known."""
-
-    position: int
-    first: int
-    channels: frozenset[int]
 
 
 class McapFile(FileStorage):
@@ -45,8 +27,8 @@ class McapFile(FileStorage):
         self._reader, self._records, self._stream = reader, records, stream_reader
         super().__init__(path, name)
 
-    def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:
-        wanted = self._wanted(ids, heads)
+    def messages(self, topics: Collection[str], on_damage: OnDamage) -> Iterator[Raw]:
+        wanted = self._wanted(topics)
 
         def messages_of(records: Iterator[Any], where: str) -> Iterator[Raw]:
             try:
@@ -60,12 +42,15 @@ class McapFile(FileStorage):
         # Without chunks all messages would have to be sorted in memory: they are taken as they come.
         if not self._chunks:
             return messages_of(self._every_record(), "")
-        chunks = [one for one in self._chunks if not one.channels or one.channels & wanted.keys()]
         where = "the chunk at byte {0.position} "
-        return of_chunks(chunks, lambda one: messages_of(self._records_at(one.position), where.format(one)))
+        return storage.of_chunks(
+            self._chunks,
+            wanted,
+            lambda one: messages_of(self._records_at(one.position), where.format(one)),
+        )
 
     def _open(self) -> None:
-        self._chunks: list[_Chunk] = []
+        self._chunks: list[Chunk] = []
         if self._read_summary():
             return
         self._chunks, self.connections, self.counts, self.span = [], [], {}, None
@@ -97,7 +82,7 @@ class McapFile(FileStorage):
             return
         name = schema.name if schema is not None else ""
         packed = encoding == "protobuf"
-        known = foxglove.type_of(name) if encoding in ("json", "protobuf") else ros2_type(name)
+        known = foxglove.type_of(name) if encoding in ("json", "protobuf") else storage.ros2_type(name)
         if packed and (schema is None or schema.encoding != "protobuf" or name not in foxglove.TYPES):
             known = None
         if encoding not in ("ros1", "cdr", "json", "protobuf") or not name or known is None:
@@ -121,7 +106,7 @@ class McapFile(FileStorage):
         for channel in summary.channels.values():
             self._add(channel, summary.schemas.get(channel.schema_id))
         self._chunks = [
-            _Chunk(one.chunk_start_offset, one.message_start_time, frozenset(one.message_index_offsets))
+            Chunk(one.chunk_start_offset, one.message_start_time, one.message_index_offsets.keys())
             for one in summary.chunk_indexes
         ]
         statistics = summary.statistics
@@ -139,7 +124,6 @@ class McapFile(FileStorage):
                 yield record
 
     def _records_at(self, position: int) -> Iterator[Any]:
-        """Those in the chunk there."""
         chunk = next(self._records_from(position))
         if not isinstance(chunk, self._records.Chunk):
             raise Damaged("there is none")
@@ -152,6 +136,6 @@ class McapFile(FileStorage):
         yield from self._stream.StreamReader(self._file, **how).records
 
     def _records_in(self, chunk: Any) -> list[Any]:
-        data = unpacked(chunk.compression, chunk.data, chunk.uncompressed_size)
+        data = storage.unpacked(chunk.compression, chunk.data, chunk.uncompressed_size)
         records: list[Any] = self._stream.breakup_chunk(replace(chunk, compression="", data=data))
         return records

@@ -6,19 +6,9 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
 
-from ndtree.logs.ros.storage import (
-    Connection,
-    Damaged,
-    FileStorage,
-    OnDamage,
-    Raw,
-    line_of,
-    of_chunks,
-    ros2_type,
-    unpacked,
-)
+from ndtree.logs.ros import storage
+from ndtree.logs.ros.storage import Chunk, Connection, Damaged, FileStorage, OnDamage, Raw, line_of
 
 MAGIC = b"#ROS"
 _VERSION = re.compile(rb"#ROS(?:BAG|RECORD) V(\d+)\.(\d+)[\r\n]")
@@ -31,16 +21,6 @@ _LONGEST_HEADER = 1 << 24
 Header = dict[bytes, bytes]
 
 
-@dataclass
-class _Chunk:
-    """Where a chunk's record begins, what is in it, and when its messages were recorded [ns]."""
-
-    position: int
-    counts: dict[int, int] = field(default_factory=dict)
-    first: int = 0
-    last: int = 0
-
-
 class Ros1File(FileStorage):
     """A bag of ROS 1.
 
@@ -51,11 +31,10 @@ class Ros1File(FileStorage):
     Raises ValueError if the file is of another version, or encrypted.
     """
 
-    def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:
-        wanted = self._wanted(ids, heads)
-        chunks = [chunk for chunk in self._chunks if not wanted.keys().isdisjoint(chunk.counts)]
+    def messages(self, topics: Collection[str], on_damage: OnDamage) -> Iterator[Raw]:
+        wanted = self._wanted(topics)
 
-        def messages_of(chunk: _Chunk) -> Iterator[Raw]:
+        def messages_of(chunk: Chunk) -> Iterator[Raw]:
             try:
                 self._file.seek(chunk.position)
                 for header, data in _records_in(_unpacked(*self._record())):
@@ -66,7 +45,7 @@ class Ros1File(FileStorage):
                 if not (self.damage and chunk is self._chunks[-1]):  # Known: there the file was cut off.
                     on_damage(self._unreadable(line_of(error), f"the chunk at byte {chunk.position} "))
 
-        return of_chunks(chunks, messages_of)
+        return storage.of_chunks(self._chunks, wanted, messages_of)
 
     def _open(self) -> None:
         line = self._file.readline(64)
@@ -77,7 +56,7 @@ class Ros1File(FileStorage):
             number = b".".join(version.groups()).decode()
             way = "ROS 1 writes it anew: rosbag filter OLD.bag NEW.bag True"
             raise ValueError(f"{self.path}: a ROS bag of version {number}, expected version 2.0; {way}")
-        self._chunks: list[_Chunk] = []
+        self._chunks: list[Chunk] = []
         try:
             header, _ = self._record()
             if header.get(b"encryptor"):
@@ -103,29 +82,22 @@ class Ros1File(FileStorage):
 
     def _read_index(self, connections: int, chunks: int) -> None:
         """All connections, and what is in which of the chunks, from the end of the file."""
-        while True:
-            record = self._record(may_end=True)
-            if record is None:
-                break
+        while (record := self._record(may_end=True)) is not None:
             header, data = record
             if _op(header) == _CONNECTION:
                 connections -= 1
                 self._add_connection(header, data)
             elif _op(header) == _CHUNK_INFO:
                 chunks -= 1
-                chunk = _Chunk(_U64.unpack(header[b"chunk_pos"])[0])
-                for at in range(0, len(data) - 7, 8):
-                    id, count = _TIME.unpack_from(data, at)
-                    if count:
-                        chunk.counts[id] = count
-                        self.counts[id] = self.counts.get(id, 0) + count
-                if chunk.counts:
-                    chunk.first, chunk.last = _time(header, b"start_time"), _time(header, b"end_time")
-                    self._chunks.append(chunk)
+                counts = {id: n for id, n in _TIME.iter_unpack(data[: len(data) // 8 * 8]) if n}
+                for id, count in counts.items():
+                    self.counts[id] = self.counts.get(id, 0) + count
+                if counts:
+                    first, last = _time(header, b"start_time"), _time(header, b"end_time")
+                    self._chunks.append(Chunk(_U64.unpack(header[b"chunk_pos"])[0], first, counts))
+                    self._cover(first, last)
         if connections > 0 or chunks > 0:
             raise Damaged("not all of the index is there")
-        if self._chunks:
-            self.span = (min(one.first for one in self._chunks), max(one.last for one in self._chunks))
 
     def _look_into_chunks(self) -> None:
         """Connections and messages from the chunks, up to where the file ends or cannot be followed."""
@@ -140,21 +112,19 @@ class Ros1File(FileStorage):
             header, data = record
             if _op(header) != _CHUNK:
                 continue
-            chunk = _Chunk(position)
+            received: dict[int, int] = {}  # When the first message of each was.
             try:
                 for inner, content in _records_in(_unpacked(header, data)):
                     if _op(inner) == _CONNECTION:
                         self._add_connection(inner, content)
                     elif _op(inner) == _MESSAGE:
-                        received, id = _time(inner, b"time"), _id(inner)
-                        chunk.first = min(chunk.first, received) if chunk.counts else received
-                        chunk.last = max(chunk.last, received)
-                        chunk.counts[id] = chunk.counts.get(id, 0) + 1
-                        self._count(id, received)
+                        when, id = _time(inner, b"time"), _id(inner)
+                        received[id] = min(received.get(id, when), when)
+                        self._count(id, when)
             except _DAMAGES:
                 pass  # What came before it in the chunk counts; reading meets the damage again.
-            if chunk.counts:
-                self._chunks.append(chunk)
+            if received:
+                self._chunks.append(Chunk(position, min(received.values()), received))
 
     def _add_connection(self, header: Header, data: bytes) -> None:
         id = _id(header)
@@ -166,7 +136,7 @@ class Ros1File(FileStorage):
             Connection(
                 id,
                 topic.decode("utf-8", "replace"),
-                ros2_type(about[b"type"].decode("utf-8", "replace")),
+                storage.ros2_type(about[b"type"].decode("utf-8", "replace")),
                 "ros1",
                 about.get(b"message_definition", b"").decode("utf-8", "replace") or None,
             )
@@ -195,7 +165,6 @@ _DAMAGES = (Damaged, struct.error, KeyError, OSError, EOFError, RuntimeError, Un
 
 
 def _fields(data: bytes) -> Header:
-    """Names and values of a header."""
     fields, at = {}, 0
     while at < len(data):
         size = _U32.unpack_from(data, at)[0]
@@ -208,7 +177,6 @@ def _fields(data: bytes) -> Header:
 
 
 def _records_in(data: bytes) -> Iterator[tuple[Header, bytes]]:
-    """The records of a chunk."""
     at = 0
     while at < len(data):
         size = _U32.unpack_from(data, at)[0]
@@ -222,9 +190,8 @@ def _records_in(data: bytes) -> Iterator[tuple[Header, bytes]]:
 
 
 def _unpacked(header: Header, data: bytes) -> bytes:
-    """What is in a chunk."""
     packing = header[b"compression"].decode("utf-8", "replace")
-    return unpacked(packing, data, _U32.unpack(header[b"size"])[0])
+    return storage.unpacked(packing, data, _U32.unpack(header[b"size"])[0])
 
 
 def _op(header: Header) -> int:

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator
 from urllib.parse import quote
 
 from ndtree.logs.core.failures import NotALog, shown
-from ndtree.logs.ros.storage import HEAD_BYTES, Connection, OnDamage, Raw, Storage, line_of
+from ndtree.logs.ros.storage import Connection, OnDamage, Raw, Storage, line_of
 
 MAGIC = b"SQLite format 3\0"
 #: Ending of the file beside a database with what was written to it last.
@@ -40,13 +40,11 @@ class SqliteFile(Storage):
                 f"WHERE {_WHOLE} GROUP BY topic_id"
             ):
                 self.counts[id] = count
-                span = self.span or (first, last)
-                self.span = (min(span[0], first), max(span[1], last))
+                self._cover(first, last)
         except sqlite3.Error as error:
             self._look_through(error)
 
     def _require_bag(self) -> None:
-        """Refuse a database of something else."""
         try:
             tables = {name for (name,) in self._base.execute("SELECT name FROM sqlite_master")}
         except sqlite3.Error:  # Damaged; there may be messages in it all the same.
@@ -63,16 +61,11 @@ class SqliteFile(Storage):
     def close(self) -> None:
         self._base.close()
 
-    def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:
-        wanted = self._wanted(ids, heads)
-        whole = ",".join(str(int(id)) for id in ids) or "-1"
-        among = ",".join(str(id) for id in wanted)
+    def messages(self, topics: Collection[str], on_damage: OnDamage) -> Iterator[Raw]:
+        wanted = self._wanted(topics)
+        among = f"topic_id IN ({','.join(map(str, wanted))}) AND {_WHOLE}"
         order = "" if self.damage else "ORDER BY timestamp, id"
-        rows = self._base.execute(
-            f"SELECT topic_id, timestamp, CASE WHEN topic_id IN ({whole}) THEN data "
-            f"ELSE substr(data, 1, {HEAD_BYTES}) END FROM messages "
-            f"WHERE topic_id IN ({among}) AND {_WHOLE} {order}"
-        )
+        rows = self._base.execute(f"SELECT topic_id, timestamp, data FROM messages WHERE {among} {order}")
         try:
             for id, received, data in rows:
                 yield Raw(wanted[id], received, bytes(data))

@@ -83,14 +83,10 @@ def short(type: str) -> str:
 
 
 def pitch_of(said: int, rows: int, width: int, size: int) -> int:
-    """How many bytes after a row the next begins.
+    """How many bytes after a row of `width` bytes the next begins, of all `size`.
 
-    What the message says counts, unless it leaves no room for a row or needs more bytes than there are, or
-    the rows fill all bytes without space between them.
-
-    `said`: By the message.
-    `width`: Bytes of a row.
-    `size`: Bytes that there are.
+    What the message has `said` counts, unless it leaves no room for a row or needs more bytes than there are,
+    or the rows fill all bytes without space between them.
     """
     fits = said >= width and (rows - 1) * said + width <= size
     if size == rows * width or (size > rows * width and not fits):

@@ -83,7 +83,6 @@ def _head(raw: Raw) -> tuple[float, str] | None:
 
 
 def _fields(raw: Raw) -> dict[str, Any]:
-    """Fields of a message by their names, those of messages in it, too."""
     one = raw.connection
     if one.encoding == "protobuf":
         return _unpacked(_decoder(one.name, one.schema)(raw.data))
@@ -94,7 +93,6 @@ def _fields(raw: Raw) -> dict[str, Any]:
 
 
 def _is_of_ros(message: dict[str, Any], type: str) -> bool:
-    """Whether its fields are those of ROS."""
     if type not in _MAKERS:
         return True
     transforms = message.get("transforms")
@@ -218,14 +216,6 @@ def _cloud(message: dict[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _image(message: dict[str, Any]) -> dict[str, Any]:
-    return {**message, "header": _header(message), "is_bigendian": 0}
-
-
-def _camera(message: dict[str, Any]) -> dict[str, Any]:
-    return {**message, "header": _header(message), "k": message["K"], "p": message.get("P", [])}
-
-
 def _transforms(message: dict[str, Any]) -> dict[str, Any]:
     rows = message["transforms"] if "transforms" in message else [message]
     made = [{**row, "header": _stamped(row, "parent_frame_id"), "transform": row} for row in rows]
@@ -235,11 +225,12 @@ def _transforms(message: dict[str, Any]) -> dict[str, Any]:
 _MAKERS: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
     LASER: _laser,
     POINT_CLOUD: _cloud,
-    IMAGE: _image,
-    COMPRESSED_IMAGE: _image,
-    CAMERA_INFO: _camera,
+    **dict.fromkeys(
+        (IMAGE, COMPRESSED_IMAGE), lambda one: {**one, "header": _header(one), "is_bigendian": 0}
+    ),
+    CAMERA_INFO: lambda one: {**one, "header": _header(one), "k": one["K"], "p": one.get("P", [])},
     TRANSFORMS: _transforms,
-    POSE: lambda message: {**message, "header": _stamped(message, "frame_id")},
+    POSE: lambda one: {**one, "header": _stamped(one, "frame_id")},
 }
 
 

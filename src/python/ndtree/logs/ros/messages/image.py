@@ -54,16 +54,6 @@ def _is_grey_of_16_bits(data: Any) -> bool:
     return any(part[_BITS] == _GREY_OF_16_BITS for part in parts)
 
 
-def is_integer(message: Any) -> bool:
-    """Whether depths are integers, whose unit may be any."""
-    return DEPTH_ENCODINGS[encoding_of(message)][0] != "f4"
-
-
-def has_depth(message: Any) -> bool:
-    """Whether an image holds depths."""
-    return encoding_of(message) in DEPTH_ENCODINGS
-
-
 def scale_of(message: Any) -> float:
     """An image's values in a metre; ValueError if it holds no depths."""
     encoding = encoding_of(message)

@@ -10,16 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ndtree.logs.core import silence
 from ndtree.logs.core.arrays import Points
-from ndtree.logs.core.silence import (
-    LEAST_CUT_OFF,
-    LEAST_NOISY,
-    MOST_NOISY,
-    NEAR,
-    NOISE_REACH,
-    noise_below,
-    noise_below_alone,
-)
 from ndtree.logs.ros.messages.beams import (
     BEYOND,
     LONGEST_SWEEP,
@@ -58,30 +50,31 @@ class NoiseAtLimit:
         if limit != self._limit:
             self._limit, self._there, self._beyond = limit, 0, 0
             self._below, self.reach = np.empty(0), 0.0
-        if self._there < MOST_NOISY:
+        if self._there < silence.MOST_NOISY:
             apart = np.float64(np.float32(limit)) - ranges[np.isfinite(ranges)].astype(np.float64)
-            self._has_shorter |= bool((apart > NOISE_REACH * limit).any())
-            apart = apart[np.abs(apart) <= NOISE_REACH * limit]
+            reach, few = silence.NOISE_REACH * limit, silence.LEAST_NOISY // 2
+            self._has_shorter |= bool((apart > reach).any())
+            apart = apart[np.abs(apart) <= reach]
             self._there += int(np.count_nonzero(apart <= 0))
             self._beyond += int(np.count_nonzero(np.isposinf(ranges)))
-            self._below = np.concatenate([self._below, apart[apart > 0]])[-MOST_NOISY:]
+            self._below = np.concatenate([self._below, apart[apart > 0]])[-silence.MOST_NOISY :]
             self.reach = (
-                noise_below(self._below, self._there)
-                or noise_below(self._below, self._there + self._beyond)
+                silence.noise_below(self._below, self._there)
+                or silence.noise_below(self._below, self._there + self._beyond)
                 or self._largest_below()
-                or (self._there < LEAST_NOISY // 2 and noise_below_alone(self._below, NOISE_REACH * limit))
+                or (self._there < few and silence.noise_below_alone(self._below, reach))
                 or 0.0
             )
         return self.reach
 
     def _largest_below(self) -> float:
         """How far below the limit the largest reading is, if it means that nothing was hit; else 0 [m]."""
-        if self._there or not self._has_shorter or len(self._below) < LEAST_NOISY:
+        if self._there or not self._has_shorter or len(self._below) < silence.LEAST_NOISY:
             return 0.0
         nearest = float(self._below.min())
         at = int(np.count_nonzero(self._below == nearest))
-        beside = int(np.count_nonzero(self._below <= nearest + NEAR * self._limit)) - at
-        return nearest if at >= LEAST_NOISY and at > beside else 0.0
+        beside = int(np.count_nonzero(self._below <= nearest + silence.NEAR * self._limit)) - at
+        return nearest if at >= silence.LEAST_NOISY and at > beside else 0.0
 
 
 def laser_beams(
@@ -185,7 +178,7 @@ def _measured(
     ways: Floats,
     times: Floats | None,
     no_return_range: float | None,
-    least_cut_off: int = LEAST_CUT_OFF,
+    least_cut_off: int = silence.LEAST_CUT_OFF,
 ) -> Beams:
     nearest, farthest = limits
     silent = np.isposinf(ranges)

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -59,11 +60,8 @@ def _between(
 
     The sums are those of `Pose.apply`, block by block and axis by axis.
 
-    `rotations`: (k, 3, 3).
-    `positions`: (k, 3).
-    `before` (n,): Of each point, which pose is before its time; there is one after.
-    `share` (n,): Of the time between both, 0 to 1.
-    `points`: (n, 3).
+    `rotations` (k, 3, 3), `positions` (k, 3): The poses.
+    `before`, `share` (n,): Which pose is before a point's time, and of the time to the next, 0 to 1.
     """
     turns, moves = np.ascontiguousarray(np.moveaxis(rotations, 0, -1)), np.ascontiguousarray(positions.T)
     ends = np.empty(points.shape)
@@ -143,7 +141,7 @@ def turning(tree: TransformTree, fixed_frame: str, frame: str, stamps: Floats, s
 
     `sweep` is how long one takes [s].
     """
-    if len(stamps) < 2 * GROUP or tree.is_fixed(fixed_frame, frame):
+    if len(stamps) < 2 * GROUP or not tree.moving(fixed_frame, frame):
         return []
     first, last = tree.span(fixed_frame, frame)
     at = np.flatnonzero((stamps - sweep >= first) & (stamps + sweep <= last))
@@ -162,51 +160,41 @@ def turning(tree: TransformTree, fixed_frame: str, frame: str, stamps: Floats, s
     return sorted(starts[i] for i in order[:GROUPS] if turns[i] >= LEAST_TURN)
 
 
-def sharpest(
-    tree: TransformTree,
-    fixed_frame: str,
-    frame: str,
-    groups: Sequence[Sequence[tuple[Beams, float]]],
-    base: Sweep,
-) -> tuple[Sweep, float]:
+#: Scans that follow each other, with their stamps [s].
+Group = Sequence[tuple[Beams, float]]
+#: Places beams of a stamp in the map, as `in_map`.
+Placed = Callable[[Beams, float], tuple[Floats, Floats]]
+
+
+def sharpest(placed: Placed, groups: Sequence[Group], base: Sweep) -> tuple[Sweep, float]:
     """The understanding of the beams' times under which scans that follow each other agree best.
 
     Each group's end points are counted in cells; the entropy of the counts says over how many cells they
     spread. The times as the messages say them are believed unless another understanding, one that drivers
     are known for, spreads them over at least 5 % fewer cells.
 
-    `groups` (sequence of sequences of (Beams, float)): Scans that follow each other, with their stamps [s].
     `base`: What counts as said.
     Returns Sweep; float: Cells that it needs, as a share of those under what the messages say.
     """
-    said = spread_of(tree, fixed_frame, frame, groups, base)
+    said = _spread(placed, groups, base)
     best, least = base, said * (1 - LEAST_GAIN)
     for other in (AS_SAID, *OTHERS):
         if other is base:
             continue
-        cells = spread_of(tree, fixed_frame, frame, groups, other)
+        cells = _spread(placed, groups, other)
         if cells < least:
             best, least = other, cells
     return best, least / said if best is not base and said > 0 else 1.0
 
 
-def spread_of(
-    tree: TransformTree,
-    fixed_frame: str,
-    frame: str,
-    groups: Sequence[Sequence[tuple[Beams, float]]],
-    sweep: Sweep,
-) -> float:
+def _spread(placed: Placed, groups: Sequence[Group], sweep: Sweep) -> float:
     """Over how many cells the end points of a group spread, in the geometric mean."""
     entropies = []
     for group in groups:
         parts = []
         for beams, stamp in group:
-            try:
-                ends, _ = in_map(tree, fixed_frame, frame, sweep.applied(thinned(beams)), stamp)
-            except ValueError:
-                continue
-            parts.append(ends)
+            with contextlib.suppress(ValueError):
+                parts.append(placed(sweep.applied(thinned(beams)), stamp)[0])
         if parts:
             entropies.append(entropy(np.concatenate(parts)))
     return float(np.exp(np.mean(entropies))) if entropies else 0.0

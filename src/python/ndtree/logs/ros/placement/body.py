@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ndtree._errors import WrongValue, key
+from ndtree.base.words import numbers_in
 from ndtree.logs.core.arrays import Bools, Floats
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.messages.beams import Beams
@@ -52,9 +53,7 @@ class Body:
     ) -> tuple[Beams, int]:
         """The beams, without a word of those that end in the body, and how many these are.
 
-        `place`: Of their sensor.
         `frame`, `body`: That the beams, and the body, are in.
-        `stamp`: When they were measured [s].
         """
         points = place.tree.pose_at(body, frame, stamp).apply(beams.points)
         inside = np.zeros(len(points), dtype=bool)
@@ -75,10 +74,7 @@ def _part(text: str, one: str) -> Callable[[Floats], Bools]:
     kind, _, rest = one.partition(":")
     if kind == "footprint":
         return _footprint(text, one, rest)
-    try:
-        numbers = [float(field) for field in rest.split(",")]
-    except ValueError:
-        numbers = []
+    numbers = numbers_in(rest)
     counts = {"box": (3, 6), "sphere": (1, 4), "capsule": (7,)}.get(kind, ())
     if len(numbers) not in counts or not all(map(math.isfinite, numbers)):
         raise WrongValue(f"{key('body')} = {text!r}: {one!r}: {EXPECTED}")
@@ -102,11 +98,7 @@ def _part(text: str, one: str) -> Callable[[Floats], Bools]:
 def _footprint(text: str, one: str, rest: str) -> Callable[[Floats], Bools]:
     """A polygon seen from above, of all heights or between two; as navigation has it: ``[[x, y], ...]``."""
     corners, _, heights = rest.translate(str.maketrans("", "", "[] ")).partition("/")
-    try:
-        parts = (corners.split(",") if corners else [], heights.split(",") if heights else [])
-        numbers, limits = ([float(field) for field in part] for part in parts)
-    except ValueError:
-        numbers, limits = [], []
+    numbers, limits = numbers_in(corners), numbers_in(heights)
     is_finite = all(map(math.isfinite, (*numbers, *limits)))
     if len(numbers) < 6 or len(numbers) % 2 or len(limits) != (2 if "/" in rest else 0) or not is_finite:
         raise WrongValue(f"{key('body')} = {text!r}: {one!r}: {EXPECTED}")

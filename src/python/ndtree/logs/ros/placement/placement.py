@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ndtree._errors import WrongValue, key
-from ndtree.logs.core.failures import NoPose, NowhereKnown
+from ndtree.logs.core.failures import NoPose, NowhereKnown, some_of
 from ndtree.logs.core.silence import without_zeros
 from ndtree.logs.poses.pose import mount_of
 from ndtree.logs.poses.trajectory import STAMP_TOLERANCE
@@ -68,37 +68,39 @@ class Placement:
         return ends, self.tree.pose_at(self.fixed_frame, self.observer, stamp).position
 
 
-def placed(path: str, survey: Survey, topic: Topic, asked: BagOptions, others: dict[str, str]) -> Placement:
-    """Find the way from a topic's sensor to the map.
+class Finder:
+    """Finds the way from a topic's sensor to the map.
 
     `path`: The bag, for errors.
     `survey`: With the stamps of the topic.
     `others`: Topics with poses that the bag has and their types, for errors.
-    Raises ValueError if there is none: which frames there are, and what to say.
     """
-    finder = _Finder(path, survey, topic, asked, others)
-    if asked.still:
-        return finder.still()
-    if finder.may_be_registered and any(row.parent == finder.frame != row.child for row in survey.poses[:1]):
-        return finder.registered()
-    if asked.trajectory is not None or asked.poses is not None:
-        return finder.by_poses()
-    return finder.by_transforms()
-
-
-class _Finder:
-    """The ways from a topic's sensor to the map; for parameters see `placed`."""
 
     def __init__(
         self, path: str, survey: Survey, topic: Topic, asked: BagOptions, others: dict[str, str]
     ) -> None:
-        self.path, self.asked, self.others, self.topic = path, asked, others, topic.name
+        self.path, self.asked, self.topic = path, asked, topic.name
         self.poses, self.stamps = survey.poses, np.array(survey.seen[topic.name].own_stamps)
         named = survey.seen[topic.name].frame
         self.frame = named if asked.sensor_frame is None else plain(asked.sensor_frame)  # The sensor's.
         self.tree = survey.tree_of(topic.name, self.frame)
         self.is_said = asked.mount is None and asked.sensor_frame is None  # By messages alone.
         self.may_be_registered = topic.type in CLOUDS and self.is_said  # Points in a fixed frame already.
+        #: How to ask for the poses of each topic that has some.
+        self.sources = [
+            f"{key('odometry' if type == 'Odometry' else 'poses')} {name}" for name, type in others.items()
+        ]
+
+    def placement(self) -> Placement:
+        """How its pose is found; ValueError if there is no way: which frames there are, and what to say."""
+        if self.asked.still:
+            return self.still()
+        is_child = any(row.parent == self.frame != row.child for row in self.poses[:1])
+        if self.may_be_registered and is_child:
+            return self.registered()
+        if self.asked.trajectory is not None or self.asked.poses is not None:
+            return self.by_poses()
+        return self.by_transforms()
 
     def still(self) -> Placement:
         """Of a sensor that stands."""
@@ -109,7 +111,7 @@ class _Finder:
         connected = tree.connected(frame)
         wanted = asked.fixed_frame or asked.base_frame
         if wanted is not None and plain(wanted) not in connected:
-            some = listed(connected)
+            some = some_of(connected)
             raise ValueError(f"{self.path}: {frame} is not fixed to {wanted}, expected one of {some}")
         roots = tree.roots(frame, fixed=True)
         fixed = plain(wanted) if wanted is not None else (roots[0] if roots else frame)
@@ -153,7 +155,7 @@ class _Finder:
             fixed, origin = self._add_poses(tree, body), asked.poses
         if sensor not in tree.connected(fixed):
             frames = f"{frame}, the frame of {self.topic}, and {body}, of which {origin} has the poses"
-            others = listed([one for one in tree.connected(fixed) if one != fixed])
+            others = some_of([one for one in tree.connected(fixed) if one != fixed])
             raise WrongValue(
                 f"{self.path}: no transform between {frames}, expected one of:"
                 + typed(
@@ -193,11 +195,11 @@ class _Finder:
             sensor = _mounted(tree, self._base(), frame, asked.mount)
         connected = tree.connected(sensor)
         if len(connected) == 1:
-            raise NowhereKnown(unconnected(self.path, tree, self.topic, frame, self.others))
+            raise self._unconnected()
         notes: tuple[str, ...] = ()
         observer = observer_of(tree, frame, asked.base_frame) if self.may_be_registered else None
         if asked.base_frame is not None and asked.mount is None and plain(asked.base_frame) != observer:
-            below = "" if observer is None else f", or it as one of {listed(tree.below(frame))}"
+            below = "" if observer is None else f", or it as one of {some_of(tree.below(frame))}"
             said = f"{key('base_frame')} = {asked.base_frame}: nothing is said of it"
             raise WrongValue(f"{self.path}: {said}, expected a mount on it, or poses of it{below}")
         if observer is not None:
@@ -222,7 +224,7 @@ class _Finder:
     def _base(self) -> str:
         """The frame that a sensor is mounted on."""
         frames, wanted = self.tree.frames(), self.asked.base_frame
-        expected = f"one of {listed(frames)}"
+        expected = f"one of {some_of(frames)}"
         if wanted is not None:
             if plain(wanted) not in frames:
                 said = f"{key('base_frame')} = {wanted}: not in /tf"
@@ -241,17 +243,41 @@ class _Finder:
         connected = tree.connected(sensor)
         if wanted is not None:
             if plain(wanted) not in connected:
-                expected = f"expected {key('fixed_frame')} as one of {listed(connected)}"
+                expected = f"expected {key('fixed_frame')} as one of {some_of(connected)}"
                 raise WrongValue(f"{self.path}: no transform between {sensor} and {wanted}, {expected}")
             return plain(wanted)
         candidates = [usual for usual in USUAL if usual in connected]
         roots = (root for root in tree.roots(sensor) if root != sensor)
-        candidates += [root for root in roots if not tree.is_fixed(root, sensor)]
+        candidates += [root for root in roots if tree.moving(root, sensor)]
         if not candidates:
-            raise NowhereKnown(standing(self.path, sensor, connected, USUAL, self.others))
+            said = f"{sensor} is connected to none of {', '.join(USUAL)}, nor to a frame in which it moves"
+            frames = f"{key('fixed_frame')} FRAME, of {some_of(connected)}"
+            ways = typed(*self.sources, _TRAJECTORY, _STILL, frames)
+            raise NowhereKnown(f"{self.path}: {said}, expected one of:{ways}")
         shares = {candidate: self._share_known(candidate, sensor) for candidate in candidates}
         enough = (candidate for candidate in candidates if shares[candidate] >= ENOUGH)
         return next(enough, max(candidates, key=lambda one: shares[one]))
+
+    def _unconnected(self) -> NowhereKnown:
+        """The error of a sensor whose frame hangs nowhere: what there is, and what to say."""
+        frame, frames = self.frame, self.tree.frames()
+        what = f"no transform to {frame}, the frame of {self.topic}"
+        what = f"{self.path}: {what if frame else f'{self.topic} names no frame of its own'}"
+        if frame in self.tree.refused:
+            refused = self.tree.refused[frame]
+            what += f" ({refused}, expected finite numbers, a quaternion of length 1)"
+        if frames:
+            base = next(bases_in(frames), "FRAME")
+            ways = typed(
+                f"{key('base_frame')} {base} {MOUNT}, where the sensor sits [m, rad or 90deg]",
+                f"{key('sensor_frame')} FRAME, if it sits in one of these frames",
+                f"ndtree calibrate {self.path} --find-mount, to measure where it sits",
+            )
+            return NowhereKnown(f"{what}, expected one of:{ways}\nthe frames of /tf are {some_of(frames)}")
+        none = "" if self.sources else ", nor any other poses"
+        sources = [f"{one}, and {MOUNT} unless the poses are those of the sensor" for one in self.sources]
+        ways = typed(*sources, _TRAJECTORY, _STILL)
+        return NowhereKnown(f"{what}: there is no /tf{none}, expected one of:{ways}")
 
     def _share_known(self, fixed: str, sensor: str) -> float:
         """The share of the scans at whose time poses are known, but for gaps; 1 where there are none."""
@@ -279,15 +305,12 @@ def observer_of(tree: TransformTree, frame: str, wanted: str | None) -> str | No
 
     SLAM publishes clouds that it has moved into the frame of its map, in which the robot drives: that frame
     is no sensor's. It is a usual fixed one, or the root of the tree, and a frame below it moves about. Of
-    these the one that was asked for counts, else a robot's usual base, else the uppermost.
-
-    `frame`: Of the cloud.
-    `wanted`: Asked for.
-    Returns: None where the frame may be that of a sensor.
+    these the one that is `wanted` counts, else a robot's usual base, else the uppermost. None where the
+    cloud's frame may be that of a sensor.
     """
     if posixpath.basename(frame) in BASES:
         return None
-    roots = [root for root in tree.roots(frame) if tree.is_fixed(root, frame)]
+    roots = [root for root in tree.roots(frame) if not tree.moving(root, frame)]
     if not roots and posixpath.basename(frame) not in USUAL:
         return None
     below = tree.below(frame)
@@ -333,29 +356,6 @@ _TRAJECTORY = f"{key('trajectory')} FILE"
 _STILL = f"{key('still')}, if the sensor does not move"
 
 
-def unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: dict[str, str]) -> str:
-    """The error of a sensor whose frame hangs nowhere: what there is, and what to say."""
-    frames = tree.frames()
-    say = _sources(others)
-    what = f"no transform to {frame}, the frame of {topic}" if frame else f"{topic} names no frame of its own"
-    if frame in tree.refused:
-        what += f" ({tree.refused[frame]}, expected finite numbers, a quaternion of length 1)"
-    if not frames:
-        begin = f"{path}: {what}: there is no /tf"
-        if not say:
-            return f"{begin}, nor any other poses, expected one of:" + typed(_TRAJECTORY, _STILL)
-        sources = [f"{one}, and {MOUNT} unless the poses are those of the sensor" for one in say]
-        return f"{begin}, expected one of:" + typed(*sources, _TRAJECTORY, _STILL)
-    base = next(bases_in(frames), "FRAME")
-    frames_are = f"the frames of /tf are {listed(frames)}"
-    return f"{path}: {what}, expected one of:" + typed(
-        f"{key('base_frame')} {base} {MOUNT}, where the sensor sits [m, rad or 90deg]",
-        f"{key('sensor_frame')} FRAME, if it sits in one of these frames",
-        f"ndtree calibrate {path} --find-mount, to measure where it sits",
-        said=frames_are,
-    )
-
-
 def without_sensors(bag: Bag, encodings: dict[str, str]) -> str:
     """The error of a bag that has nothing to map; `encodings` are those of its images, by topic."""
 
@@ -363,16 +363,11 @@ def without_sensors(bag: Bag, encodings: dict[str, str]) -> str:
         encoding = encodings.get(topic.name)
         return f"{topic.name} ({short(topic.type)}{f' of {encoding}' if encoding else ''})"
 
-    held = ", ".join(described(one) for one in bag.topics[:12]) + (", ..." if len(bag.topics) > 12 else "")
+    held = some_of([described(one) for one in bag.topics], 12)
     packets = next((one.name for one in bag.topics if one.messages and short(one.type) in PACKETS), None)
-    remedy = (
-        ""
-        if packets is None
-        else f"; {packets} has a lidar's raw packets: its driver makes PointCloud2 of them"
-    )
+    remedy = f"; {packets} has a lidar's raw packets: its driver makes PointCloud2 of them" if packets else ""
     if bag.unread:
-        some = ", ".join(f"{one.name} ({one.type} as {packing})" for one, packing in bag.unread[:6])
-        some += ", ..." if len(bag.unread) > 6 else ""
+        some = some_of([f"{one.name} ({one.type} as {packing})" for one, packing in bag.unread], 6)
         remedy += f"; not read: {some}; expected ros1, cdr, json of ROS's or Foxglove's types, "
         remedy += "or protobuf of Foxglove's"
     if encodings:
@@ -381,26 +376,6 @@ def without_sensors(bag: Bag, encodings: dict[str, str]) -> str:
     return f"{bag.path}: no {SENSOR_NAMES} in it, found {held or 'none'}{remedy}"
 
 
-def standing(
-    path: str, sensor: str, connected: list[str], usual: tuple[str, ...], others: dict[str, str]
-) -> str:
-    """The error of a sensor that is fixed to all that it is connected with."""
-    return (
-        f"{path}: {sensor} is connected to none of {', '.join(usual)}, nor to a frame in which it moves, "
-        "expected one of:"
-    ) + typed(*_sources(others), _TRAJECTORY, _STILL, f"{key('fixed_frame')} FRAME, of {listed(connected)}")
-
-
-def _sources(others: dict[str, str]) -> list[str]:
-    """How to ask for the poses of each topic that has some."""
-    return [f"{key('odometry' if type == 'Odometry' else 'poses')} {name}" for name, type in others.items()]
-
-
-def typed(*lines: str, said: str = "") -> str:
-    """What to type, each on a line of its own, to follow a message's first line; then what else is known."""
-    return "".join(f"\n  {line}" for line in lines) + (f"\n{said}" if said else "")
-
-
-def listed(frames: list[str]) -> str:
-    """Names for errors."""
-    return ", ".join(frames[:24] + ["..."] * (len(frames) > 24))
+def typed(*lines: str) -> str:
+    """What to type, each on a line of its own, to follow a message's first line."""
+    return "".join(f"\n  {line}" for line in lines)
