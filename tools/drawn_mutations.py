@@ -29,7 +29,7 @@ TESTS = {
     "live/fading.py": "test_live_fading.py",
     "live/grid.py": "test_live_grid.py",
     "live/localizing.py": "test_live_localizing.py",
-    "live/passing.py": "test_live_passing.py test_live_marks.py",
+    "live/passing.py": "test_live_passing.py",
     "live/routing.py": "test_live_routing.py",
     "logs/core/silence.py": "test_silence.py",
     "logs/folders/coordinate_system.py": "test_coordinate_systems.py",

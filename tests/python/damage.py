@@ -12,21 +12,8 @@ from random import Random
 
 #: Of lengths, counts and offsets: what overflows, allocates, or divides by zero.
 _INTEGERS = (
-    0,
-    1,
-    2,
-    0x7F,
-    0x80,
-    0xFF,
-    0x7FFF,
-    0xFFFF,
-    2**31 - 1,
-    2**31,
-    2**32 - 1,
-    2**40,
-    2**63 - 1,
-    2**64 - 1,
-)
+    0, 1, 2, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**64 - 1,
+)  # fmt: skip
 _WORDS = (
     b"nan", b"inf", b"-inf", b"0", b"-1", b"1e308", b"-1e308", b"1e-320", b"1e999", b"9" * 300,
     b"18446744073709551616", b"-9223372036854775809", b"", b"x", b"0x10", b"\xff\xfe", b"\0", b"1 2", b"[]",
@@ -122,19 +109,9 @@ def _with_a_line_less_or_twice(content: bytes, random: Random) -> bytes:
 
 
 _WAYS: tuple[Callable[[bytes, Random], bytes], ...] = (
-    _with_bits_flipped,
-    _with_noise,
-    _with_an_integer,
-    _with_an_integer,
-    _with_a_float,
-    _cut,
-    _with_a_hole,
-    _with_zeros,
-    _with_a_part_twice,
-    _with_a_word,
-    _with_a_word,
-    _with_a_line_less_or_twice,
-)
+    _with_bits_flipped, _with_noise, _with_an_integer, _with_an_integer, _with_a_float, _cut, _with_a_hole,
+    _with_zeros, _with_a_part_twice, _with_a_word, _with_a_word, _with_a_line_less_or_twice,
+)  # fmt: skip
 
 
 # --- Checksums, which would hide what is behind them ------------------------------------------------

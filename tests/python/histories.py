@@ -10,11 +10,7 @@ def mapped_anew(history: ndtree.ScanHistory, numbers: dict[int, int], **options:
     for key in history.keys():
         scan = history.scan(key)
         m.insert(
-            scan.endpoints,
-            scan.origin,
-            returned=scan.returned,
-            range_sigma=scan.range_sigma,
-            number=numbers[key],
-            layers=history.measurements(key),
-        )
+            scan.endpoints, scan.origin, returned=scan.returned, range_sigma=scan.range_sigma,
+            number=numbers[key], layers=history.measurements(key),
+        )  # fmt: skip
     return m

@@ -156,13 +156,9 @@ def tried(sample_name: str, first: int, count: int, scratch: Path):
         begin = time.monotonic()
         outcome, said = outcome_of(info_of(path, *options), here)
         yield {
-            "sample": sample_name,
-            "number": number,
-            "damaged": what,
-            "outcome": outcome,
-            "said": said[-2000:],
-            "seconds": round(time.monotonic() - begin, 3),
-        }
+            "sample": sample_name, "number": number, "damaged": what, "outcome": outcome,
+            "said": said[-2000:], "seconds": round(time.monotonic() - begin, 3),
+        }  # fmt: skip
         if outcome in ("read", "refused"):
             shutil.rmtree(here)
 

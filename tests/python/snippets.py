@@ -38,7 +38,7 @@ def anchors(text: str) -> set[str]:
     return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-def run_cpp(codes: Iterable[str], folder: Path, end: str = "return 0;") -> int:
+def run_cpp(codes: Iterable[str], folder: Path, end: str) -> int:
     """Compile blocks, each as statements in a scope of its own, run them there, and return the exit status.
 
     Lines that begin with #include come first. `end` closes main() in the scope of the last block.

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -109,15 +108,3 @@ def test_what_a_run_does_not_show_says_nothing(office: list[Scan]) -> None:
     lost = Scan(np.full((90, 2), np.nan), np.zeros(2))
     assert disagreement(pairs_of([[lost, lost]] * 10)) is None
     assert disagreement(pairs_of(spread(ndtree.simulate("apartment", scans=8))[0])) is None
-
-
-GOOD = [f"laser2d_{name}/*.npz" for name in ("intel", "freiburg_079", "mrpt_sena", "orebro", "belgioioso")]
-GOOD += ["bags/ros1_scan_tf_turtlebot_kinect/*.bag"]
-
-
-@pytest.mark.parametrize("name", GOOD)
-def test_recordings_with_good_poses_are_not_told_of(name: str, recordings: Path) -> None:
-    path = next(recordings.glob(name), None)
-    if path is None:
-        pytest.skip(f"no {name}")
-    assert disagreement(pairs_of(spread(ndtree.read(path))[0])) is None

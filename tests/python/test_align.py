@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from calling import cli as run
 from conftest import there
+from planes import box, ranges_to, rays
 
 import ndtree
 from ndtree.alignment.loops import Graph
@@ -108,28 +109,16 @@ def test_poses_without_odometry_are_found(office):
     assert after.max() < 0.7 and np.median(after) < 0.07
 
 
-def seen_in(walls, poses, reach=8.0, beams=361, noise=0.01):
+def seen_in(walls, poses, reach=8.0, beams=361, noise=0.01, seed=0):
     """Scans of wall segments (n, 2, 2) from poses."""
     bearings = np.linspace(-np.pi, np.pi, beams, endpoint=False)
-    rng = np.random.default_rng(0)
-    starts, ways = walls[:, 0], walls[:, 1] - walls[:, 0]
+    rng = np.random.default_rng(seed)
     for i, pose in enumerate(poses):
-        ahead = np.stack((np.cos(bearings + pose[2]), np.sin(bearings + pose[2])), axis=1)[:, None]
-        away = starts - pose[:2]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            across = ahead[..., 0] * ways[:, 1] - ahead[..., 1] * ways[:, 0]
-            ranges = (away[:, 0] * ways[:, 1] - away[:, 1] * ways[:, 0]) / across
-            along = (away[:, 0] * ahead[..., 1] - away[:, 1] * ahead[..., 0]) / across
-        ranges = np.where((ranges > 0) & (along >= 0) & (along <= 1), ranges, np.inf).min(axis=1)
+        ranges = ranges_to(walls, pose, bearings)
         returned = ranges < reach
         ranges = np.where(returned, ranges + rng.normal(0, noise, beams), reach)
-        yield ndtree.Scan(
-            pose[:2] + ranges[:, None] * ahead[:, 0],
-            pose[:2],
-            returned=returned,
-            stamp=0.1 * i,
-            heading=pose[2],
-        )
+        ends = pose[:2] + ranges[:, None] * rays(bearings + pose[2])
+        yield ndtree.Scan(ends, pose[:2], returned=returned, stamp=0.1 * i, heading=pose[2])
 
 
 @pytest.mark.parametrize("start", [20, 26, 28, 29])
@@ -149,9 +138,7 @@ def test_scans_of_a_stall_are_placed_when_odometry_has_caught_up(start):
 
 def test_a_jump_of_odometry_leaves_the_poses_where_they_were():
     """By 1.2 m and 0.5 rad, of a log that does not say how its sensor is turned."""
-    room = np.array(
-        [[[0, 0], [9, 0]], [[9, 0], [9, 5]], [[9, 5], [0, 5]], [[0, 5], [0, 0]], [[3, 0], [3, 1.5]]], float
-    )
+    room = np.concatenate([box(0, 0, 9, 5), [[[3, 0], [3, 1.5]]]])
     truth = np.column_stack((np.linspace(1, 7, 60), np.full(60, 2.5), np.zeros(60)))
     jump = np.array([0.9, -0.8, 0.5])
     odometry = truth.copy()
@@ -198,13 +185,7 @@ def test_what_odometry_is_worth_is_learned_where_scans_tell_the_way(scale, count
 
 def test_odometry_that_stalls_and_catches_up_costs_nothing():
     """It stands for eight scans while the sensor turns by 1.9 rad, and then is right at once."""
-    x, y = [0.0, 6.0, 6.0, 0.0], [0.0, 0.0, 5.0, 5.0]
-    corners = np.column_stack((x, y))
-    boxes = (
-        np.array([[2.0, 0.0], [2.6, 0.0], [2.6, 0.5], [2.0, 0.5]]),
-        np.array([[5, 3.5], [6, 3.5], [6, 4], [5, 4]]),
-    )
-    walls = np.concatenate([np.stack((one, np.roll(one, -1, axis=0)), axis=1) for one in (corners, *boxes)])
+    walls = np.concatenate([box(0, 0, 6, 5), box(2, 0, 0.6, 0.5), box(5, 3.5, 1, 0.5)])
     turn = np.concatenate((np.zeros(20), np.linspace(0, 1.9, 9)[1:], np.full(20, 1.9)))
     step = 0.1 * np.column_stack((np.cos(turn), np.sin(turn)))
     truth = np.column_stack((np.cumsum(step, axis=0) + np.array([1.5, 1.2]), turn))
@@ -270,10 +251,10 @@ def test_what_a_scan_tells_is_in_the_frame_of_the_key_scan_before():
 @pytest.mark.parametrize("is_changed", [False, True])
 def test_a_place_where_scans_see_through_the_others_walls_is_no_loop(is_changed):
     """Two rounds in a room. It is another room if a wall stands where the first round saw through."""
-    walls = np.array([*box(-5, -3, 5, 3), *box(-5, 1, -3, 3), *box(3, -3, 5, -2)])
+    walls = np.concatenate([box(-5, -3, 10, 6), box(-5, 1, 2, 2), box(3, -3, 2, 1)])
     bearings = np.linspace(0, 4 * np.pi, 400)
     poses = np.column_stack((3.5 * np.cos(bearings), 1.8 * np.sin(bearings), bearings % (2 * np.pi)))
-    partition = np.array([*walls, *box(-2.2, -0.8, 2.2, 0.8)])
+    partition = np.concatenate([walls, box(-2.2, -0.8, 4.4, 1.6)])
     scans = [
         *sensor_scans(walls, poses[:200]),
         *sensor_scans(partition if is_changed else walls, poses[200:]),
@@ -321,17 +302,9 @@ def test_the_command_writes_poses_map_and_picture(tmp_path, office):
     source = tmp_path / "drive.log"
     carmen(source, list(log)[:40], odometry)
     result = run(
-        "align",
-        source,
-        "-o",
-        tmp_path / "poses.txt",
-        "--map",
-        tmp_path / "drive.ndt",
-        "--picture",
-        tmp_path / "both.png",
-        "--json",
-        tmp_path / "figures.json",
-    )
+        "align", source, "-o", tmp_path / "poses.txt", "--map", tmp_path / "drive.ndt",
+        "--picture", tmp_path / "both.png", "--json", tmp_path / "figures.json",
+    )  # fmt: skip
     assert result.exit_code == 0, result.output
     assert "40 scans aligned" in result.stdout and "poses moved by" in result.stdout
     rows = np.loadtxt(tmp_path / "poses.txt")
@@ -409,41 +382,9 @@ def test_wrong_calls_are_refused(tmp_path, office):
         list(changed)
 
 
-def ranges(lines, pose, bearings, longest):
-    """How far beams of a pose see, inf where no line is nearer than `longest`."""
-    a = np.asarray(lines, float)[:, 0]
-    along = np.asarray(lines, float)[:, 1] - a
-    beams = np.column_stack((np.cos(bearings + pose[2]), np.sin(bearings + pose[2])))
-    off = a - pose[:2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        cross = beams[:, :1] * along[:, 1] - beams[:, 1:] * along[:, 0]
-        away = (off[:, 0] * along[:, 1] - off[:, 1] * along[:, 0]) / cross
-        part = (off[:, 0] * beams[:, 1:] - off[:, 1] * beams[:, :1]) / cross
-    near = np.where((away > 1e-9) & (part >= 0) & (part <= 1), away, np.inf).min(axis=1)
-    return np.where(near < longest, near, np.inf)
-
-
-def box(x0, y0, x1, y1):
-    corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)]
-    return list(zip(corners[:-1], corners[1:]))
-
-
-def recorded(lines, truth, odometry, seed, longest=9.0, beams=300):
-    """A log of what a laser sees from its true poses, placed by an odometry."""
-    rng, bearings = np.random.default_rng(seed), np.linspace(-np.pi, np.pi, beams, endpoint=False)
-    scans = []
-    for i, (pose, at) in enumerate(zip(truth, odometry)):
-        far = ranges(lines, pose, bearings, longest)
-        seen = np.isfinite(far)
-        far = np.where(seen, far + rng.normal(0, 0.012, beams), longest)
-        ends = placed(at, np.column_stack((far * np.cos(bearings), far * np.sin(bearings))))
-        scans.append(ndtree.Scan(ends, at[:2], returned=seen, heading=float(at[2]), stamp=0.1 * i))
-    log = Drifting([], [])
-    log._placed = scans
-    return log
-
-
-HALL = box(0, 0, 11.3, 7.4) + box(2.6, 4.8, 3.1, 5.1) + box(7.7, 1.6, 8.2, 2.1) + box(5.2, 6.1, 5.4, 6.8)
+HALL = np.concatenate(
+    [box(0, 0, 11.3, 7.4), box(2.6, 4.8, 0.5, 0.3), box(7.7, 1.6, 0.5, 0.5), box(5.2, 6.1, 0.2, 0.7)]
+)
 
 
 def in_a_hall(step: float) -> np.ndarray:
@@ -465,7 +406,8 @@ def test_odometry_that_fails_costs_nothing_in_a_hall(kind):
         odometry[120:127] = truth[120]
     else:
         odometry[:, :2] = 2 * truth[0, :2] - truth[:, :2]
-    found = ndtree.align(recorded(HALL, truth, odometry, seed=5))
+    scans = seen_in(HALL, truth, reach=9.0, beams=300, noise=0.012, seed=5)
+    found = ndtree.align(Drifting(list(scans), odometry))
     assert errors(found.poses, truth).max() < 0.06
     if kind == "is backwards":  # It is learned: then nothing contradicts it.
         assert found.odometry_scale == pytest.approx(-1.0, abs=0.05) and len(found.against) < 10

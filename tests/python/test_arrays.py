@@ -48,61 +48,36 @@ def test_empty_scans_and_questions_are_fine():
 WRONG = [
     (lambda m: m.insert(np.zeros((3, 3)), ORIGIN), ValueError, "points has shape (3, 3): must be (n, 2)"),
     (lambda m: m.insert(np.zeros(3), ORIGIN), ValueError, "points has shape (3,): must be (n, 2)"),
-    (
-        lambda m: m.insert(POINTS, np.zeros(3)),
-        ValueError,
-        "origin has shape (3,): must be (2,), one for all, or (50, 2), one each",
-    ),
-    (
-        lambda m: m.insert(POINTS, np.zeros((3, 2))),
-        ValueError,
-        "origin has shape (3, 2): must be (2,), one for all, or (50, 2), one each",
-    ),
-    (
-        lambda m: m.insert(POINTS, ORIGIN, returned=np.ones(3, bool)),
-        ValueError,
-        "returned has shape (3,): must be (50,), one for each point",
-    ),
-    (
-        lambda m: m.insert(POINTS, ORIGIN, returned=np.ones(50)),
-        TypeError,
-        "returned: must be an array of bool, or None",
-    ),
+    (lambda m: m.insert(POINTS, np.zeros(3)), ValueError,
+        "origin has shape (3,): must be (2,), one for all, or (50, 2), one each"),
+    (lambda m: m.insert(POINTS, np.zeros((3, 2))), ValueError,
+        "origin has shape (3, 2): must be (2,), one for all, or (50, 2), one each"),
+    (lambda m: m.insert(POINTS, ORIGIN, returned=np.ones(3, bool)), ValueError,
+        "returned has shape (3,): must be (50,), one for each point"),
+    (lambda m: m.insert(POINTS, ORIGIN, returned=np.ones(50)), TypeError,
+        "returned: must be an array of bool, or None"),
     (lambda m: m.insert(POINTS, ORIGIN, max_range=0), ValueError, "max_range = 0.0 m: must be > 0"),
-    (
-        lambda m: m.insert(POINTS, [0.0, np.nan]),
-        ValueError,
-        "origin = (0.0, nan) m: every component must be",
-    ),
+    (lambda m: m.insert(POINTS, [0.0, np.nan]), ValueError, "origin = (0.0, nan) m: every component must be"),
     (lambda m: m.insert([[1e18, 0.0]], ORIGIN), ValueError, "beam 0 reaches"),
-    (
-        lambda m: m.insert([["a", "b"]], ORIGIN),
-        TypeError,
-        "points has dtype <U1: must be an array of real numbers",
-    ),
+    (lambda m: m.insert([["a", "b"]], ORIGIN), TypeError,
+        "points has dtype <U1: must be an array of real numbers"),
     (lambda m: m.insert(POINTS + 1j, ORIGIN), TypeError, "points has dtype complex128: must be"),
     (lambda m: m.state(np.zeros((1, 3))), ValueError, "points has shape (1, 3): must be (n, 2)"),
     (lambda m: m.cast_rays(ORIGIN, [[1, 1], [0, 0]]), ValueError, "ray 1: the direction must not be zero"),
     (lambda m: m.cast_rays(ORIGIN, [[1, 1], [1, np.nan]]), ValueError, "ray 1: origin and direction must be"),
-    (
-        lambda m: m.cast_rays(ORIGIN, np.ones((1, 2)), max_range=-1),
-        ValueError,
-        "max_range = -1.0 m: must be > 0",
-    ),
+    (lambda m: m.cast_rays(ORIGIN, np.ones((1, 2)), max_range=-1), ValueError,
+        "max_range = -1.0 m: must be > 0"),
     (lambda m: m.occupied_within(POINTS, -1), ValueError, "radius = -1.0 m: must be >= 0"),
     (lambda m: m.cast_rays(ORIGIN, POINTS, unknown="no"), ValueError, "unknown = 'no'"),
-    (
-        lambda m: m.cast_rays(ORIGIN, POINTS, at="wall"),
-        ValueError,
-        "at = 'wall': must be 'cell' or 'surface'",
-    ),
+    (lambda m: m.cast_rays(ORIGIN, POINTS, at="wall"), ValueError,
+        "at = 'wall': must be 'cell' or 'surface'"),
     (lambda m: m.distance_field([[0, 0], [1, 1]], 0.0), ValueError, "cell_size"),
     (lambda m: m.distance_field([[0, 0], [0, 1]], 0.1), ValueError, "box: from"),
     (lambda m: m.keep_near(ORIGIN, 0.0), ValueError, "radius"),
     (lambda m: m.keep_near(ORIGIN, np.nan), ValueError, "radius = nan"),
     (lambda m: m.mark([[0, 0], [1, 1]], "free", np.zeros(3)), ValueError, "a box of two corners has none"),
     (lambda m: m.clear([[0, 0], [1, 1]], np.zeros(3)), ValueError, "a box of two corners has none"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("call, error, message", WRONG, ids=[w[2] for w in WRONG])
@@ -121,11 +96,8 @@ OPTIONS = [
     ({"max_cell_size": 0.01}, ValueError, "max_cell_size = 0.01: must be at least min_cell_size"),
     ({"range_sigma": 0}, ValueError, "range_sigma = 0.0: must be in [1e-09, 1000000] m"),
     ({"probability_max": 0.3}, ValueError, "probability_max = 0.3: must be in [0.51, 0.999999]"),
-    (
-        {"refinement": "paper", "significance": 1.0},
-        ValueError,
-        "significance = 1.0: must be in [1e-06, 0.999999999]",
-    ),
+    ({"refinement": "paper", "significance": 1.0}, ValueError,
+        "significance = 1.0: must be in [1e-06, 0.999999999]"),
     ({"beam_divergence": 3}, ValueError, "beam_divergence = 3.0: must be in [0, 2] rad"),
     ({"evidence_half_life": -1}, ValueError, "evidence_half_life = -1.0: must be in [0, 1e+09] scans"),
     ({"merge_loss": 3}, TypeError, "no option merge_loss"),
@@ -133,18 +105,15 @@ OPTIONS = [
     ({"constants": {"range_sigma": 1}}, TypeError, "range_sigma: is no constant of the maps"),
     ({"miss_given_occupied": 0.5, "hit_given_free": 0.5}, ValueError, "hit_given_free = 0.5: must be less"),
     ({"significance": 0.9}, TypeError, "the refinement 'evidence' does not read significance"),
-    (
-        {"refinement": "paper", "covered_share": 1},
-        TypeError,
-        "the refinement 'paper' does not read covered_share",
-    ),
+    ({"refinement": "paper", "covered_share": 1}, TypeError,
+        "the refinement 'paper' does not read covered_share"),
     ({"branching": 5}, ValueError, "branching = 5, dim = 2: must be branching 2, 3 or 4"),
     ({"dim": 4, "branching": 3}, ValueError, "branching = 3, dim = 4"),
     ({"refinement": "clever"}, ValueError, "refinement = 'clever': must be 'evidence' or 'paper'"),
     ({"cell_size": 0.1}, TypeError, "no option cell_size: did you mean min_cell_size?"),
     ({"min_cell_size": "small"}, TypeError, "min_cell_size = 'small': must be a number"),
     ({"min_cell_size": 1e-9, "max_cell_size": 1e9}, ValueError, "at most 2^36 of the smallest"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("options, error, message", OPTIONS, ids=[o[2] for o in OPTIONS])

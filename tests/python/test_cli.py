@@ -101,11 +101,7 @@ def test_compare_prints_and_writes_the_figures(log: Path, tmp_path: Path) -> Non
     again = ndtree.compare(ndtree.read(log), ("adaptive", "fixed", "fixed@0.2"), held_out=5)
     assert written["scans_mapped"] == 16
     for one, other in zip(written["maps"], again["maps"]):
-        assert (one["cells"], one["updates"], one["truth"]) == (
-            other["cells"],
-            other["updates"],
-            other["truth"],
-        )
+        assert all(one[key] == other[key] for key in ("cells", "updates", "truth"))
         assert f"{one['cells']:,}" in done.output
         assert one["seconds"]["runs"] == 2
     assert len(list(csv.DictReader(io.StringIO(table.read_text())))) == 3
@@ -135,11 +131,8 @@ def test_demo_ends_with_three_calls_that_work(log: Path, tmp_path: Path, monkeyp
     Path("a log.txt").write_bytes(log.read_bytes())
     done = run("demo", "a log.txt", "--every", 2, "--max-range", 5, "--no-return", "free", "--seed", 3)
     assert done.exit_code == 0, done.output
-    calls = [
-        shlex.split(line, comments=True)
-        for line in done.output.split("Next, with the same log:")[1].splitlines()
-    ]
-    calls = [call for call in calls if call]
+    lines = done.output.split("Next, with the same log:")[1].splitlines()
+    calls = [call for call in (shlex.split(line, comments=True) for line in lines) if call]
     assert [call[:2] for call in calls] == [["ndtree", "map"], ["ndtree", "view"], ["ndtree", "convert"]]
     assert sorted(calls[0][3:-2]) == ["--every=2", "--max-range=5.0", "--no-return=free"]
     made = run(*calls[0][1:])
@@ -182,17 +175,7 @@ def test_info_of_a_long_log_keeps_a_sample_of_its_ranges(log_3d: Path, monkeypat
 
 def test_parts_of_a_log_are_those_of_the_library(log: Path, log_3d: Path, tmp_path: Path) -> None:
     target = tmp_path / "a.ndt"
-    flags = (
-        "--every",
-        2,
-        "--stride",
-        3,
-        "--min-range",
-        1,
-        "--origin=1,-2",
-        "--box=-3,-3,4,5",
-        "--no-return=free",
-    )
+    flags = "--every 2 --stride 3 --min-range 1 --origin=1,-2 --box=-3,-3,4,5 --no-return=free".split()
     done = run("map", log, "-o", target, "--json", tmp_path / "a.json", *flags)
     assert done.exit_code == 0, done.output
     by_hand = ndtree.AdaptiveMap(dim=2)
@@ -265,11 +248,8 @@ def test_a_bag_is_listed_and_mapped(tmp_path: Path) -> None:
         assert line in plain(done.stdout)
     done = run("info", bag, "--topic", "/scan", "--json", tmp_path / "a.json")
     assert done.exit_code == 0, done.output
-    for line in (
-        *listed,
-        "rosbag log, 2-D, 4 scans in 3.0 s",
-        "uses /scan (LaserScan in laser), poses in odom",
-    ):
+    more = "rosbag log, 2-D, 4 scans in 3.0 s", "uses /scan (LaserScan in laser), poses in odom"
+    for line in (*listed, *more):
         assert line in plain(done.stdout)
     written = json.loads((tmp_path / "a.json").read_text())
     assert written["contents"]["topics"][1]["messages"] == 4

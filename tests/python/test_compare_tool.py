@@ -383,28 +383,20 @@ def test_options_reach_the_map_and_the_report(log):
 
 
 WRONG_CALLS = [
-    ([], "LOG"),
-    (["--world", "office", "LOG"], "LOG"),
-    (["--world", "castle"], "castle"),
-    (["LOG", "--no-such-option"], "no-such-option"),
-    (["LOG", "SECOND"], "SECOND"),
+    ([], "LOG"), (["--world", "office", "LOG"], "LOG"), (["--world", "castle"], "castle"),
+    (["LOG", "--no-such-option"], "no-such-option"), (["LOG", "SECOND"], "SECOND"),
     (["LOG", "--min-cell-size", "small"], "min-cell-size"),
     (["LOG", "--min-cell-size", "-1"], "min_cell_size = -1.0: must be in [1e-09, 1000000] m"),
-    (["LOG", "--max-cell-size", "0.01"], "max_cell_size"),
-    (["LOG", "--range-sigma", "nan"], "range_sigma"),
+    (["LOG", "--max-cell-size", "0.01"], "max_cell_size"), (["LOG", "--range-sigma", "nan"], "range_sigma"),
     (["LOG", "--max-range", "0"], "max_range = 0.0: must be > 0 m"),
-    (["LOG", "--branching", "5"], "branching"),
-    (["LOG", "--branching", "2.5"], "branching"),
-    (["LOG", "--dim", "4"], "dim"),
-    (["LOG", "--held-out", "1"], "held_out = 1.0: must be 0"),
-    (["LOG", "--held-out", "-3"], "held-out"),
-    (["LOG", "--repeat", "0"], "repeat"),
+    (["LOG", "--branching", "5"], "branching"), (["LOG", "--branching", "2.5"], "branching"),
+    (["LOG", "--dim", "4"], "dim"), (["LOG", "--held-out", "1"], "held_out = 1.0: must be 0"),
+    (["LOG", "--held-out", "-3"], "held-out"), (["LOG", "--repeat", "0"], "repeat"),
     (["LOG", "--limit", "0"], "limit"),
     (["LOG", "--maps", "adaptive,best"], "'best' must be one of adaptive, paper, fixed, octomap"),
-    (["LOG", "--maps", "fixed,fixed"], "'fixed' must not be named twice"),
-    (["LOG", "--maps", ","], "maps"),
+    (["LOG", "--maps", "fixed,fixed"], "'fixed' must not be named twice"), (["LOG", "--maps", ","], "maps"),
     (["LOG", "--json", "LOG"], "overwrite"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("arguments", "part"), WRONG_CALLS)

@@ -200,18 +200,12 @@ def test_octomap_takes_part_where_it_is(log: ndtree.Log) -> None:
         (lambda log: ndtree.compare(log, ("fixed",), colour=3), TypeError, "colour: no map has such"),
         (lambda log: ndtree.compare(log, range_sigma=-1.0), ValueError, "range_sigma = -1.0: must be"),
         (lambda log: ndtree.compare([]), ValueError, "log: no scans, expected at least one"),
-        (
-            lambda log: ndtree.compare([ndtree.Scan(np.ones((1, 2)), np.zeros(2)), log_3d()]),
-            ValueError,
-            "scan 1 is 3-D: must be 2-D",
-        ),
-        (
-            lambda log: ndtree.compare([ndtree.Scan(np.full((1, 2), 1e12), np.zeros(2))], ("fixed",)),
-            ValueError,
-            "scan 0: beam 0",
-        ),
+        (lambda log: ndtree.compare([ndtree.Scan(np.ones((1, 2)), np.zeros(2)), log_3d()]), ValueError,
+            "scan 1 is 3-D: must be 2-D"),
+        (lambda log: ndtree.compare([ndtree.Scan(np.full((1, 2), 1e12), np.zeros(2))], ("fixed",)),
+            ValueError, "scan 0: beam 0"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_compared_is_refused(
     log: ndtree.Log, call: Callable[[Any], Any], error: type[Exception], message: str
 ) -> None:

@@ -105,6 +105,7 @@ def write_image(folder: Path, pixels: np.ndarray, **entries: Any) -> Path:
     [
         ({}, [1, 1, -1, -1, 0, 0]),
         ({"mode": "scale"}, [1, 1, -1, -1, 0, 0]),
+        ({"mode": "TRINARY"}, [1, 1, -1, -1, 0, 0]),  # In any case, as nav2 does.
         ({"negate": 1}, [0, 0, -1, 1, 1, 1]),
         ({"mode": "raw"}, [0, 0, 1, -1, -1, -1]),
         ({"occupied_thresh": 0.95, "free_thresh": 0.01}, [1, -1, -1, -1, -1, 0]),
@@ -395,6 +396,26 @@ def test_leaves_are_records_and_grids_dense(tmp_path: Path, space: ndtree.Adapti
         assert (side >= 0).any()  # No larger than what is known.
 
 
+@pytest.mark.parametrize(
+    "box, options, message",
+    [
+        ([[0, 0, 0]], {}, r"box has shape \(1, 3\): must be \(2, 3\)"),
+        ([[1, 0, 0], [0, 1, 1]], {}, "box: axis 0 is from 1.0"),
+        ([[0, 0, 0], [1, 1, np.inf]], {}, "box: axis 2"),
+        ([[0, 0, 0], [1, 1, 1]], {"cell_size": 0}, "cell_size = 0.0"),
+        ([[0, 0, 0], [1, 1, 1]], {"cell_size": 1e-300}, "more cells than"),
+        ([[0, 0, 0], [1, 1, 1]], {"values": "colour"}, "values = 'colour'"),
+    ],
+)
+def test_grids_that_cannot_be_made_are_refused(
+    space: ndtree.AdaptiveMap, box: Any, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        space.to_grid(box, **options)
+    with pytest.raises(TypeError, match="whole numbers"):
+        ndtree.from_grid(np.zeros((2, 2)), [0, 0], 0.1)
+
+
 # --- ROS ------------------------------------------------------------------------------------------
 
 
@@ -489,16 +510,10 @@ def far_away() -> ndtree.FixedMap:
         ("a", {}, "no format has this ending"),
         ("a.ply", {"format": "obj"}, "format = 'obj': must be one of ndtree"),
         ("a.ply", {"format": "pcd"}, "a.ply: format pcd writes .pcd"),
-        (
-            "a.ndt",
-            {"cell_size": 0.2},
-            r"cell_size: format ndtree \(.ndt\) takes no such option, it takes none",
-        ),
-        (
-            "a.ply",
-            {"height": (0, 1)},
-            r"height: format ply \(.ply\) takes no such option, it takes cell_size, states",
-        ),
+        ("a.ndt", {"cell_size": 0.2},
+            r"cell_size: format ndtree \(.ndt\) takes no such option, it takes none"),
+        ("a.ply", {"height": (0, 1)},
+            r"height: format ply \(.ply\) takes no such option, it takes cell_size, states"),
         ("a.ply", {"cell_size": -1}, "cell_size = -1"),
         ("a.ndt", {"height": (0, 1)}, r"height: format ndtree \(.ndt\) takes no such option, it takes none"),
         ("a.pcd", {"faces": True}, "faces: format pcd"),
@@ -509,7 +524,7 @@ def far_away() -> ndtree.FixedMap:
         ("a.png", {"height": (1, 0)}, "from low to high"),
         ("a.mcap", {"height": (50, 60)}, "nothing is known"),
     ],
-)
+)  # fmt: skip
 def test_wrong_calls_are_refused_and_write_nothing(
     tmp_path: Path, space: ndtree.AdaptiveMap, name: str, options: dict[str, Any], message: str
 ) -> None:

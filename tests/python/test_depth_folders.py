@@ -308,6 +308,3 @@ def test_options_of_other_formats_are_refused(tmp_path: Path) -> None:
 def test_a_camera_can_have_a_scale_of_its_own() -> None:
     assert camera_of("1,2,3,4", scale=7) == Camera(1, 2, 3, 4, 7)
     assert camera_of("1,2,3,4,5", scale=7) == Camera(1, 2, 3, 4, 5)
-
-
-# --- Real recordings --------------------------------------------------------------------------------

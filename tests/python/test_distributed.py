@@ -121,15 +121,9 @@ def test_poses_that_are_not_sure_make_the_serial_map_too(tmp_path):
 def test_the_map_is_the_serial_one(tmp_path, engine, workers, block_beams, no_return):
     url = tmp_path / "a"
     report = distributed.map(
-        fleet(),
-        url,
-        engine=engine,
-        workers=workers,
-        like=make_map(),
-        max_range=8.0,
-        no_return=no_return,
+        fleet(), url, engine=engine, workers=workers, like=make_map(), max_range=8.0, no_return=no_return,
         **{**OPTIONS, "block_beams": block_beams},
-    )
+    )  # fmt: skip
     whole = serial(fleet(), max_range=8.0, no_return=no_return)
     tiles = open_tiles(url)
     assert tiles.to_map().to_bytes() == whole.to_bytes()

@@ -101,11 +101,6 @@ def write(root, file, line):
         path.write_text(text, encoding="utf-8")
 
 
-def test_this_repository_keeps_the_direction():
-    result = check(ROOT)
-    assert (result.returncode, result.stdout) == (0, "")
-
-
 @pytest.mark.parametrize(("file", "line"), ALLOWED)
 def test_allowed_include_passes(tmp_path, file, line):
     write(tmp_path, file, line)

@@ -25,13 +25,8 @@ STRICT = ["-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Werror"]
 
 
 def run(*command: str | os.PathLike[str], env: dict[str, str] | None = None) -> str:
-    done = subprocess.run(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        env={**os.environ, **(env or {})},
-    )
+    both = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "env": {**os.environ, **(env or {})}}
+    done = subprocess.run(command, text=True, **both)
     assert done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}"
     return done.stdout
 
@@ -50,15 +45,8 @@ def find_cmake(which: str) -> str:
 def install(cmake: str, folder: Path) -> Path:
     """Installs the headers with a CMake, and moves them. @returns where they are then."""
     build = folder / "build"
-    run(
-        cmake,
-        "-S",
-        ROOT,
-        "-B",
-        build,
-        "-DNDTREE_BUILD_PREBUILT=OFF",
-        f"-DCMAKE_INSTALL_PREFIX={folder / 'first'}",
-    )
+    prefix = f"-DCMAKE_INSTALL_PREFIX={folder / 'first'}"
+    run(cmake, "-S", ROOT, "-B", build, "-DNDTREE_BUILD_PREBUILT=OFF", prefix)
     run(cmake, "--build", build)
     run(cmake, "--install", build)
     return (folder / "first").rename(folder / "moved")
@@ -121,30 +109,15 @@ def test_strict_compilers_have_nothing_to_say(installed: Path, compiler: str, st
     assert f"-I{installed}/include" in [flag.replace("share/pkgconfig/../../", "") for flag in flags]
     eigen = run(pkg_config, "--cflags-only-I", "eigen3").replace("-I", "-isystem ").split()
     name = {"23": "c++2b"}.get(standard, f"c++{standard}")  # GCC 11 to 13 know C++23 by its first name.
-    run(
-        program(compiler),
-        f"-std={name}",
-        *STRICT,
-        *flags,
-        *eigen,
-        "-fsyntax-only",
-        str(CONSUMER / "main.cpp"),
-    )
+    words = [f"-std={name}", *STRICT, *flags, *eigen, "-fsyntax-only", str(CONSUMER / "main.cpp")]
+    run(program(compiler), *words)
 
 
 def test_compiled_maps_are_found_by_pkg_config(tmp_path: Path) -> None:
     """Their library itself is compiled and linked by the C++ tests."""
     build = tmp_path / "build"
-    prefix = tmp_path / "prefix"
-    run(
-        program("cmake"),
-        "-S",
-        ROOT,
-        "-B",
-        build,
-        f"-DCMAKE_INSTALL_PREFIX={prefix}",
-        "-DCMAKE_INSTALL_LIBDIR=lib/here",
-    )
+    where = [f"-DCMAKE_INSTALL_PREFIX={tmp_path / 'prefix'}", "-DCMAKE_INSTALL_LIBDIR=lib/here"]
+    run(program("cmake"), "-S", ROOT, "-B", build, *where)
     path = {"PKG_CONFIG_PATH": str(build)}
     pkg_config = program("pkg-config")
     assert "-DNDTREE_PREBUILT" in run(pkg_config, "--cflags", "ndtree-prebuilt", env=path).split()
@@ -156,11 +129,8 @@ def test_compiled_maps_are_found_by_pkg_config(tmp_path: Path) -> None:
 
 
 def test_without_eigen_one_line_says_what_to_install(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [program("cmake"), "-S", ROOT, "-B", tmp_path, "-DCMAKE_DISABLE_FIND_PACKAGE_Eigen3=ON"],
-        capture_output=True,
-        text=True,
-    )
+    call = [program("cmake"), "-S", ROOT, "-B", tmp_path, "-DCMAKE_DISABLE_FIND_PACKAGE_Eigen3=ON"]
+    done = subprocess.run(call, capture_output=True, text=True)
     assert done.returncode != 0
     message = " ".join(done.stderr.split())
     assert "Eigen 3.3 or later is missing" in message
@@ -168,10 +138,12 @@ def test_without_eigen_one_line_says_what_to_install(tmp_path: Path) -> None:
     assert message.count("CMake Error") == 1
 
 
-@pytest.mark.parametrize("provides", ["a target", "FetchContent"])
-def test_eigen_that_a_project_brings_along_is_taken(tmp_path: Path, installed: Path, provides: str) -> None:
-    """With nothing installed that find_package() could find; ndtree as a folder, as an installed copy, and
-    installed together with the project."""
+@pytest.mark.parametrize(("provides", "name"), [("FetchContent", "folder"), ("a target", "installed")])
+def test_eigen_that_a_project_brings_along_is_taken(
+    tmp_path: Path, installed: Path, provides: str, name: str
+) -> None:
+    """With nothing installed that find_package() could find; ndtree as a folder that is installed with the
+    project, or as an installed copy."""
     headers = run(program("pkg-config"), "--cflags-only-I", "eigen3").strip().removeprefix("-I")
     eigen = tmp_path / "eigen"
     eigen.mkdir()
@@ -187,26 +159,26 @@ def test_eigen_that_a_project_brings_along_is_taken(tmp_path: Path, installed: P
         "FetchContent": """include(FetchContent)
         FetchContent_Declare(Eigen3 SOURCE_DIR "${CMAKE_SOURCE_DIR}/eigen" OVERRIDE_FIND_PACKAGE)""",
     }[provides]
-    take = {
+    line = {
         "folder": f'set(NDTREE_INSTALL ON)\nadd_subdirectory("{ROOT}" ndtree)',
         "installed": f'find_package(ndtree REQUIRED PATHS "{installed}" NO_DEFAULT_PATH)',
-    }
-    for name, line in take.items():
-        (tmp_path / "CMakeLists.txt").write_text(
-            f"""
-            cmake_minimum_required(VERSION 3.24)
-            project(consumer CXX)
-            {bring}
-            {line}
-            add_executable(header "{CONSUMER}/header.cpp")
-            target_link_libraries(header ndtree::ndtree)
-            """
-        )
-        cmake = program("cmake")
-        run(cmake, "-S", tmp_path, "-B", tmp_path / name, "-DNDTREE_BUILD_PREBUILT=OFF")
-        run(cmake, "--build", tmp_path / name, "--target", "header")
-    targets = run(cmake, "--install", tmp_path / "folder", "--prefix", tmp_path / "prefix")
-    assert "ndtreeTargets.cmake" in targets
+    }[name]
+    (tmp_path / "CMakeLists.txt").write_text(
+        f"""
+        cmake_minimum_required(VERSION 3.24)
+        project(consumer CXX)
+        {bring}
+        {line}
+        add_executable(header "{CONSUMER}/header.cpp")
+        target_link_libraries(header ndtree::ndtree)
+        """
+    )
+    cmake = program("cmake")
+    run(cmake, "-S", tmp_path, "-B", tmp_path / name, "-DNDTREE_BUILD_PREBUILT=OFF")
+    run(cmake, "--build", tmp_path / name, "--target", "header")
+    if name == "folder":
+        targets = run(cmake, "--install", tmp_path / name, "--prefix", tmp_path / "prefix")
+        assert "ndtreeTargets.cmake" in targets
 
 
 def test_the_lines_for_fetchcontent_are_all_that_a_project_needs(tmp_path: Path) -> None:

@@ -339,16 +339,24 @@ def test_a_planner_that_was_stopped_answers_as_a_new_one(on_alarm: Any) -> None:
     assert stopped > 0
 
 
-def test_a_question_for_information_stops_soon(on_alarm: Any) -> None:
+def test_long_calls_stop_soon(on_alarm: Any) -> None:
+    """Of seconds, which each takes if it is not stopped."""
+
     def stop(*_: object) -> None:
         raise Stop
 
     on_alarm(stop)
     m, sensor = mapped(2000, 6.0), ndtree.RangeSensor.laser(max_range=20.0, beams=20_000)
     poses = np.random.default_rng(7).uniform(-5.0, 5.0, (5000, 3))
-    for threads in (1, 3):
+    x, y = (one.ravel() for one in np.mgrid[-3:3:0.02, -3:3:0.02])
+    points = np.column_stack((x, y, 0.05 * np.sin(x)))
+    for call in (
+        lambda: m.information_gain(poses, sensor, threads=1),
+        lambda: m.information_gain(poses, sensor, threads=3),
+        lambda: ndtree.Matcher(points, cell_size=0.02, radius=0.5),
+    ):
         begin = time.perf_counter()
         with pytest.raises(Stop):
             signal.setitimer(signal.ITIMER_REAL, 0.05)
-            m.information_gain(poses, sensor, threads=threads)
+            call()
         assert time.perf_counter() - begin < 3.0

@@ -185,19 +185,15 @@ def test_layers_that_there_are_not(layers: object, message: str) -> None:
         ({"colour": [[1, 2, 3]] * 2}, "layers: 'colour': the map has 'color', 'height', 'label', 'stamp'"),
         ({"color": [1, 2]}, "layers: 'color': 1 numbers a beam: must be 3"),
         ({"height": [[1, 2, 3]] * 2}, "layers: 'height': 3 numbers a beam: must be 1"),
-        (
-            {"label": [1.5, 2]},
-            "layers: 'label': 'majority' of beam 0 = 1.5: must be a whole number in [0, 65535]",
-        ),
-        (
-            {"label": [1, 70000]},
-            "layers: 'label': 'majority' of beam 1 = 70000: must be a whole number in [0, 65535]",
-        ),
+        ({"label": [1.5, 2]},
+            "layers: 'label': 'majority' of beam 0 = 1.5: must be a whole number in [0, 65535]"),
+        ({"label": [1, 70000]},
+            "layers: 'label': 'majority' of beam 1 = 70000: must be a whole number in [0, 65535]"),
         ({"stamp": [1, np.inf]}, "layers: 'stamp': 'latest' of beam 1 = inf: must be finite"),
         ({"stamp": [1, 2, 3]}, "layers['stamp'] has shape (3,): must have one entry for each of 2 points"),
         ({"stamp": 1}, "layers['stamp'] has shape (): must have one entry for each of 2 points"),
     ],
-)
+)  # fmt: skip
 def test_a_refused_call_changes_nothing(layers: dict[str, object], message: str) -> None:
     m = ndtree.AdaptiveMap(dim=3, layers=LAYERS)
     m.insert(walls(3), np.zeros(3), layers=told(walls(3), 1.0))

@@ -15,6 +15,7 @@ pytest.importorskip("scipy")
 
 from calling import cli
 from drives import START
+from planes import assert_same_cells
 from slams import bag_of, drifted, office, path_message, yaw
 
 import ndtree
@@ -27,17 +28,6 @@ N = 40
 SETTINGS = Config.of(
     range_sigma=0.02, min_cell_size=0.05, max_cell_size=1.6, max_range=20.0, no_return="free"
 )
-
-
-def cells_of(m: Any) -> tuple[np.ndarray, ...]:
-    """All that cells hold; what the map counts of its own making is left out."""
-    leaves = m.leaves()
-    return leaves.lower, leaves.size, leaves.log_odds, leaves.hits, leaves.misses
-
-
-def assert_same(a: Any, b: Any) -> None:
-    for one, other in zip(cells_of(a), cells_of(b)):
-        np.testing.assert_array_equal(one, other)
 
 
 def lived(rows: Any, poses: Any, corrections: list[tuple[int, Correction]], **options: Any) -> Any:
@@ -71,12 +61,12 @@ def test_a_path_that_comes_late_gives_the_map_of_its_poses(late: tuple[int, ...]
     wrong = [drifted(i, *pose) for i, pose in enumerate(true)]
     right = lived(rows, true, [])
     followed = lived(rows, wrong, [(i, path(rows, true, i)) for i in late])
-    assert_same(followed.snapshot(), right.snapshot())
+    assert_same_cells(followed.snapshot(), right.snapshot())
     assert followed.figures.mapped == right.figures.mapped == N
     assert 0 < followed.figures.corrections <= len(late) + 1 and right.figures.corrections == 0
     assert followed.figures.moved >= N - 1 and followed.figures.correction_seconds > 0
     plain = lived(rows, wrong, [])
-    assert cells_of(plain.snapshot())[0].shape != cells_of(right.snapshot())[0].shape
+    assert len(plain.snapshot().leaves()) != len(right.snapshot().leaves())
 
 
 def test_between_the_poses_of_a_path_odometry_tells_the_way() -> None:
@@ -107,7 +97,7 @@ def test_of_two_poses_that_one_tells_whose_time_odometry_knows() -> None:
     told = Correction(stamps, places, [yaw(0.0), yaw(true[10][1]), yaw(0.0)])
     followed = lived(rows, shifted, [(N - 1, told)])
     assert followed.figures.moved == N
-    assert_same(followed.snapshot(), lived(rows, true, []).snapshot())
+    assert_same_cells(followed.snapshot(), lived(rows, true, []).snapshot())
 
 
 def test_a_correction_waits_for_new_scans() -> None:
@@ -162,17 +152,8 @@ def test_a_recording_with_a_slams_path(tmp_path: Path) -> None:
     wrong = [drifted(i, *pose) for i, pose in enumerate(true)]
     late = {i: path_message(rows, true, i) for i in (12, 30, N - 1)}
     options = [
-        "--rate",
-        0,
-        "--follow",
-        "slam/path",
-        "--range-sigma",
-        "0.02",
-        "--no-return",
-        "free",
-        "--look",
-        "0.5",
-    ]
+        "--rate", 0, "--follow", "slam/path", "--range-sigma", "0.02", "--no-return", "free", "--look", "0.5",
+    ]  # fmt: skip
     files = []
     for name, poses, paths in (("right", true, {N - 1: late[N - 1]}), ("late", wrong, late)):
         bag = bag_of(tmp_path / name, poses, rows, paths)
@@ -181,7 +162,7 @@ def test_a_recording_with_a_slams_path(tmp_path: Path) -> None:
         assert done.exit_code == 0, done.stderr
         files.append(target)
     assert " correction" in done.stdout
-    assert_same(*(ndtree.load(file) for file in files))
+    assert_same_cells(*(ndtree.load(file) for file in files))
 
 
 def test_memory_is_bounded_by_scans_that_stay() -> None:
@@ -228,7 +209,7 @@ def test_what_small_corrections_move_waits_for_the_end() -> None:
     nearly = [(place + 0.004, turn + 1e-4) for place, turn in true]
     followed = lived(rows, nearly, [(20, path(rows, true, 20)), (N - 1, path(rows, true, N - 1))])
     assert followed.figures.corrections == 1  # In the end.
-    assert_same(followed.snapshot(), lived(rows, true, []).snapshot())
+    assert_same_cells(followed.snapshot(), lived(rows, true, []).snapshot())
 
 
 def test_wrong_calls_are_said() -> None:

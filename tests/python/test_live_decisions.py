@@ -14,10 +14,10 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
-from bags import KINDS, START, Messages, write_bag
+from bags import START, Messages, write_bag
 from calling import cli
 from slams import bag_of, drifted, office, path_message, yaw
-from test_live import same_as_map
+from test_live import FIXED, same_as_map
 
 import ndtree
 from ndtree._errors import key
@@ -30,9 +30,6 @@ from ndtree.logs.ros.files.bag import open_bag
 from ndtree.tuning.config import Config
 
 PATIENCE = 60.0
-FIXED = ["--range-sigma", "0.02", "--no-return", "free", "--sweep", "said"]
-
-
 #: Half the edge of a room, one of whose walls swallows beams but where they meet it nearly at right angles:
 #: from one place nothing contradicts them.
 ROOM = 4.0
@@ -49,9 +46,7 @@ def ranges_at(place: np.ndarray, turn: float, generator: np.random.Generator) ->
     return np.where(swallowed, np.inf, ranges)
 
 
-def robot(
-    folder: Path, kind: str, *, stands: float, first_pose: float = -0.1, lasts: float = 9.0, rate: float = 0.1
-) -> Path:
+def robot(folder: Path, kind: str, *, stands: float, first_pose: float = -0.1, rate: float = 0.1) -> Path:
     """A laser that stands for a while and then drives on a circle; odometry may begin later."""
     make, generator = Messages(kind), np.random.default_rng(4)
     content: list[tuple[str, float, Any]] = []
@@ -61,12 +56,12 @@ def robot(
         moves = max(at - stands, 0.0)
         return 1.5 * np.array([math.sin(0.5 * moves), 1 - math.cos(0.5 * moves)]), 0.5 * moves
 
-    for at in np.arange(first_pose, lasts, 0.05):
+    for at in np.arange(first_pose, 9.0, 0.05):
         place, turn = pose(at)
         content.append(
             make.moved(START + at, "odom", "base", [*place, 0.0], yaw(turn), at=START + at + 0.002)
         )
-    for at in np.arange(0.0, lasts - 0.2, rate):
+    for at in np.arange(0.0, 8.8, rate):
         place, turn = pose(at)
         sensor = place + 0.1 * np.array([math.cos(turn), math.sin(turn)])
         message = make.laser(START + at, "laser", ranges_at(sensor, turn, generator), range_max=12.0)
@@ -75,10 +70,19 @@ def robot(
     return write_bag(folder / f"robot_{kind}", make, content)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_walls_are_not_erased_by_what_two_seconds_say(kind: str, tmp_path: Path) -> None:
-    bag = robot(tmp_path, kind, stands=3.0, rate=0.04)
-    said = same_as_map(bag, tmp_path).stdout
+@pytest.fixture(scope="module")
+def standing(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Stands for three seconds, and has many scans."""
+    return robot(tmp_path_factory.mktemp("standing"), "ros1", stands=3.0, rate=0.04)
+
+
+@pytest.fixture(scope="module")
+def moving(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return robot(tmp_path_factory.mktemp("moving"), "mcap", stands=1.0)
+
+
+def test_walls_are_not_erased_by_what_two_seconds_say(standing: Path, tmp_path: Path) -> None:
+    said = same_as_map(standing, tmp_path).stdout
     assert "decided again after " in said and " mapped again" in said and "--no-return ignore" in said, said
     m = ndtree.load(tmp_path / "live.ndt")
     wall = np.stack([np.linspace(-2, 3, 60), np.full(60, ROOM)], axis=1)
@@ -122,11 +126,10 @@ def test_what_never_moved_is_released_when_it_does() -> None:
 
 
 def test_a_recording_of_more_bytes_than_are_kept_is_decided_of_these(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    standing: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bag = robot(tmp_path, "mcap", stands=3.0, rate=0.04)
     monkeypatch.setattr("ndtree.live.messages.KEPT", 40_000)
-    done = cli("live", bag, "--rate", 0, "--json", tmp_path / "live.json")
+    done = cli("live", standing, "--rate", 0)
     assert done.exit_code == 0, done.stderr
     assert "220 mapped" in done.stdout and "decided again after 9 s" not in done.stdout
 
@@ -205,29 +208,26 @@ def test_jumps_of_tf_in_a_bag_are_followed(tmp_path: Path) -> None:
     assert f"{N} mapped" in done.stdout and " correction" in done.stdout
 
 
-@pytest.mark.parametrize("follow, said", [
-    ("/nothing", "--follow /nothing: is not there, expected tf, or a Path as one of /slam/path (Path)"),
-    ("/scan", "--follow /scan: is of type LaserScan, expected tf, or a Path as one of /slam/path (Path)"),
-])  # fmt: skip
-def test_what_is_no_path_is_not_followed(follow: str, said: str, tmp_path: Path) -> None:
+def test_what_is_no_path_is_not_followed(tmp_path: Path) -> None:
     bag = slam_bag(tmp_path, jumps=False)
-    done = cli("live", bag, "--rate", 0, "--follow", follow)
-    assert done.exit_code == 2 and said in " ".join(done.stderr.split())
-    intake = MessagesIntake(str(bag), follow=follow)
+    for follow, said in (("/nothing", "is not there"), ("/scan", "is of type LaserScan")):
+        done = cli("live", bag, "--rate", 0, "--follow", follow)
+        said = f"--follow {follow}: {said}, expected tf, or a Path as one of /slam/path (Path)"
+        assert done.exit_code == 2 and said in " ".join(done.stderr.split())
+    intake = MessagesIntake(str(bag), follow="/scan")
     with open_bag(str(bag)) as opened, LiveMapper(intake) as mapper:
         for item in messages_of(opened):
             mapper.put(*item, wait=True)
-    assert any(f"follow = {follow}: no nav_msgs/msg/Path came on it" in line for line in intake.said())
+    assert any("follow = /scan: no nav_msgs/msg/Path came on it" in line for line in intake.said())
     assert cli("live", bag, "--rate", 0, "--follow", "/slam/path").exit_code == 0
 
 
 @pytest.mark.parametrize("options", [
-    ["--from", 2, "--to", 6], ["--every", 3], ["--from", 1.05, "--every", 2, "--stride", 3],
-    ["--box", "-2,-2,3,3"], ["--origin", "10,-20"], ["--origin", "1,1", "--box", "0,0,3,3", "--min-range", 1],
+    ["--from", 2, "--to", 6, *FIXED], ["--from", 1.05, "--every", 2, "--stride", 3, *FIXED],
+    ["--origin", "1,1", "--box", "0,0,3,3", "--min-range", 1],
 ], ids=str)  # fmt: skip
-def test_parts_of_a_recording_are_those_of_map(options: list[Any], tmp_path: Path) -> None:
-    bag = robot(tmp_path, "mcap", stands=1.0)
-    same_as_map(bag, tmp_path, *options)
+def test_parts_of_a_recording_are_those_of_map(options: list[Any], moving: Path, tmp_path: Path) -> None:
+    same_as_map(moving, tmp_path, *options)
     if "--from" not in options:  # Its scans have no times.
         log = tmp_path / "office.npz"
         ndtree.simulate("office", scans=20).save(log)
@@ -238,21 +238,19 @@ def test_parts_of_a_recording_are_those_of_map(options: list[Any], tmp_path: Pat
     ["--fov", "60"], ["--pixel-sigma", "1"], ["--points-in", "map"], ["--origin-of-scan", "0,0,0"],
     ["--points-only"], ["--every", "0"], ["--box", "1,2,3"],
 ], ids=lambda flag: flag[0])  # fmt: skip
-def test_wrong_options_are_refused_as_by_map(flag: list[str], tmp_path: Path) -> None:
-    bag = robot(tmp_path, "mcap", stands=1.0, lasts=1.0)
-    lived = cli("live", bag, "--rate", 0, *flag)
-    mapped = cli("map", bag, "-o", tmp_path / "map.ndt", *flag)
+def test_wrong_options_are_refused_as_by_map(flag: list[str], moving: Path, tmp_path: Path) -> None:
+    lived = cli("live", moving, "--rate", 0, *flag)
+    mapped = cli("map", moving, "-o", tmp_path / "map.ndt", *flag)
     assert lived.exit_code == mapped.exit_code != 0
     assert lived.stderr.replace("ndtree live", "ndtree map") == mapped.stderr
 
 
-def test_strict_refuses_scans_that_are_left_out(tmp_path: Path) -> None:
+def test_strict_refuses_scans_that_are_left_out(moving: Path, tmp_path: Path) -> None:
     bag = robot(tmp_path, "mcap", stands=1.0, first_pose=0.3)
-    done = cli("live", bag, "--rate", 0, "--strict", "-o", tmp_path / "live.ndt")
+    done = cli("live", bag, "--rate", 0, "--strict", "-o", tmp_path / "live.ndt", *FIXED)
     assert done.exit_code == 1 and "left out (before the first pose)" in done.stderr
     assert not (tmp_path / "live.ndt").exists()
-    whole = robot(tmp_path / "whole", "mcap", stands=1.0)
-    assert cli("live", whole, "--rate", 0, "--strict", "--every", 2).exit_code == 0
+    assert cli("live", moving, "--rate", 0, "--strict", "--every", 2, *FIXED).exit_code == 0
 
 
 def test_a_node_is_told_of_parameters() -> None:

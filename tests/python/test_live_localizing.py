@@ -14,10 +14,13 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
-from bags import START, Messages, write_bag
+import slams
+from bags import START
 from calling import cli
+from planes import box, seen
 
 import ndtree
+from ndtree.alignment.planar import pose_of
 from ndtree.live import FramesIntake, LiveMapper, Localizer, Reading, Transform, Window
 from ndtree.live.following import inverse, matrix_of
 from ndtree.live.hypotheses import (
@@ -159,25 +162,16 @@ def test_beams_tell_poses_apart(world: World) -> None:
 
 def room(width: float, height: float, things: list[tuple[float, float, float, float]]) -> Floats:
     """Wall segments (n, 2, 2) of a room with boxes in it: x, y, width, height."""
-    walls = []
-    for x, y, w, h in [(0.0, 0.0, width, height), *things]:
-        corners = np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]])
-        walls.append(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1))
-    return np.concatenate(walls)
+    return np.concatenate([box(*one) for one in [(0.0, 0.0, width, height), *things]])
 
 
-def seen(walls: Floats, pose: Floats, beams: int = 240) -> Floats:
-    """End points in the sensor's frame of beams to wall segments."""
-    bearings = np.linspace(-math.pi, math.pi, beams, endpoint=False)
-    ahead = np.stack([np.cos(bearings + pose[2]), np.sin(bearings + pose[2])], axis=1)[:, None]
-    ways, away = walls[:, 1] - walls[:, 0], walls[:, 0] - pose[:2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        across = ahead[..., 0] * ways[:, 1] - ahead[..., 1] * ways[:, 0]
-        ranges = (away[:, 0] * ways[:, 1] - away[:, 1] * ways[:, 0]) / across
-        along = (away[:, 0] * ahead[..., 1] - away[:, 1] * ahead[..., 0]) / across
-    ranges = np.where((ranges > 0) & (along >= 0) & (along <= 1), ranges, np.inf).min(axis=1)
-    returned = np.isfinite(ranges)
-    return (ranges[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=1))[returned]
+def rough(
+    walls: Floats, pose: Floats, rng: np.random.Generator, *, beams: int = 240, sigma: float = 0.01
+) -> Floats:
+    """What is seen within 8 m, with noise."""
+    ends = seen(walls, pose, beams)
+    ends = ends[np.hypot(*ends.T) < 8.0]
+    return ends * (1 + rng.normal(0, sigma, (len(ends), 1)) / np.hypot(*ends.T)[:, None])
 
 
 def mapped(walls: Floats, poses: list[Floats]) -> ndtree.AdaptiveMap:
@@ -320,10 +314,7 @@ def test_along_a_smooth_corridor_only_odometry_tells() -> None:
     rng = np.random.default_rng(1)
 
     def scan(x: float) -> Floats:
-        ends = seen(walls, np.array([x, 0.1, 0.0]))
-        ranges = np.hypot(*ends.T)
-        ends = ends[ranges < 8.0]
-        return ends * (1 + rng.normal(0, 0.01, (len(ends), 1)) / np.hypot(*ends.T)[:, None])
+        return rough(walls, np.array([x, 0.1, 0.0]), rng)
 
     m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05)
     for x in np.arange(0.0, 12.0, 0.3):
@@ -369,9 +360,7 @@ def test_along_a_fence_no_rod_is_taken_for_another() -> None:
     rng = np.random.default_rng(2)
 
     def scan(x: float) -> Floats:
-        ends = seen(walls, np.array([x, 0.1, 0.0]), 720)
-        ends = ends[np.hypot(*ends.T) < 8.0]
-        return ends * (1 + rng.normal(0, 0.01, (len(ends), 1)) / np.hypot(*ends.T)[:, None])
+        return rough(walls, np.array([x, 0.1, 0.0]), rng, beams=720)
 
     m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05)
     for x in np.arange(0.0, 6.0, 0.1):
@@ -418,23 +407,9 @@ def test_a_mapper_finds_readings_in_a_map(world: World) -> None:
 
 
 def bag_of(folder: Path, world: World, order: list[int]) -> Path:
-    make: Messages = Messages("ros2")
-    content: list[tuple[str, float, Any]] = []
-    fixed = make.transform(START - 1, "base", "laser", [0.0, 0.0, 0.3], [0.0, 0.0, 0.0, 1.0])
-    content.append(("/tf_static", START - 1, make.tf(fixed)))
-    for k, i in enumerate(order):
-        stamp, base = START + 0.1 * k, world.odometry[i]
-        moved = make.transform(stamp, "odom", "base", [*base[:2, 2], 0.0], quaternion_of(base))
-        beams = world.beams[i]
-        ranges = np.hypot(*beams.T)
-        ranges[~world.returned[i]] = np.inf
-        angles = np.unwrap(np.arctan2(beams[:, 1], beams[:, 0]))
-        step = float(angles[-1] - angles[0]) / (len(angles) - 1)
-        laser = make.laser(
-            stamp, "laser", ranges, angle_min=float(angles[0]), angle_increment=step, range_max=30.0
-        )
-        content += [("/tf", stamp, make.tf(moved)), ("/scan", stamp + 0.001, laser)]
-    return write_bag(folder / "drive", make, content)
+    rows = [(START + 0.1 * k, None, None, world.beams[i], world.returned[i]) for k, i in enumerate(order)]
+    poses = [(world.odometry[i][:2, 2], pose_of(world.odometry[i])[2]) for i in order]
+    return slams.bag_of(folder / "drive", poses, rows, {}, fixed_frame="odom", mount=(0.0, 0.0, 0.0))
 
 
 def test_the_command_writes_where_it_was(world: World, tmp_path: Path) -> None:

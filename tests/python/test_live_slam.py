@@ -18,6 +18,7 @@ pytest.importorskip("scipy")
 
 from calling import cli as run
 from conftest import turned
+from planes import assert_same_cells
 from slams import bag_of, drifted
 from slams import office as driven
 from test_align import Drifting
@@ -59,14 +60,6 @@ class Drive:
 @pytest.fixture(scope="module")
 def drive() -> Drive:
     return Drive()
-
-
-def assert_same(one: Any, other: Any) -> None:
-    """All cells that are known are equal; counters and the root tell how the map was made."""
-    a, b = (m.leaves(states=["free", "occupied"]) for m in (one, other))
-    order = [np.lexsort(leaves.lower.T) for leaves in (a, b)]
-    for name in ("lower", "size", "log_odds", "hits", "misses"):
-        np.testing.assert_array_equal(getattr(a, name)[order[0]], getattr(b, name)[order[1]])
 
 
 def mapped(scans: list[ndtree.Scan], slam: Slam, told: list[Localization] | None = None) -> LiveMapper:
@@ -115,7 +108,7 @@ def test_the_map_is_that_of_the_last_poses(drive: Drive) -> None:
     for number, (scan, pose) in enumerate(zip(drive.scans, slam.poses)):
         local = moved(CONFIG.usable(scan), np.zeros(3))
         expected.insert(number, local.endpoints, pose, returned=local.returned, max_range=20.0)
-    assert_same(mapper.snapshot(), expected.map)
+    assert_same_cells(mapper.snapshot(), expected.map)
     said = slam.figures()
     assert said["verdict"] == "sure" and said["doubts"] == [] and said["loops"] > 3
     for one, scan, odometry in zip(told, drive.scans, drive.odometry):
@@ -124,17 +117,11 @@ def test_the_map_is_that_of_the_last_poses(drive: Drive) -> None:
         np.testing.assert_allclose(one.map_odometry @ at, one.pose, atol=1e-9)
 
 
-def test_the_same_scans_give_the_same_map(drive: Drive) -> None:
-    maps = [mapped(drive.scans[:120], Slam(odometry=True)).snapshot().to_bytes() for _ in range(2)]
-    assert maps[0] == maps[1]
-
-
 def test_a_drive_goes_on_from_its_file(drive: Drive, tmp_path: Path) -> None:
     """The second half begins anywhere by odometry that begins at 0, and is found in the map of the first."""
     half = 200
-    mapper = mapped(drive.scans[:half], Slam(odometry=True))
-    session = mapper.session()
-    session.save(tmp_path / "a.scans.npz")
+    before = mapped(drive.scans[:half], Slam(odometry=True))
+    before.session().save(tmp_path / "a.scans.npz")
     loaded = Session.load(tmp_path / "a.scans.npz")
     assert loaded.options == {**CONFIG.options, "max_range": 20.0}
     first, away = half - 30, np.array([3.0, -2.0, 0.5])
@@ -148,8 +135,7 @@ def test_a_drive_goes_on_from_its_file(drive: Drive, tmp_path: Path) -> None:
     assert slam.figures()["scans"] == half + len(later) - lost
     # What was not moved is the same map as before.
     again = mapped(later[:1], Slam(odometry=True, earlier=loaded))
-    before = mapped(drive.scans[:half], Slam(odometry=True))
-    assert_same(again.snapshot(), before.snapshot())
+    assert_same_cells(again.snapshot(), before.snapshot())
 
 
 def test_another_building_is_not_gone_on_with(drive: Drive) -> None:
@@ -211,19 +197,23 @@ def test_a_reset_begins_anew(drive: Drive) -> None:
             mapper.put(scan, scan.stamp, wait=True)
     assert len(slam.poses) == 40
     np.testing.assert_array_equal(slam.poses[0], pose_in_log(drive.scans[60]))
-    assert_same(mapper.snapshot(), mapped(drive.scans[60:100], Slam(odometry=True)).snapshot())
+    again = mapped(drive.scans[60:100], Slam(odometry=True)).snapshot()
+    assert mapper.snapshot().to_bytes() == again.to_bytes(), "the same scans give the same map"
 
 
 def test_the_command_with_a_bag(tmp_path: Path) -> None:
-    rows = driven(200)
+    rows = driven(140)
+    decided = ["--no-return", "free", "--sweep", "said"]
     poses = [drifted(i, row[1], row[2]) for i, row in enumerate(rows)]
     bag = bag_of(tmp_path / "drive", poses, rows, {}, fixed_frame="odom")
     target, said = tmp_path / "office.ndt", tmp_path / "said.json"
-    done = run("live", bag, "--slam", "--rate", 0, "-o", target, "--json", said)
+    done = run(
+        "live", bag, "--slam", "--rate", 0, "-o", target, "--json", said, "--range-sigma", 0.02, *decided
+    )
     assert done.exit_code == 0, done.stderr
-    assert "200 mapped, 0 dropped" in done.stdout and "poses are sure" in done.stdout
+    assert "140 mapped, 0 dropped" in done.stdout and "poses are sure" in done.stdout
     slam = json.loads(said.read_text())["slam"]
-    assert slam["verdict"] == "sure" and slam["scans"] == 200 and slam["has_odometry"]
+    assert slam["verdict"] == "sure" and slam["scans"] == 140 and slam["has_odometry"]
     found = np.array(Session.load(scans_beside(target)).drive.track.poses)
     places = np.array([row[1] for row in rows])
     at = np.array([composed(pose, np.zeros(3)) for pose in found])[:, :2]
@@ -237,7 +227,7 @@ def test_the_command_with_a_bag(tmp_path: Path) -> None:
     )
     assert done.exit_code == 0, done.stderr
     slam = json.loads(said.read_text())["slam"]
-    assert slam["verdict"] == "sure" and slam["scans"] > 300
+    assert slam["verdict"] == "sure" and slam["scans"] > 220
 
 
 def test_wrong_calls_are_said(tmp_path: Path) -> None:

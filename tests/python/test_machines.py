@@ -79,13 +79,12 @@ def test_maps_are_the_same_on_arm_to_the_last_bit(tmp_path: Path) -> None:
     here, there, emulator = tool("g++"), tool("aarch64-linux-gnu-g++"), tool("qemu-aarch64-static")
     if not EIGEN.is_dir():
         pytest.skip(f"no {EIGEN}")
-    programs = {
-        "x86-64": (here, ()),
+    has_simde = Path("/usr/include/simde/x86/avx2.h").exists()
+    programs = {  # However far the compiler optimises, too.
+        "x86-64": (here, ("-O1",)),
         "x86-64 with FMA": (here, FMA),
-        "arm": (there, ()),
+        "arm": (there, ("-DNDTREE_USE_SIMDE",) if has_simde else ()),
     }
-    if Path("/usr/include/simde/x86/avx2.h").exists():
-        programs["arm with SIMDe"] = (there, ("-DNDTREE_USE_SIMDE",))
     compilers = [
         compiling(c, "same_map.cpp", tmp_path / name, *flags) for name, (c, flags) in programs.items()
     ]
@@ -102,8 +101,7 @@ def test_maps_are_the_same_on_arm_to_the_last_bit(tmp_path: Path) -> None:
             )
             maps[name, width] = file.read_bytes()
             widths[name, width] = int(done.stdout)
-    assert widths["arm", 8] == 1
-    assert widths.get(("arm with SIMDe", 8), 8) == 8
+    assert widths["arm", 8] == (8 if has_simde else 1)
     expected = maps["x86-64", 1]
     assert len(expected) > 100_000
     assert [name for name, map in maps.items() if map != expected] == []
@@ -117,11 +115,11 @@ def test_scans_that_are_simulated_or_read_are_the_same_on_arm(tmp_path: Path) ->
         pytest.skip(f"no {EIGEN}")
     flag = "-ffp-contract=off"
     assert flag in (ROOT / "CMakeLists.txt").read_text(encoding="utf-8")
-    compilers = [compiling(c, "same_scans.cpp", tmp_path / Path(c).name, flag) for c in (here, there)]
+    compilers = [compiling(c, "same_scans.cpp", tmp_path / Path(c).name, "-O1", flag) for c in (here, there)]
     assert [c.wait() for c in compilers] == [0, 0]
     digests = [
         subprocess.run(call, check=True, capture_output=True, text=True).stdout.split()
         for call in ([tmp_path / Path(here).name], [emulator, tmp_path / Path(there).name])
     ]
-    assert len(set(digests[0])) == 13
+    assert len(set(digests[0])) == 10
     assert digests[0] == digests[1]

@@ -24,13 +24,9 @@ def empty(dim: int, branching: int, kind: str, **options: Any) -> Any:
     if kind == "fixed":
         return ndtree.FixedMap(dim=dim, branching=branching, min_cell_size=CELL, **options)
     return ndtree.AdaptiveMap(
-        dim=dim,
-        branching=branching,
-        refinement=kind,
-        min_cell_size=CELL,
-        max_cell_size=CELL * branching**3,
+        dim=dim, branching=branching, refinement=kind, min_cell_size=CELL, max_cell_size=CELL * branching**3,
         **options,
-    )
+    )  # fmt: skip
 
 
 @pytest.fixture(params=KINDS, ids=str)

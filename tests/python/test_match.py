@@ -6,10 +6,8 @@ from __future__ import annotations
 import copy
 import math
 import pickle
-import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -21,18 +19,9 @@ RNG = np.random.default_rng(3)
 
 def room(spacing: float) -> np.ndarray:
     """Walls of a room that looks different from everywhere."""
-    lines = [
-        ((-4, -3), (5, -3)),
-        ((-4, -3), (-4, 3.5)),
-        ((5, -3), (5, 3.5)),
-        ((-4, 3.5), (1, 3.5)),
-        ((2, 1.5), (2, 3.5)),
-    ]
-    walls = []
-    for a, b in lines:
-        count = int(math.dist(a, b) / spacing) + 1
-        walls.append(np.linspace(a, b, count))
-    return np.concatenate(walls)
+    corners = (-4, 3.5), (-4, -3), (5, -3), (5, 3.5)
+    lines = [*zip(corners, corners[1:]), ((-4, 3.5), (1, 3.5)), ((2, 1.5), (2, 3.5))]
+    return np.concatenate([np.linspace(a, b, int(math.dist(a, b) / spacing) + 1) for a, b in lines])
 
 
 def seen_from(points: np.ndarray, pose: np.ndarray) -> np.ndarray:
@@ -204,25 +193,3 @@ def test_far_points_take_memory_of_their_surface_alone() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert int(done.stdout) < 150_000  # KiB
-
-
-def test_making_a_matcher_hears_a_signal() -> None:
-    class Stop(BaseException):
-        pass
-
-    def stop(*_: object) -> None:
-        raise Stop
-
-    axis = np.arange(-3.0, 3.0, 0.02)
-    x, y = (one.ravel() for one in np.meshgrid(axis, axis))
-    points = np.column_stack((x, y, 0.05 * np.sin(x)))
-    before = signal.signal(signal.SIGALRM, stop)
-    try:
-        begin = time.perf_counter()
-        signal.setitimer(signal.ITIMER_REAL, 0.05)
-        with pytest.raises(Stop):
-            ndtree.Matcher(points, cell_size=0.02, radius=0.5)
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
-    assert time.perf_counter() - begin < 2.0  # 0.15 s; whole, it takes tens of them.

@@ -47,11 +47,11 @@ def test_what_others_hit_decides(silent: float, gate: bool, choice: str) -> None
 
 
 def test_a_simulated_laser_that_loses_beams_is_judged_as_any_other() -> None:
-    log = ndtree.simulate("office", scans=160, no_return_rate=0.1)
+    log = ndtree.simulate("office", scans=100, no_return_rate=0.1)
     assert first_look(log).no_returns.choice == "ignore"
     found = ndtree.compare(log, ["fixed"], held_out=0)
     assert found["parameters"]["no_return"] == "ignore"
-    clean = ndtree.simulate("street", scans=40, no_return_rate=0.0)
+    clean = ndtree.simulate("street", scans=20, no_return_rate=0.0)
     assert first_look(clean).no_returns.choice == "free"
 
 

@@ -127,21 +127,15 @@ BROKEN = {
     "cut in points": (WHOLE[:250], "node 2 of 3: the file is cut off, expected"),
     "cut in a pose": (WHOLE[:345], "node 2 of 3: the file is cut off, expected 27 bytes more"),
     "cut between nodes": (WHOLE[:372], "node 3 of 3: the file is cut off, expected"),
-    "no rotation": (
-        graph(node(POINTS), node(POINTS, (0, 0, 0, 2, 0, 0, 0))),
-        "node 2 of 2: quaternion .* has len",
-    ),
+    "no rotation": (graph(node(POINTS), node(POINTS, (0, 0, 0, 2, 0, 0, 0))),
+        "node 2 of 2: quaternion .* has len"),
     "no position": (graph(node(POINTS, (np.nan, 0, 0, 1, 0, 0, 0))), "node 1 of 1: expected a position of 3"),
-    "points of 7 numbers": (
-        graph(node(POINTS), node(POINTS, size=7)),
-        "node 2 of 2: found a point of 7 numbers",
-    ),
-    "too many points": (
-        graph(node(POINTS), b"\xff" * 4 + node(POINTS)[4:]),
-        "node 2 of 2: the file is cut off",
-    ),
+    "points of 7 numbers": (graph(node(POINTS), node(POINTS, size=7)),
+        "node 2 of 2: found a point of 7 numbers"),
+    "too many points": (graph(node(POINTS), b"\xff" * 4 + node(POINTS)[4:]),
+        "node 2 of 2: the file is cut off"),
     "cut gzip": (gzip.compress(graph(*[node(NOISE)] * 3))[:-900], "gzip stream is cut off"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", BROKEN)

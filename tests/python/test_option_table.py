@@ -51,37 +51,25 @@ sys.path.insert(0, {tools!r})
 #: Where a row is found: what prints a text, and what stands in it.
 PLACES = {
     "signature": ("import inspect; print(inspect.signature(ndtree.AdaptiveMap))", "wall_sag: 'float' = 0.25"),
-    "not of others": (
-        "import inspect; print('wall_sag' in str(inspect.signature(ndtree.FixedMap)))",
-        "False",
-    ),
-    "flag": (
-        "from ndtree.cli.commands.pages import pages; print(pages()['map', True])",
-        "  --wall-sag SAG          How far a wall sags [m] (default: 0.25 m).",
-    ),
+    "not of others": ("import inspect; print('wall_sag' in str(inspect.signature(ndtree.FixedMap)))",
+        "False"),
+    "flag": ("from ndtree.cli.commands.pages import pages; print(pages()['map', True])",
+        "  --wall-sag SAG          How far a wall sags [m] (default: 0.25 m)."),
     "file": ("print(ndtree.Config.of(wall_sag=0.5).toml())", "[map]\nwall_sag = 0.5"),
     "parameter": (
         "from ndtree.live.ros.parameters import Parameters; "
         "print(Parameters({'wall_sag': 1}, lambda name, value: value, print).map_options)",
         "{'wall_sag': 1.0}",
     ),
-    "stub": (
-        "import option_stubs as o; print(o.stub(o.STUB.read_text(), core.option_table()))",
-        '    wall_sag : float\n        How far a wall sags [m] ("evidence").',
-    ),
-    "types": (
-        "import option_stubs as o; print(o.typing(o.TYPING.read_text(), core.option_table()))",
-        "    max_memory: float\n    wall_sag: float\n",
-    ),
-    "page": (
-        "import docs_site; print(docs_site._options_table())",
-        "| `wall_sag` | 0.25 | adaptive | How far a wall sags [m]. |",
-    ),
-    "all flags": (
-        "from ndtree.cli.commands.pages import table_of_options; print(dict(table_of_options()))",
-        "('--wall-sag SAG', '0.25 m', 'in old houses', ",
-    ),
-}
+    "stub": ("import option_stubs as o; print(o.stub(o.STUB.read_text(), core.option_table()))",
+        '    wall_sag : float\n        How far a wall sags [m] ("evidence").'),
+    "types": ("import option_stubs as o; print(o.typing(o.TYPING.read_text(), core.option_table()))",
+        "    max_memory: float\n    wall_sag: float\n"),
+    "page": ("import docs_site; print(docs_site._options_table())",
+        "| `wall_sag` | 0.25 | adaptive | How far a wall sags [m]. |"),
+    "all flags": ("from ndtree.cli.commands.pages import table_of_options; print(dict(table_of_options()))",
+        "('--wall-sag SAG', '0.25 m', 'in old houses', "),
+}  # fmt: skip
 
 
 #: In one process, after what is above: what each place prints, or how it fails.
@@ -138,23 +126,17 @@ exec(text.replace(head, head + row + ', role="select"),\\n'), module.__dict__)
 sys.path.insert(0, {tools!r})
 """
 OPTION_PLACES = {
-    "help": (
-        "from ndtree.cli.commands.pages import pages; print(pages()['live', True])",
-        "  --drum BEAT             Beat of a drum (default: 2 /s).",
-    ),
-    "not of others": (
-        "from ndtree.cli.commands.pages import pages; print('--drum' in pages()['info', True])",
-        "False",
-    ),
+    "help": ("from ndtree.cli.commands.pages import pages; print(pages()['live', True])",
+        "  --drum BEAT             Beat of a drum (default: 2 /s)."),
+    "not of others": ("from ndtree.cli.commands.pages import pages; print('--drum' in pages()['info', True])",
+        "False"),
     "flag": (
         "from typer.testing import CliRunner; from ndtree.cli.commands import app\n"
         "print(CliRunner().invoke(app, ['map', 'a.bag', '--drum', '0']).output)",
         "ndtree: --drum 0: must be a whole number from 1 to 9",
     ),
-    "all flags": (
-        "from ndtree.cli.commands.pages import table_of_options; print(dict(table_of_options()))",
-        "('--drum BEAT', '2 /s', 'at dances', 'map, live')",
-    ),
+    "all flags": ("from ndtree.cli.commands.pages import table_of_options; print(dict(table_of_options()))",
+        "('--drum BEAT', '2 /s', 'at dances', 'map, live')"),
     "file": (
         "open('a.toml', 'w').write('[log]\\ndrum = 3')\n"
         "from ndtree.tuning.config import Config; print(Config.load('a.toml').toml())",
@@ -173,7 +155,7 @@ OPTION_PLACES = {
         "except ValueError as error: print(error)",
         "drum = 10: must be a whole number from 1 to 9",
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("place", OPTION_PLACES)

@@ -83,17 +83,12 @@ def require_refused(line: str, here: Path, monkeypatch: pytest.MonkeyPatch, said
 
 #: Calls that write to OUT what they read as LOG; the names of all others are in the tables that these obey.
 LOG_CALLS = {
-    "map LOG -o OUT": "-o",
-    "map LOG -o m.ndt --rerun OUT": "--rerun",
-    "map LOG -o m.ndt --force --json OUT": "--json",
-    "map page.json LOG --merge -o OUT": "-o",
-    "live LOG -o OUT --rate 0": "-o",
-    "clean LOG -o OUT": "-o",
-    "align LOG -o p.txt --map OUT": "--map",
-    "fleet LOG -o a.tiles --json OUT": "--json",
-    "compare LOG --csv OUT": "--csv",
+    "map LOG -o OUT": "-o", "map LOG -o m.ndt --rerun OUT": "--rerun",
+    "map LOG -o m.ndt --force --json OUT": "--json", "map page.json LOG --merge -o OUT": "-o",
+    "live LOG -o OUT --rate 0": "-o", "clean LOG -o OUT": "-o", "align LOG -o p.txt --map OUT": "--map",
+    "fleet LOG -o a.tiles --json OUT": "--json", "compare LOG --csv OUT": "--csv",
     "view map.ndt --log LOG --png OUT": "--png",
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("call", LOG_CALLS)

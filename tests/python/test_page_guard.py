@@ -55,14 +55,10 @@ def got(viewer: view.Viewer, path: str = "/", **headers: str) -> tuple[int, dict
 def handshake(viewer: view.Viewer, **headers: str) -> str:
     """The first line of the answer to a browser that wants to speak with the page."""
     lines = [
-        "GET / HTTP/1.1",
-        "Upgrade: websocket",
-        "Connection: Upgrade",
-        "Sec-WebSocket-Version: 13",
-        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
-        f"Sec-WebSocket-Protocol: {PROTOCOL[0]}",
+        "GET / HTTP/1.1", "Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13",
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", f"Sec-WebSocket-Protocol: {PROTOCOL[0]}",
         *(f"{name}: {value}" for name, value in headers.items()),
-    ]
+    ]  # fmt: skip
     with socket.create_connection(("127.0.0.1", port_of(viewer)), timeout=20) as raw:
         raw.sendall(("\r\n".join(lines) + "\r\n\r\n").encode())
         return raw.recv(4096).split(b"\r\n")[0].decode()

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import json
 import pickle
-import threading
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -226,17 +226,9 @@ def test_threads_share_a_planner_and_get_the_same_paths() -> None:
     m, body = rooms(2), ndtree.Sphere(0.25)
     goals = [point(2, 3.3, y) for y in np.linspace(-1.5, 1.5, 12)]
     expected = [m.plan([-3.3, -1.0], goal, body=body).points for goal in goals]
-    planner, got = ndtree.Planner(m, body), [None] * len(goals)
-
-    def ask(numbers: range) -> None:
-        for i in numbers:
-            got[i] = planner.plan([-3.3, -1.0], goals[i]).points
-
-    threads = [threading.Thread(target=ask, args=(range(k, 12, 3),)) for k in range(3)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    planner = ndtree.Planner(m, body)
+    with ThreadPoolExecutor(3) as pool:
+        got = list(pool.map(lambda goal: planner.plan([-3.3, -1.0], goal).points, goals))
     for one, other in zip(got, expected):
         np.testing.assert_array_equal(one, other)
 

@@ -100,17 +100,10 @@ def las(ending: str) -> Callable[[Path, np.ndarray], Path]:
 
 
 WRITERS = [
-    pcd("ascii"),
-    pcd("binary"),
-    pcd("binary_compressed"),
-    ply_by_meshio(False, np.float32),
-    ply_by_meshio(True, np.float32),
-    ply_by_meshio(True, np.float64),
-    ply_by_trimesh,
-    ply_with_faces,
-    las(".las"),
-    las(".laz"),
-]
+    pcd("ascii"), pcd("binary"), pcd("binary_compressed"), ply_by_meshio(False, np.float32),
+    ply_by_meshio(True, np.float32), ply_by_meshio(True, np.float64), ply_by_trimesh, ply_with_faces,
+    las(".las"), las(".laz"),
+]  # fmt: skip
 BINARY = pcd("binary")
 
 
@@ -795,18 +788,10 @@ def las_header(at: int, values: bytes) -> Make:
 
 
 BROKEN: dict[str, tuple[Make, str]] = {
-    **{
-        f"{write.__name__} cut off": (
-            broken_cloud(write, 0.8),
-            r"000002\.\w+: (cannot be read as|found \d+ poi)",
-        )
-        for write in WRITERS
-    },
+    **{f"{write.__name__} cut off": (broken_cloud(write, 0.8),
+        r"000002\.\w+: (cannot be read as|found \d+ poi)") for write in WRITERS},
     "nothing in a file": (changed("000002.pcd", b""), r"000002\.pcd: expected a PCD, PLY, LAS or LAZ"),
-    "other content": (
-        changed("000002.pcd", b"\x89PNG"),
-        r"000002\.pcd: expected a PCD, PLY, LAS or LAZ",
-    ),
+    "other content": (changed("000002.pcd", b"\x89PNG"), r"000002\.pcd: expected a PCD, PLY, LAS or LAZ"),
     "header of garbage": (
         changed("000002.pcd", b"# .PCD v0.7\nFIELDS\nrubbish"),
         r"000002\.pcd: cannot be read as PCD",
@@ -814,52 +799,32 @@ BROKEN: dict[str, tuple[Make, str]] = {
     "header of a PLY": (changed("000002.pcd", b"ply\nrubbish"), r"000002\.pcd: cannot be read as PLY"),
     "no fields": (without_x, r"000000\.pcd: no field y or z, found x, b, c"),
     "two kinds": (two_kinds, "PCD and PLY files, expected point clouds of one kind"),
-    "no poses": (
-        numbered,
-        r"3 PCD files without poses \(VIEWPOINT is the identity in all\); try\n  ndtree map ",
-    ),
-    "no poses of PLY": (
-        lambda folder: numbered(folder, write=ply_by_trimesh),
-        r"3 PLY files without poses; try\n  ndtree map (.|\n)* --points-only (.|\n)*\n  --trajectory FILE",
-    ),
-    "two trajectories": (
-        changed("other.txt", kitti_lines(5).encode()),
-        r"2 trajectories, expected one of them:\n  trajectory .*other\.txt\n  trajectory .*poses\.txt",
-    ),
-    "trajectory too short": (
-        changed("poses.txt", kitti_lines(4).encode()),
-        r"000004\.pcd: number 4, but .*poses\.txt has poses 0 to 3",
-    ),
+    "no poses": (numbered,
+        r"3 PCD files without poses \(VIEWPOINT is the identity in all\); try\n  ndtree map "),
+    "no poses of PLY": (lambda folder: numbered(folder, write=ply_by_trimesh),
+        r"3 PLY files without poses; try\n  ndtree map (.|\n)* --points-only (.|\n)*\n  --trajectory FILE"),
+    "two trajectories": (changed("other.txt", kitti_lines(5).encode()),
+        r"2 trajectories, expected one of them:\n  trajectory .*other\.txt\n  trajectory .*poses\.txt"),
+    "trajectory too short": (changed("poses.txt", kitti_lines(4).encode()),
+        r"000004\.pcd: number 4, but .*poses\.txt has poses 0 to 3"),
     "trajectory cut off": (changed("poses.txt", kitti_lines(5)[:-60].encode()), r"poses\.txt: line 5: found"),
     "LAS cut in its header": (changed("000002.pcd", b"LASF" + bytes(90)), r"the LAS header is cut off, exp"),
-    "LAS of endless records": (
-        las_header(100, b"\xff" * 4),
-        r"000000\.las: the LAS header .* 4294967295 records",
-    ),
-    "LAS points behind the end": (
-        las_header(96, b"\xff" * 4),
-        r"points from byte 4294967295 of \d+, expected",
-    ),
+    "LAS of endless records": (las_header(100, b"\xff" * 4),
+        r"000000\.las: the LAS header .* 4294967295 records"),
+    "LAS points behind the end": (las_header(96, b"\xff" * 4),
+        r"points from byte 4294967295 of \d+, expected"),
     "viewpoint": (wrong_viewpoint, r"000000\.pcd: VIEWPOINT: found .* expected x y z qw qx qy qz"),
-    "kitti scan": (
-        changed("velodyne/000001.bin", b"12345", kitti),
-        r"000001\.bin: 5 bytes, expected a multiple",
-    ),
+    "kitti scan": (changed("velodyne/000001.bin", b"12345", kitti),
+        r"000001\.bin: 5 bytes, expected a multiple"),
     "kitti no Tr": (changed("calib.txt", b"P0: 1 2 3\n", kitti), r"calib\.txt: no line Tr, expected where"),
-    "kitti short Tr": (
-        changed("calib.txt", b"P0: 1\nTr: 1 2 3\n", kitti),
-        r"calib\.txt: Tr: expected a 3x4 matrix",
-    ),
-    "kitti no poses": (
-        changed("poses.txt", None, kitti),
-        r"a KITTI sequence without poses: neither poses\.txt in it nor ",
-    ),
-    "kitti no calib": (
-        changed("calib.txt", None, kitti),
-        r"a KITTI sequence without calib\.txt, .*; try\n  ndtree map .* --trajectory .*poses\.txt \(if",
-    ),
+    "kitti short Tr": (changed("calib.txt", b"P0: 1\nTr: 1 2 3\n", kitti),
+        r"calib\.txt: Tr: expected a 3x4 matrix"),
+    "kitti no poses": (changed("poses.txt", None, kitti),
+        r"a KITTI sequence without poses: neither poses\.txt in it nor "),
+    "kitti no calib": (changed("calib.txt", None, kitti),
+        r"a KITTI sequence without calib\.txt, .*; try\n  ndtree map .* --trajectory .*poses\.txt \(if"),
     "kitti few poses": (changed("poses.txt", kitti_lines(2).encode(), kitti), r"000002\.bin: number 2, but"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", BROKEN)
@@ -889,9 +854,6 @@ def test_without_its_library_the_extra_is_named(
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(ImportError, match=rf"need {library} .*:\n  {re.escape(install_of('clouds'))}$"):
         list(read(tmp_path, keep_going=True))
-
-
-# --- Real recordings --------------------------------------------------------------------------------
 
 
 def test_an_ascii_ply_that_ends_behind_a_line_is_noticed(tmp_path: Path) -> None:

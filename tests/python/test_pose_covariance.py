@@ -182,15 +182,11 @@ def rows(*diagonals: Any, use: str = "auto", dim: int = 2) -> PoseCovariances:
 
 SMALL, LARGE = np.full(6, 1e-4), np.full(6, 1e-2)
 DEFAULTS = {
-    "none": rows(),
-    "zeros": rows(0, 0, 0),
-    "the same": rows(SMALL, SMALL, SMALL),
-    "unknown": rows(-1, -1),
-    "huge": rows(1e6, 1e6, 1e9),
-    "that grow": rows(SMALL, 2 * SMALL, 3 * SMALL),
+    "none": rows(), "zeros": rows(0, 0, 0), "the same": rows(SMALL, SMALL, SMALL), "unknown": rows(-1, -1),
+    "huge": rows(1e6, 1e6, 1e9), "that grow": rows(SMALL, 2 * SMALL, 3 * SMALL),
     "that change out of the plane": rows([1, 1, 5, 5, 5, 1], [1, 1, 6, 6, 6, 1], [1, 1, 2, 2, 2, 1]),
     "ignored": rows(SMALL, LARGE, SMALL, use="ignore"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", DEFAULTS)

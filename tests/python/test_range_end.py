@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from planes import box, ranges_to, rays
 
 import ndtree
 from ndtree.base.scan import Scan
@@ -18,32 +19,15 @@ from ndtree.logs.core.log import Log
 LIMIT = 5.0
 Floats = np.ndarray[Any, Any]
 Poses = list[tuple[float, float, float]]
-Segments = list[tuple[float, float, float, float]]
+NOTHING = box(1e6, 1e6, 1.0, 1.0)
 
 
-def box(x: float, y: float, half: float) -> Segments:
-    left, right, low, high = x - half, x + half, y - half, y + half
-    return [
-        (left, low, right, low),
-        (right, low, right, high),
-        (right, high, left, high),
-        (left, high, left, low),
-    ]
-
-
-def exact(segments: Segments, circle: float, pose: tuple[float, float, float], angles: Floats) -> Floats:
+def exact(segments: Floats, circle: float, pose: tuple[float, float, float], angles: Floats) -> Floats:
     """Ranges to segments and to a circle around (0, 0) with this radius; +inf to nothing."""
-    origin, way = np.array(pose[:2]), np.stack([np.cos(pose[2] + angles), np.sin(pose[2] + angles)], axis=1)
-    found = np.full(len(angles), np.inf)
-    for x0, y0, x1, y1 in segments:
-        edge, to = np.array([x1 - x0, y1 - y0]), np.array([x0, y0]) - origin
-        with np.errstate(divide="ignore", invalid="ignore"):
-            across = way[:, 0] * edge[1] - way[:, 1] * edge[0]
-            at = (to[0] * edge[1] - to[1] * edge[0]) / across
-            along = (to[0] * way[:, 1] - to[1] * way[:, 0]) / across
-        found = np.where((at > 0) & (along >= 0) & (along <= 1), np.minimum(found, at), found)
+    found = ranges_to(segments, np.array(pose), angles)
     if circle:
-        middle = way @ origin
+        origin = np.array(pose[:2])
+        middle = rays(pose[2] + angles) @ origin
         found = np.minimum(found, -middle + np.sqrt(middle**2 - origin @ origin + circle**2))
     return found
 
@@ -52,7 +36,7 @@ class Drive:
     """Ranges of a laser with noise on all of them, also where nothing was hit."""
 
     def __init__(
-        self, rng: np.random.Generator, segments: Segments, poses: Poses, angles: Floats,
+        self, rng: np.random.Generator, segments: Floats, poses: Poses, angles: Floats,
         *, circle: float = 0.0, sigma: float = 0.02, jitter: float = 0.0, is_closed: bool = False,
     ) -> None:  # fmt: skip
         self.poses, self.angles = poses, angles
@@ -63,17 +47,12 @@ class Drive:
 
     def ends(self, i: int) -> Floats:
         x, y, yaw = self.told[i]
-        way = np.stack([np.cos(yaw + self.angles), np.sin(yaw + self.angles)], axis=1)
-        return np.array([x, y]) + self.ranges[i][:, None] * way
+        return np.array([x, y]) + self.ranges[i][:, None] * rays(yaw + self.angles)
 
     def npz(self, folder: Path) -> Path:
-        scans = range(len(self.told))
-        np.savez(
-            folder / "a.npz",
-            origins=np.array(self.told)[:, :2],
-            points=np.concatenate([self.ends(i) for i in scans]),
-            offsets=np.cumsum([0, *(len(self.angles) for _ in scans)]),
-        )
+        ends, origins = [self.ends(i) for i in range(len(self.told))], np.array(self.told)[:, :2]
+        offsets = len(self.angles) * np.arange(len(ends) + 1)
+        np.savez(folder / "a.npz", origins=origins, points=np.concatenate(ends), offsets=offsets)
         return folder / "a.npz"
 
     def carmen(self, folder: Path) -> Path:
@@ -96,12 +75,8 @@ class Drive:
 
     def lasers(self, folder: Path) -> Path:
         """Their largest range is said to be another one."""
-        angles: dict[str, float] = {
-            "angle_min": self.angles[0],
-            "angle_max": self.angles[-1],
-            "angle_increment": self.angles[1] - self.angles[0],
-            "range_max": 30.0,
-        }
+        first, second, last = self.angles[[0, 1, -1]]
+        angles = {"angle_min": first, "angle_max": last, "angle_increment": second - first, "range_max": 30.0}
         return self._bag(
             folder,
             lambda make, stamp, i: make.laser(stamp, "lidar", self.ranges[i].astype(np.float32), **angles),
@@ -131,12 +106,13 @@ AROUND = np.linspace(-math.pi, math.pi, 360, endpoint=False)
 SIDES = np.concatenate([np.linspace(-0.1, 0.1, 15) + side * math.pi / 2 for side in (-1, 1)])
 
 
-def field(rng: np.random.Generator) -> Segments:
-    return [
-        one
-        for _ in range(6)
-        for one in box(rng.uniform(-3, 13), rng.choice([-1, 1]) * rng.uniform(1.5, 6), rng.uniform(0.2, 0.6))
-    ]
+def field(rng: np.random.Generator) -> Floats:
+    """Six boxes beside the way."""
+    boxes = []
+    for _ in range(6):
+        x, y, half = rng.uniform(-3, 13), rng.choice([-1, 1]) * rng.uniform(1.5, 6), rng.uniform(0.2, 0.6)
+        boxes.append(box(x - half, y - half, 2 * half, 2 * half))
+    return np.concatenate(boxes)
 
 
 def silent(log: Iterable[Scan]) -> Floats:
@@ -150,14 +126,7 @@ def looked(path: Path, **given: Any) -> tuple[Log, ndtree.Config]:
 
 @pytest.mark.parametrize(
     "kind, jitter, seed",
-    [
-        ("npz", 0.0, 0),
-        ("carmen", 0.0, 1),
-        ("clouds", 0.0, 2),
-        ("carmen", 0.03, 3),
-        ("clouds", 0.03, 4),
-        ("lasers", 0.0, 5),
-    ],
+    [("npz", 0.0, 0), ("carmen", 0.0, 1), ("carmen", 0.03, 3), ("clouds", 0.03, 4), ("lasers", 0.0, 5)],
 )
 def test_a_circle_around_the_robot_is_open_space(kind: str, jitter: float, seed: int, tmp_path: Path) -> None:
     rng = np.random.default_rng(seed)
@@ -182,15 +151,14 @@ def test_a_circle_around_the_robot_is_open_space(kind: str, jitter: float, seed:
 
 
 @pytest.mark.parametrize("where", ["corridor", "round", "about", "wall", "standing", "turning"])
-@pytest.mark.parametrize("kind, seed", [("npz", 0), ("clouds", 1)])
-def test_surfaces_that_stay_as_far_away_are_kept(where: str, kind: str, seed: int, tmp_path: Path) -> None:
+def test_surfaces_that_stay_as_far_away_are_kept(where: str, tmp_path: Path) -> None:
     """Along the middle of a corridor or in that of a round room; with a word where no other scan looks."""
-    rng = np.random.default_rng(100 + seed)
-    long = [(-50.0, side * LIMIT, 60.0, side * LIMIT) for side in (-1, 1)]
+    rng, kind = np.random.default_rng(100), "clouds" if where in ("about", "standing") else "npz"
+    long = np.array([[(-50.0, side * LIMIT), (60.0, side * LIMIT)] for side in (-1, 1)])
     drive = {
         "corridor": lambda: Drive(rng, long, line(12), SIDES, jitter=0.03, is_closed=True),
-        "round": lambda: Drive(rng, [], turns(0.0), AROUND, circle=LIMIT, is_closed=True),
-        "about": lambda: Drive(rng, [], turns(0.5), AROUND, circle=LIMIT, is_closed=True),
+        "round": lambda: Drive(rng, NOTHING, turns(0.0), AROUND, circle=LIMIT, is_closed=True),
+        "about": lambda: Drive(rng, NOTHING, turns(0.5), AROUND, circle=LIMIT, is_closed=True),
         "wall": lambda: Drive(rng, long[1:], line(20, 200), np.array([math.pi / 2]), is_closed=True),
         "standing": lambda: Drive(rng, field(rng), line(0.0), AROUND),
         "turning": lambda: Drive(rng, field(rng), turns(0.0), AROUND),
@@ -201,9 +169,8 @@ def test_surfaces_that_stay_as_far_away_are_kept(where: str, kind: str, seed: in
         assert any("cannot tell whether something is there" in note for note in config.notes)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_a_pipe_around_a_profiler_is_kept(seed: int, tmp_path: Path) -> None:
-    rng, angle = np.random.default_rng(200 + seed), np.linspace(-math.pi, math.pi, 54, endpoint=False)
+def test_a_pipe_around_a_profiler_is_kept(tmp_path: Path) -> None:
+    rng, angle = np.random.default_rng(200), np.linspace(-math.pi, math.pi, 54, endpoint=False)
     scans, points = 200, []
     for x in np.linspace(0, 10, scans):
         tilt, ranges = rng.normal(0, 0.02), 1.0 + rng.normal(0, 0.004, len(angle))
@@ -218,7 +185,7 @@ def test_a_pipe_around_a_profiler_is_kept(seed: int, tmp_path: Path) -> None:
 
 def rings(elevations: Floats, poses: Poses, rng: np.random.Generator, end: float) -> tuple[Floats, Floats]:
     """A lidar's origins 0.8 m above flat ground, and where beams end (scans, beams, 3); no echo at `end`."""
-    turn, up = np.meshgrid(AROUND[::2], elevations)
+    turn, up = np.meshgrid(AROUND[::6], elevations)
     way = np.stack([np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)], axis=-1).reshape(-1, 3)
     down = np.maximum(-way[:, 2], 1e-9)
     ranges = np.minimum(0.8 / down, end) + rng.normal(0, 0.01, (len(poses), len(way)))
@@ -250,7 +217,7 @@ def test_the_farthest_ring_on_the_ground_is_ground(
 def test_what_a_beam_meets_beside_the_way_is_met_by_others(tmp_path: Path) -> None:
     """A corridor's walls: the last beam that reaches them does so at the same range all along."""
     rng = np.random.default_rng(22)
-    walls = [(-50.0, side, 60.0, side) for side in (-1.0, 1.0)]
+    walls = np.array([[(-50.0, side), (60.0, side)] for side in (-1.0, 1.0)])
     ahead = np.linspace(-1.36, 1.36, 40)  # No beam goes along.
     angles = np.concatenate([ahead[np.abs(ahead) > 0.2], [-0.2, 0.2]])
     drive = Drive(rng, walls, line(8, 80), np.sort(angles), sigma=0.005, is_closed=True)

@@ -64,15 +64,10 @@ def test_carmen_plain_and_packed_are_the_same(tmp_path: Path) -> None:
         ("", 1081, None, 270, "field of view of 270 degrees is that of lasers with 1081 beams"),
         ("", 1081, 190.0, 190, None),
         ("", 181, None, 180, None),
-        (
-            "",
-            99,
-            None,
-            180,
-            "field of view of 180 degrees is assumed: no PARAM says it, and no laser is known",
-        ),
+        ("", 99, None, 180,
+            "field of view of 180 degrees is assumed: no PARAM says it, and no laser is known"),
     ],
-)
+)  # fmt: skip
 def test_the_field_of_view_of_carmen_lasers(
     params: str, beams: int, fov: float | None, degrees: float, note: str | None, tmp_path: Path
 ) -> None:
@@ -373,10 +368,8 @@ def npz(said: str, **changes: np.ndarray | None) -> tuple[Callable[[Path], Path]
 
 BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
     "truncated gzip": (cut_gzip, r"after line \d+: the gzip stream is cut off"),
-    "gzip of a few bytes": (
-        written("a.gz", gzip.compress(FLASER.encode())[:12]),
-        "the gzip stream is cut off",
-    ),
+    "gzip of a few bytes": (written("a.gz", gzip.compress(FLASER.encode())[:12]),
+        "the gzip stream is cut off"),
     "damaged gzip": (written("a.gz", b"\x1f\x8b" + b"no gzip at all" * 9), "gzip stream is damaged"),
     "empty file": (written("empty.log", b""), "the file is empty, expected a log"),
     "blank file": (written("blank.log", b"\n \n\t\n"), "the file is empty, expected a log"),
@@ -384,57 +377,40 @@ BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
     "binary rubbish": (written("x.log", bytes(range(256)) * 20), "binary data, expected a log"),
     "prose": (written("x.txt", b"Dear reader,\n"), "line 1: found 'Dear reader,', expected"),
     "a picture": (written("x.png", b"\x89PNG\r\n\x1a\n\0\0"), "a PNG image; try\n  ndtree map FOLDER"),
-    "a map": (
-        written("x.ndt", b"\x89NDT\r\n\x1a\n\0\0"),
-        r"is a map, expected a log; to look at it:\n  ndtree view ",
-    ),
-    "three columns": (
-        written("x.txt", b"1 2 3\n"),
-        "points in text without a pose; try\n  ndtree map .* --points-only",
-    ),
+    "a map": (written("x.ndt", b"\x89NDT\r\n\x1a\n\0\0"),
+        r"is a map, expected a log; to look at it:\n  ndtree view "),
+    "three columns": (written("x.txt", b"1 2 3\n"),
+        "points in text without a pose; try\n  ndtree map .* --points-only"),
     "a shorter line": (written("x.txt", b"0 0 1 1\n0 0 1\n"), "line 2: expected 4 or 5 numbers, found 3"),
     "no number": (written("x.txt", b"0 0 1 1\n0 0 one 1\n"), "line 2: expected a number in column 3"),
     "a flag of 2": (written("x.txt", b"0 0 1 1 2\n"), "line 1: expected 0 or 1 in column 5"),
     "carmen without scans": (written("x.log", b"PARAM a b host 0\n"), "no FLASER or ROBOTLASER1"),
-    "carmen cut in a line": (
-        written("x.log", (FLASER + "\n" + FLASER[:20]).encode()),
-        "line 2: FLASER: expected",
-    ),
+    "carmen cut in a line": (written("x.log", (FLASER + "\n" + FLASER[:20]).encode()),
+        "line 2: FLASER: expected"),
     "truncated npz": (lambda folder: truncated(save(folder / "a.npz"), 0.7), "expected a whole .npz"),
-    "other zip": (
-        lambda folder: np.savez(folder / "a.npz", other=np.zeros(3)) or folder / "a.npz",
-        r"a zip archive without points.npy",
-    ),
+    "other zip": (lambda folder: np.savez(folder / "a.npz", other=np.zeros(3)) or folder / "a.npz",
+        r"a zip archive without points.npy"),
     "missing array": npz("no array offsets, expected origins, points, offsets, found", offsets=None),
-    "points of one axis": npz(
-        r"points: has shape \(20,\) of float64, expected \(P, 2\) or \(P, 3\) floats", points=np.zeros(20)
-    ),
-    "origins of other axes": npz(
-        r"origins: has shape \(4, 2\) of float64, expected \(S, 3\) floats", origins=np.zeros((4, 2))
-    ),
-    "offsets too short": npz(
-        r"offsets: has shape \(4,\) of int64, expected \(5,\) integers", offsets=np.arange(4)
-    ),
-    "offsets of floats": npz(
-        r"offsets: has shape \(5,\) of float64, expected \(5,\) integers", offsets=np.arange(5) * 5.0
-    ),
-    "offsets falling": npz(
-        "offsets: must rise from 0 to 20, the number of points", offsets=np.array([0, 10, 5, 15, 20])
-    ),
-    "offsets beyond": npz(
-        "offsets: must rise from 0 to 20, the number of points", offsets=np.array([0, 5, 10, 15, 25])
-    ),
-    "short no_return": npz(
-        r"no_return: has shape \(19,\) of bool, expected \(20,\) bools", no_return=np.zeros(19, dtype=bool)
-    ),
-    "no_return of numbers": npz(
-        r"no_return: has shape \(20,\) of float64, expected \(20,\) bools", no_return=np.zeros(20)
-    ),
-    "stamps too short": npz(
-        r"stamps: has shape \(3,\) of float64, expected \(4,\) numbers", stamps=np.zeros(3)
-    ),
+    "points of one axis": npz(r"points: has shape \(20,\) of float64, expected \(P, 2\) or \(P, 3\) floats",
+        points=np.zeros(20)),
+    "origins of other axes": npz(r"origins: has shape \(4, 2\) of float64, expected \(S, 3\) floats",
+        origins=np.zeros((4, 2))),
+    "offsets too short": npz(r"offsets: has shape \(4,\) of int64, expected \(5,\) integers",
+        offsets=np.arange(4)),
+    "offsets of floats": npz(r"offsets: has shape \(5,\) of float64, expected \(5,\) integers",
+        offsets=np.arange(5) * 5.0),
+    "offsets falling": npz("offsets: must rise from 0 to 20, the number of points",
+        offsets=np.array([0, 10, 5, 15, 20])),
+    "offsets beyond": npz("offsets: must rise from 0 to 20, the number of points",
+        offsets=np.array([0, 5, 10, 15, 25])),
+    "short no_return": npz(r"no_return: has shape \(19,\) of bool, expected \(20,\) bools",
+        no_return=np.zeros(19, dtype=bool)),
+    "no_return of numbers": npz(r"no_return: has shape \(20,\) of float64, expected \(20,\) bools",
+        no_return=np.zeros(20)),
+    "stamps too short": npz(r"stamps: has shape \(3,\) of float64, expected \(4,\) numbers",
+        stamps=np.zeros(3)),
     "pickled objects": npz("points: cannot be read as an array", points=np.array([{}] * 20, dtype=object)),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", BROKEN)

@@ -7,7 +7,12 @@ import re
 import subprocess
 import sys
 
-from snippets import ROOT, blocks, run_cpp
+import pytest
+from snippets import ROOT, blocks
+
+pytest.importorskip("typer")
+
+from calling import cli
 
 README = (ROOT / "README.md").read_text()
 
@@ -27,13 +32,9 @@ def test_python_runs(tmp_path):
     assert (tmp_path / "office.ndt").stat().st_size > 1000
 
 
-def test_cpp_compiles_and_runs(tmp_path):
-    (code,) = blocks(README, "cpp")
-    assert run_cpp([code], tmp_path, end="return hit ? 0 : 1;") == 0
-
-
-def test_programs_run(tmp_path):
+def test_programs_run(tmp_path, monkeypatch):
     """All but the page, which has tests of its own."""
+    monkeypatch.chdir(tmp_path)
     commands = [line.split("#")[0].split() for line in blocks(README, "sh")[1].splitlines()]
     assert [command[:2] for command in commands] == [
         ["ndtree", name] for name in "simulate map view plan convert clean live compare".split()
@@ -42,9 +43,8 @@ def test_programs_run(tmp_path):
         if command[1] == "view":
             continue
         more = ["--scans", "40"] if command[1] == "simulate" else []
-        call = [sys.executable, "-m", "ndtree", *command[1:], *more]
-        done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True)
-        assert done.returncode == 0, (command, done.stderr)
+        done = cli(*command[1:], *more)
+        assert done.exit_code == 0, (command, done.stderr)
     agreement = re.search(r"agreeing cells among cells observed in both: ([0-9.]+) %", done.stdout)
     assert agreement and 98 < float(agreement[1]) < 100, "all but single thin things"
 

@@ -12,13 +12,9 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 FILES = [
-    "include/ndtree/version.hpp",
-    "CHANGELOG.md",
-    "package.xml",
-    "CITATION.cff",
-    "debian/changelog",
+    "include/ndtree/version.hpp", "CHANGELOG.md", "package.xml", "CITATION.cff", "debian/changelog",
     "packaging/vcpkg/ndtree/vcpkg.json",
-]
+]  # fmt: skip
 VERSION = re.search(r'VERSION "([\d.]+)"', (ROOT / FILES[0]).read_text())[1]
 OTHER = "77.6.5"
 

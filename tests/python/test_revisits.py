@@ -5,16 +5,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import there
 
 import ndtree
 from ndtree.base.scan import Scan
 from ndtree.evaluation.sampling import spread
-from ndtree.tuning.first_look import first_look
 from ndtree.tuning.revisits import LEAST_PLACES, drift, surface_of
 from ndtree.tuning.revisits import moved as matched
 
@@ -83,19 +80,6 @@ def test_what_shows_no_place_twice_says_nothing(office: list[Scan]) -> None:
     lost = Scan(np.full((90, 2), np.nan), np.zeros(2))
     assert drift([[lost], [far], [lost]] * 5) is None
     assert drift(spread(ndtree.simulate("apartment", scans=8))[0]) is None
-
-
-@pytest.mark.parametrize("name", ["intel", "freiburg_079", "mrpt_sena", "orebro", "belgioioso"])
-def test_recordings_with_good_poses_are_not_told_of(name: str, recordings: Path) -> None:
-    path = there(recordings / f"laser2d_{name}" / f"laser2d_{name}.npz")
-    assert drift(spread(ndtree.read(path))[0]) is None
-
-
-def test_the_first_look_at_odometry_tells_of_it(recordings: Path) -> None:
-    path = there(recordings / "laser2d_raw_fr079" / "fr079.clf.bz2")
-    look = first_look(ndtree.read(path))
-    assert look.drift is not None and look.drift.error > 0.5
-    assert look.figures()["drift"] == look.drift.error
 
 
 def test_what_lies_between_lonely_beams_is_where_their_surface_is() -> None:

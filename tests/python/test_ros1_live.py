@@ -60,13 +60,9 @@ def running(command: list[Any], environment: dict[str, str], log: Path) -> Itera
     """A program that is asked to end when it is no longer needed."""
     with open(log, "wb") as file:
         process = subprocess.Popen(
-            [str(one) for one in command],
-            env=environment,
-            stdin=subprocess.PIPE,
-            stdout=file,
-            stderr=file,
+            [str(one) for one in command], env=environment, stdin=subprocess.PIPE, stdout=file, stderr=file,
             start_new_session=True,
-        )
+        )  # fmt: skip
         try:
             yield process
         finally:

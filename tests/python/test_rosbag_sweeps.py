@@ -185,15 +185,9 @@ def test_the_mount_is_found_where_the_map_is_sharpest(
             ranges.append(to_wall(*place, turn + yaw + side * angle) + generator.normal(0, 0.005))
         stamp = START + t - offset
         laser = ros2.laser(
-            stamp,
-            "laser",
-            ranges,
-            angle_min=-np.pi,
-            angle_increment=np.pi / 60,
-            time_increment=sweep / (len(angles) - 1),
-            scan_time=0.0,
-            range_max=20.0,
-        )
+            stamp, "laser", ranges, angle_min=-np.pi, angle_increment=np.pi / 60,
+            time_increment=sweep / (len(angles) - 1), scan_time=0.0, range_max=20.0,
+        )  # fmt: skip
         content.append(("/scan", stamp, laser))
     path = write_bag(tmp_path / "bag", ros2, sorted(content, key=lambda one: one[1]))
     found = find_mount(RosbagLog(str(path), BagOptions(poses="/pose", mount="0,0,0")))

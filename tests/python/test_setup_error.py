@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from planes import box, ranges_to, rays
 
 from ndtree.alignment.planar import Floats, between, composed, placed
 from ndtree.base.scan import Scan
@@ -18,26 +19,11 @@ from ndtree.tuning.setup import setup_error
 from ndtree.tuning.setup_error import APART, SetupError
 from ndtree.tuning.surfaces import Cloud
 
-#: Walls of a room, from corner to corner [m].
-ROOM = np.array([[0, 0], [9, 0], [9, 4], [6, 4], [6, 7], [0, 7], [0, 0]], dtype=float)
-PILLAR = np.array([[3.0, 3.0], [3.6, 3.0], [3.6, 3.8], [3.0, 3.8], [3.0, 3.0]])
+CORNERS = np.array([[0, 0], [9, 0], [9, 4], [6, 4], [6, 7], [0, 7]], dtype=float)
+#: Walls of a room with a pillar [m].
+WALLS = np.concatenate([np.stack([CORNERS, np.roll(CORNERS, -1, axis=0)], axis=1), box(3.0, 3.0, 0.6, 0.8)])
 ANGLES = np.radians(np.arange(-135, 135))
 EVERY = 0.1  # [s]
-
-
-def ranges(pose: Floats) -> Floats:
-    """How far each beam goes from a pose, by meeting all walls."""
-    ways = np.column_stack([np.cos(pose[2] + ANGLES), np.sin(pose[2] + ANGLES)])
-    best = np.full(len(ANGLES), np.inf)
-    for wall in (ROOM, PILLAR):
-        for a, b in zip(wall[:-1], wall[1:]):
-            side, to = b - a, a - pose[:2]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                area = ways[:, 0] * side[1] - ways[:, 1] * side[0]
-                along = (to[0] * side[1] - to[1] * side[0]) / area
-                at = (to[0] * ways[:, 1] - to[1] * ways[:, 0]) / area
-            best = np.minimum(best, np.where((along > 0) & (at >= 0) & (at <= 1), along, np.inf))
-    return best
 
 
 def drive(times: Floats) -> Floats:
@@ -58,8 +44,8 @@ def log_of(
     rng = np.random.default_rng(seed)
     scans = []
     for stamp in EVERY * np.arange(120):
-        readings = seen(ranges(drive(np.array([stamp]))[0]) + rng.normal(0, sigma, len(ANGLES)))
-        points = readings[:, None] * np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
+        exact = ranges_to(WALLS, drive(np.array([stamp]))[0], ANGLES)
+        points = seen(exact + rng.normal(0, sigma, len(ANGLES)))[:, None] * rays(ANGLES)
         pose = told(np.array([stamp]))[0]
         scans.append(Scan(placed(pose, points), pose[:2], stamp=100 + float(stamp), heading=float(pose[2])))
     return scans
@@ -77,11 +63,10 @@ def mounted(mount: list[float]) -> Callable[[Floats], Floats]:
     return lambda times: composed(drive(times), np.append(back, -mount[2]))
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("sigma", [0.0, 0.02])
-@pytest.mark.parametrize("noise", [[0.01, 0.01, 0.004], [0.03, 0.03, 0.01], [0.005, 0.005, 0.02]])
-def test_what_is_right_is_not_told_of(seed: int, sigma: float, noise: list[float]) -> None:
+@pytest.mark.parametrize("seed, sigma", [(i, 0.02 * (i % 2)) for i in range(6)])
+def test_what_is_right_is_not_told_of(seed: int, sigma: float) -> None:
     """Each pose errs by itself, as those of a SLAM system do."""
+    noise = ([0.01, 0.01, 0.004], [0.03, 0.03, 0.01], [0.005, 0.005, 0.02])[seed // 2]
     jitter = np.random.default_rng(seed).normal(0, noise, (120, 3))
 
     def told(times: Floats) -> Floats:
@@ -90,7 +75,7 @@ def test_what_is_right_is_not_told_of(seed: int, sigma: float, noise: list[float
     assert found_in(log_of(told, seed=seed, sigma=sigma)) is None
 
 
-@pytest.mark.parametrize("degrees", [-12.0, -4.0, 4.0, 12.0])
+@pytest.mark.parametrize("degrees", [-12.0, 4.0])
 def test_a_turned_mount(degrees: float) -> None:
     found = found_in(log_of(mounted([0, 0, math.radians(degrees)])))
     assert found is not None and found.kind == "yaw" and found.apart is not None and found.apart > APART
@@ -114,7 +99,7 @@ def test_a_mount_that_is_turned_and_moved() -> None:
 def test_a_robot_that_stands_or_slips_is_no_setup() -> None:
     noise = np.random.default_rng(3).normal(0, [0.03, 0.03, 0.01], (120, 3))
     begin = drive(np.zeros(1))[0]
-    points = ranges(begin)[:, None] * np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
+    points = ranges_to(WALLS, begin, ANGLES)[:, None] * rays(ANGLES)
     still = [
         Scan(placed(begin + e, points), (begin + e)[:2], stamp=float(i), heading=float(begin[2] + e[2]))
         for i, e in enumerate(noise)
@@ -139,7 +124,7 @@ def test_a_moved_mount(place: list[float]) -> None:
     assert np.linalg.norm(np.array(found.values) - place) < 0.3 * np.linalg.norm(place)
 
 
-@pytest.mark.parametrize("seconds", [-0.25, -0.1, 0.1, 0.25])
+@pytest.mark.parametrize("seconds", [-0.25, 0.1])
 def test_a_wrong_clock(seconds: float) -> None:
     """What is told to add to the times of scans mends it."""
     found = found_in(log_of(lambda times: drive(times - seconds)))
@@ -182,12 +167,11 @@ def test_turns_that_are_measured_wrongly() -> None:
     assert found.values[0] == pytest.approx(1 / 0.85 - 1, rel=0.3)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_a_mirrored_laser_and_angles_of_the_other_sign(seed: int) -> None:
+def test_a_mirrored_laser_and_angles_of_the_other_sign() -> None:
     for kind, words, scans in (
-        ("mirrored", "upside down", log_of(seen=lambda readings: readings[::-1], seed=seed)),
-        ("mirrored", "upside down", log_of(lambda times: drive(times) * [1, -1, -1], seed=seed)),
-        ("signs", "to the left", log_of(lambda times: drive(times) * [1, 1, -1], seed=seed)),
+        ("mirrored", "upside down", log_of(seen=lambda readings: readings[::-1])),
+        ("mirrored", "upside down", log_of(lambda times: drive(times) * [1, -1, -1], seed=1)),
+        ("signs", "to the left", log_of(lambda times: drive(times) * [1, 1, -1])),
     ):
         found = found_in(scans)
         assert found is not None and found.kind == kind and words in str(found)

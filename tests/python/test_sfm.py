@@ -164,13 +164,9 @@ def lengths(w: World) -> list[float]:
 
 
 WRITERS: dict[Callable[[Path, World], Path], str] = {
-    colmap_text: "colmap",
-    colmap_binary: "colmap",
-    bundler: "bundler",
-    bal: "bal",
-    bal_gzip: "bal",
+    colmap_text: "colmap", colmap_binary: "colmap", bundler: "bundler", bal: "bal", bal_gzip: "bal",
     bal_bz2: "bal",
-}
+}  # fmt: skip
 
 
 # --- What is read -----------------------------------------------------------------------------------
@@ -478,6 +474,3 @@ def test_a_log_packed_by_bzip2_is_unpacked(tmp_path: Path) -> None:
     path.write_bytes(bz2.compress(b"0 0 1 1\n0 0 2 2\n"))
     (scan,) = read(path)
     assert scan.endpoints.tolist() == [[1, 1], [2, 2]]
-
-
-# --- Real recordings --------------------------------------------------------------------------------

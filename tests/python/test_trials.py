@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import json
-import subprocess
+import runpy
 import sys
 from functools import cache
 from pathlib import Path
@@ -173,16 +173,9 @@ def test_a_match_that_is_too_sure_is_noticed(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_judge_that_believes_all_beams_without_return_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     def always(scans: object) -> object:
         return SimpleNamespace(
-            choice="free",
-            share=0.5,
-            beams=9,
-            crossing=0.0,
-            expected=0.0,
-            surfaces=0,
-            erased=0.0,
-            are_judged=True,
-            is_measured=True,
-        )
+            choice="free", share=0.5, beams=9, crossing=0.0, expected=0.0, surfaces=0, erased=0.0,
+            are_judged=True, is_measured=True,
+        )  # fmt: skip
 
     trial = Trial.of("no_return", 1, "room", "dark")
     assert trial.run()[1].verdict != WRONG
@@ -214,21 +207,26 @@ def test_a_doubt_makes_a_wrong_answer_a_doubted_one() -> None:
     assert not Outcome(words=["not sure"], may_doubt=True).is_needless
 
 
-def test_the_command_draws_a_trial(tmp_path: Path) -> None:
+def command(words: list[str], monkeypatch: pytest.MonkeyPatch) -> object:
+    """The status of tools/trials."""
+    monkeypatch.setattr(sys, "argv", ["trials", *words])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(TOOLS / "trials"), run_name="__main__")
+    return ended.value.code
+
+
+def test_the_command_draws_a_trial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     """A line, a picture, and a recording that the library reads."""
-    words = ["match", "--world", "room", "--seed", "3", "--picture"]
-    call = [sys.executable, TOOLS / "trials", *words]
-    done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("match --world room --fault far --seed 3: ")
+    monkeypatch.chdir(tmp_path)
+    assert not command(["match", "--world", "room", "--seed", "3", "--picture"], monkeypatch)
+    assert capsys.readouterr().out.startswith("match --world room --fault far --seed 3: ")
     assert (tmp_path / "match-room-far-3.png").stat().st_size > 10_000
     assert len(list(ndtree.read(tmp_path / "match-room-far-3.npz"))) == 40
 
 
 @pytest.mark.parametrize("words", [["maps"], ["--picture"], ["map", "--fault", "jump"], ["--seeds", "9"]])
-def test_the_command_refuses_what_it_cannot_do(words: list[str]) -> None:
-    done = subprocess.run([sys.executable, TOOLS / "trials", *words], capture_output=True, text=True)
-    assert done.returncode == 2 and "expected" in done.stderr
+def test_the_command_refuses_what_it_cannot_do(words: list[str], monkeypatch, capsys) -> None:
+    assert command(words, monkeypatch) == 2 and "expected" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", CAPABILITIES)

@@ -42,8 +42,8 @@ int main(int argc, char** argv) {
   options.min_cell_size = 0.05;
   options.range_sigma_quadratic = 0.004;
   ndtree::AdaptiveMap<2, 3> map(options);
-  for (std::uint32_t s = 0; s < 16; ++s)
-    map.insert(scan_of(s, s % 3 == 0 ? 300 : 4000), s % 4 == 3 ? 6.0 : ndtree::kUnlimitedRange, 1);
+  for (std::uint32_t s = 0; s < 10; ++s)
+    map.insert(scan_of(s, s % 3 == 0 ? 300 : 2000), s % 4 == 3 ? 6.0 : ndtree::kUnlimitedRange, 1);
   ndtree::save(map, argv[1]);
   std::printf("%d\n", ndtree::Simd::width());
   return 0;

@@ -34,9 +34,9 @@ void print(const ndtree::SimulatedLog<D>& log) {
 }  // namespace
 
 int main(int count, char**) {
-  for (int i = 0; i < 4; ++i) {
+  for (int i = 0; i < 3; ++i) {
     ndtree::SimulationOptions options;
-    options.scans = 15;
+    options.scans = 8;
     options.yaw = 0.35 * i * count;  // Not known to the compiler, whose sines are others than the library's.
     options.heading_sigma = 0.01;
     print(ndtree::simulate_office(options));

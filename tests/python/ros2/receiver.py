@@ -120,16 +120,11 @@ class Receiver:
         text = {"counts": self.counts, "diagnostics": said, "frame": getattr(self, "frame", "")}
         with open(path, "wb") as file:
             np.savez(
-                file,
-                grid=self.grid if self.grid is not None else np.zeros((0, 0), np.int8),
+                file, grid=self.grid if self.grid is not None else np.zeros((0, 0), np.int8),
                 origin=np.array([origin.x, origin.y, self.info.resolution]) if origin else np.zeros(0),
-                points=points,
-                boxes=np.array(boxes),
-                colors=np.array(colors),
-                frontiers=np.array(poses),
-                text=json.dumps(text),
-                **octomaps,
-            )
+                points=points, boxes=np.array(boxes), colors=np.array(colors), frontiers=np.array(poses),
+                text=json.dumps(text), **octomaps,
+            )  # fmt: skip
 
 
 def main(output: Path, stop: Path) -> None:
