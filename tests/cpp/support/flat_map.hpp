@@ -32,9 +32,8 @@ class FlatMap {
   std::uint64_t splits = 0;
   std::uint64_t merges = 0;
 
-  /// @param adaptive false: nothing splits or merges.
-  FlatMap(const MapOptions& options, int num_levels, bool adaptive, int first, int last)
-      : options_(options), num_levels_(num_levels), adaptive_(adaptive) {
+  FlatMap(const MapOptions& options, int num_levels, int first, int last)
+      : options_(options), num_levels_(num_levels) {
     for (const auto& cell : cells_within(CellIndex<D>{}, edge(0), first, last)) cells[cell] = {};
   }
 
@@ -72,7 +71,6 @@ class FlatMap {
       ++updates;
       updated.push_back(c.index);
     }
-    if (!adaptive_) return;
     std::set<CellIndex<D>, IndexLess> touched;
     for (const auto& index : updated) {
       if (index.level > -num_levels_ && contradicts(cells[index].hits, cells[index].misses)) {
@@ -176,7 +174,6 @@ class FlatMap {
 
   MapOptions options_;
   int num_levels_;
-  bool adaptive_;
 };
 
 }  // namespace ndtree::test
