@@ -52,7 +52,7 @@ HEADERS = {
     "mapping/edit/join.hpp": "test_join.cpp",
     "mapping/edit/mark.hpp": "test_marks.cpp",
     "mapping/history/scan_history.hpp": "test_scan_history.cpp",
-    "mapping/insert/coverage.hpp": "test_coverage.cpp",
+    "mapping/insert/coverage.hpp": "test_scan_update.cpp",
     "mapping/insert/leaf_action.hpp": "test_leaf_action.cpp",
     "mapping/insert/pose_covariance.hpp": "test_pose_covariance.cpp",
     "query/collision.hpp": "test_planning_queries.cpp",
