@@ -219,6 +219,42 @@ std::int64_t seen(float way, float area) {
   return nearest_integer(way * Sum::kUnitsOfOne * area);
 }
 
+TEST(Coverage, BeamsThatClipACornerHaveNotSeenTheCell) {
+  const CoverageModel model(CoverageOptions{});
+  using Sum = ScanCoverage<2, 3>;
+  struct Row {
+    int beams;      // Side by side, through each seen child.
+    float way;      // Of each, through a child.
+    float width;    // Of each.
+    int children;   // Seen, of eight.
+    double passed;  // Mean passes so far.
+    bool is_enough, shows_more;
+  };
+  const Row rows[] = {
+      {1, 1.0f, 2.0f, 2, 1.0, true, false},   // Straight through, as wide as the cell.
+      {1, 0.3f, 2.0f, 1, 0.3, false, false},  // Through a corner.
+      {1, 3e-7f, 2.0f, 1, 0.0, false, false},
+      {7, 0.3f, 1.0f, 1, 7.0, false, false},    // Many see no more of it,
+      {7, 0.3f, 1.0f, 1, 33.0, false, true},    // and where they go on doing so, smaller cells show it.
+      {1, 1.0f, 1.0f, 4, 4.0, true, false},     // Half of the cell.
+      {16, 1.0f, 0.25f, 2, 4.0, false, false},  // A quarter.
+      {16, 1.0f, 0.25f, 4, 4.0, true, false},
+  };
+  int cases = 0;
+  for (const Row& row : rows) {
+    Sum scan;
+    for (int child = 0; child < row.children; ++child)
+      for (int i = 0; i < row.beams; ++i) {
+        scan.add(passed<Sum>(row.way, row.width));
+        scan.add(child, seen<Sum>(row.way, std::min(1.0f, row.width * row.width)));
+      }
+    const CoverageVerdict verdict = model.judge(scan, 0, model.limits<2>(2.0), row.passed);
+    EXPECT_EQ(verdict.is_enough, row.is_enough) << cases;
+    EXPECT_EQ(verdict.shows_more, row.shows_more) << cases;
+    ++cases;
+  }
+}
+
 /// A laser that stands still, its beams evenly spaced by angle. Of twenty, three side by side are blocked.
 template <int N>
 void no_shadow_is_free(double turn) {
