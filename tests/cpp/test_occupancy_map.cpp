@@ -134,7 +134,7 @@ TYPED_TEST(OccupancyMapOf, AdaptiveMapEqualsThePaperWithoutATree) {
   for (const double grid : {0.0, kUnit / 4.0}) {
     options.range_sigma_quadratic = grid > 0.0 ? 0.0002 : 0.0;
     PaperMap<N, D> map(options);
-    FlatMap<N, D> flat(options, levels, -2, 2);
+    FlatMap<N, D> flat(options, levels, true, -2, 2);
     const int scans = D <= 2 ? 12 : 20;
     for (int scan = 0; scan < scans; ++scan) {
       // Beams from one origin that end in one wall, now and then elsewhere; then the wall is taken away.

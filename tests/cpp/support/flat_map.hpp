@@ -32,8 +32,9 @@ class FlatMap {
   std::uint64_t splits = 0;
   std::uint64_t merges = 0;
 
-  FlatMap(const MapOptions& options, int num_levels, int first, int last)
-      : options_(options), num_levels_(num_levels) {
+  /// @param adaptive false: nothing splits or merges.
+  FlatMap(const MapOptions& options, int num_levels, bool adaptive, int first, int last)
+      : options_(options), num_levels_(num_levels), adaptive_(adaptive) {
     for (const auto& cell : cells_within(CellIndex<D>{}, edge(0), first, last)) cells[cell] = {};
   }
 
@@ -71,6 +72,7 @@ class FlatMap {
       ++updates;
       updated.push_back(c.index);
     }
+    if (!adaptive_) return;
     std::set<CellIndex<D>, IndexLess> touched;
     for (const auto& index : updated) {
       if (index.level > -num_levels_ && contradicts(cells[index].hits, cells[index].misses)) {
@@ -174,6 +176,7 @@ class FlatMap {
 
   MapOptions options_;
   int num_levels_;
+  bool adaptive_;
 };
 
 }  // namespace ndtree::test
