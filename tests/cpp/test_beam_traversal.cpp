@@ -2,8 +2,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <sstream>
@@ -140,14 +138,12 @@ TYPED_TEST_SUITE(BeamTraversalOf, Shapes, ShapeNames);
 TYPED_TEST(BeamTraversalOf, RandomBeamsVisitExactlyTheLeavesThatTheyCross) {
   NDTREE_SHAPE;
   Random random(20);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
   std::size_t visits = 0;
   for (int round = 0; round < 12; ++round) {
     const auto tree = random_tree<N, D>(random, kUnit, 3, 25);
     const auto root = tree.root().index;
     const auto edge = static_cast<int>(tree.geometry().edge(root.level) * kParts);
-    for (int i = 0; i < 60; ++i, ++cases) {
+    for (int i = 0; i < 60; ++i) {
       ExactBeam<D> beam;
       const int margin = edge / 4;
       for (std::size_t a = 0; a < D; ++a) {
@@ -165,7 +161,6 @@ TYPED_TEST(BeamTraversalOf, RandomBeamsVisitExactlyTheLeavesThatTheyCross) {
       visits += expected_crossings(tree, beam).size();
     }
   }
-  EXPECT_EQ(cases, 720);
   EXPECT_GT(visits, 700u);
 }
 
@@ -174,14 +169,12 @@ TYPED_TEST(BeamTraversalOf, RandomBeamsVisitExactlyTheLeavesThatTheyCross) {
 TYPED_TEST(BeamTraversalOf, DegenerateBeamsInEveryDirection) {
   NDTREE_SHAPE;
   Random random(21);
-  SCOPED_TRACE(random.trace());
   NdTree<N, D, int> tree(kUnit, 2);
   tree.split(tree.root());
   for (int j = 0; j < tree.kNumChildren; j += 3) tree.split(tree.child(tree.root(), j));
   constexpr std::int64_t kRoot = N * N * kParts;
   constexpr std::int64_t kStarts[] = {0, kParts, N * kParts, N * kParts + 2, kRoot, -kParts, kRoot + kParts};
   const auto directions = static_cast<int>(integer_power(3, D));
-  int cases = 0;
   for (int number = 0; number < directions; ++number) {
     const Offset<D> signs = child_offset<3, D>(number);
     for (const std::int64_t first : kStarts)
@@ -192,10 +185,8 @@ TYPED_TEST(BeamTraversalOf, DegenerateBeamsInEveryDirection) {
           beam.origin[0] = first;
           for (std::size_t a = 0; a < D; ++a) beam.direction[a] = (signs[a] - 1) * length;
           ASSERT_TRUE(agrees(tree, beam));
-          ++cases;
         }
   }
-  EXPECT_EQ(cases, directions * 147);
 }
 
 TEST(BeamTraversal, ByHand) {
@@ -216,40 +207,23 @@ TEST(BeamTraversal, ByHand) {
   };
   const Row rows[] = {
       {"right through the lowest row", {0, 2}, {16, 0}, "abB", {0, 0.25, 0.5, 1}},
-      {"and backwards", {16, 2}, {-16, 0}, "Bba", {0, 0.5, 0.75, 1}},
-      {"up through the leftmost column", {2, 0}, {0, 16}, "acC", {0, 0.25, 0.5, 1}},
-      {"and backwards", {2, 16}, {0, -16}, "Cca", {0, 0.5, 0.75, 1}},
       {"along a face of small cells: those above", {0, 4}, {16, 0}, "cdB", {0, 0.25, 0.5, 1}},
-      {"along a face of large cells: those above", {0, 8}, {16, 0}, "CD", {0, 0.5, 1}},
       {"backwards along a face: those above, too", {16, 4}, {-16, 0}, "Bdc", {0, 0.5, 0.75, 1}},
-      {"along the root's lower face", {0, 0}, {16, 0}, "abB", {0, 0.25, 0.5, 1}},
       {"along the root's upper face: outside", {0, 16}, {16, 0}, "", {}},
-      {"along the root's right face: outside", {16, 16}, {0, -16}, "", {}},
       {"diagonal through corners only", {0, 0}, {16, 16}, "adD", {0, 0.25, 0.5, 1}},
       {"and backwards", {16, 16}, {-16, -16}, "Dda", {0, 0.5, 0.75, 1}},
-      {"falling diagonal through a corner", {0, 8}, {8, -8}, "cb", {0, 0.5, 1}},
-      {"and backwards", {8, 0}, {-8, 8}, "bc", {0, 0.5, 1}},
-      {"falling diagonal of the root", {0, 16}, {16, -16}, "CB", {0, 0.5, 1}},
       {"ends on a border from below", {0, 2}, {4, 0}, "a", {0, 1}},
       {"ends on a border from above", {8, 2}, {-4, 0}, "b", {0, 1}},
       {"starts on a border, upwards", {4, 2}, {2, 0}, "b", {0, 1}},
       {"starts on a border, downwards", {4, 2}, {-2, 0}, "a", {0, 1}},
-      {"starts in a corner, down and left", {4, 4}, {-4, -4}, "a", {0, 1}},
       {"starts in a corner, down and right", {4, 4}, {4, -4}, "b", {0, 1}},
-      {"starts in a corner, up and left", {4, 4}, {-4, 4}, "c", {0, 1}},
-      {"starts in a corner, up and right", {4, 4}, {4, 4}, "d", {0, 1}},
       {"zero length inside", {2, 2}, {0, 0}, "a", {0, 1}},
       {"zero length in a corner: the cell above", {8, 8}, {0, 0}, "D", {0, 1}},
-      {"zero length in the root's upper corner", {16, 16}, {0, 0}, "", {}},
       {"zero length outside", {-1, 2}, {0, 0}, "", {}},
       {"from outside into the root", {-16, 2}, {32, 0}, "abB", {0.5, 0.625, 0.75, 1}},
-      {"right through the root", {-16, 9}, {64, 0}, "CD", {0.25, 0.375, 0.5}},
       {"from outside, but not far enough", {-16, 2}, {16, 0}, "", {}},
       {"touches the root in a corner", {-4, 4}, {8, -8}, "", {}},
-      {"misses the root", {-4, 20}, {16, 16}, "", {}},
-      {"away from the root", {-4, 2}, {-16, 0}, "", {}},
   };
-  int cases = 0;
   for (const Row& row : rows) {
     SCOPED_TRACE(row.what);
     std::string leaves;
@@ -268,114 +242,69 @@ TEST(BeamTraversal, ByHand) {
     beam.origin = row.origin;
     beam.direction = row.direction;
     EXPECT_TRUE(agrees(tree, beam));
-    ++cases;
   }
-  EXPECT_EQ(cases, 33);
 }
 
-/// Real numbers, unit 0.1 m, near and far from the origin: each visited leaf holds the middle of its part,
-/// what is sampled in between was visited, and the parts tile the beam to the last bit.
-TYPED_TEST(BeamTraversalOf, AgreesWithDenseSampling) {
+/// Real numbers, unit 0.1 m, near and far from the origin. Half of the beams go like measurements from the
+/// corner of one cell to that of another, so that the planes of several axes meet to within the last bits.
+/// Each leaf's part is what the planes of its box cut off, to the last bit, and the parts tile the beam's
+/// part of the root.
+TYPED_TEST(BeamTraversalOf, PartsAreCutOffByTheirLeavesBoxesToTheLastBit) {
   NDTREE_SHAPE;
-  Random random(22);
-  SCOPED_TRACE(random.trace());
-  int beams = 0;
-  int samples = 0;
-  for (int round = 0; round < 12; ++round) {
-    auto tree = random_tree<N, D>(random, 0.1, 3, 25);
-    const bool far = round % 3 == 2;
-    if (far) {  // 100 km away, where a double of metres resolves 1.5e-11 m.
-      const Vector<D> place = Vector<D>::Constant(1e5);
-      tree.grow_to_contain(place);
-      for (int i = 0; i < 60; ++i) {
-        const auto leaf =
-            *tree.find_leaf(place + random_point<D>(random, {Vector<D>::Zero(), Vector<D>::Ones()}));
-        if (leaf.index.level > tree.geometry().finest_level()) tree.split(leaf);
+  Random random(23);
+  const auto clipped = [](const Box<D>& box, const Vector<D>& origin, const Vector<D>& direction) {
+    std::pair<double, double> t(0.0, 1e3);
+    for (int a = 0; a < D; ++a) {
+      if (direction[a] == 0.0) {
+        if (origin[a] < box.lower[a] || origin[a] >= box.upper[a]) t.second = t.first;
+        continue;
       }
+      const double t_lower = (box.lower[a] - origin[a]) / direction[a];
+      const double t_upper = (box.upper[a] - origin[a]) / direction[a];
+      t.first = std::max(t.first, std::min(t_lower, t_upper));
+      t.second = std::min(t.second, std::max(t_lower, t_upper));
     }
-    const Box<D> near = far ? Box<D>{Vector<D>::Constant(1e5 - 1.0), Vector<D>::Constant(1e5 + 2.0)}
-                            : widened(tree.box(tree.root().index), 0.1);
-    for (int i = 0; i < 25; ++i, ++beams) {
-      const Vector<D> origin = random_point(random, near);
-      Vector<D> direction = random_point(random, near) - origin;
-      if (i % 4 == 0) direction[random.integer(0, D - 1)] = 0.0;
-      const double tolerance = far ? 1e-8 : 1e-10;  // In t.
-      const auto crossings = traversed(tree, origin, direction, 0.0, 1.0);
+    return t;
+  };
+  std::size_t visits = 0;
+  for (const double place : {0.0, 0.0, 1e5}) {  // There, a double of metres resolves 1.5e-11 m.
+    NdTree<N, D, int> tree(0.1, 3);
+    tree.grow_to_contain(Vector<D>::Constant(-0.1));
+    tree.grow_to_contain(Vector<D>::Constant(place + 1.0));
+    for (int i = 0; i < 100; ++i) {
+      const auto leaf =
+          i % 2 == 0 ? random_leaf(tree, random)
+                     : *tree.find_leaf(Vector<D>::Constant(place) +
+                                       random_point<D>(random, {Vector<D>::Zero(), Vector<D>::Ones()}));
+      if (leaf.index.level > tree.geometry().finest_level()) tree.split(leaf);
+    }
+    for (int i = 0; i < 1500; ++i) {
+      Vector<D> origin;
+      Vector<D> direction;
+      const double slope = random.integer(1, 3);
+      for (int a = 0; a < D; ++a) {
+        origin[a] = place + (i % 2 == 0 ? random.integer(-20, 20) * 0.1 : random.uniform(-2.0, 2.0));
+        direction[a] = i % 2 == 0
+                           ? (random.chance(0.5) ? 1 : -1) * (random.chance(0.5) ? slope / 3.0 : slope / 7.0)
+                           : random.uniform(-1.0, 1.0);
+      }
+      if (i % 8 == 1) direction[random.integer(0, D - 1)] = 0.0;
+      const auto crossings = traversed(tree, origin, direction, 0.0, 1e3);
+      visits += crossings.size();
+      const auto [t_enter, t_exit] = clipped(tree.box(tree.root().index), origin, direction);
+      ASSERT_EQ(crossings.empty(), !(t_enter < t_exit));
       for (std::size_t k = 0; k < crossings.size(); ++k) {
         const auto& c = crossings[k];
         ASSERT_LT(c.t_enter, c.t_exit);
-        ASSERT_TRUE(k == 0 || c.t_enter == crossings[k - 1].t_exit);
-        if (c.t_exit - c.t_enter < tolerance) continue;
-        const Vector<D> middle = origin + 0.5 * (c.t_enter + c.t_exit) * direction;
-        ASSERT_EQ(tree.find_leaf(middle)->index, c.index);
+        ASSERT_EQ(c.t_enter, k == 0 ? t_enter : crossings[k - 1].t_exit);
+        ASSERT_EQ(std::pair(c.t_enter, c.t_exit), clipped(tree.box(c.index), origin, direction));
       }
-      for (int s = 0; s <= 400; ++s) {
-        const double t = s / 400.0;
-        const auto leaf = tree.find_leaf(Vector<D>(origin + t * direction));
-        bool close = crossings.empty() ? false : std::abs(t - crossings.back().t_exit) < tolerance;
-        const Crossing<D>* around = nullptr;
-        for (const auto& c : crossings) {
-          close = close || std::abs(t - c.t_enter) < tolerance;
-          if (c.t_enter <= t && t < c.t_exit) around = &c;
-        }
-        if (close) continue;  // On a border, where rounding decides.
-        ASSERT_EQ(leaf.has_value(), around != nullptr) << "t = " << t;
-        ASSERT_TRUE(!around || leaf->index == around->index) << "t = " << t;
-        ++samples;
+      if (!crossings.empty()) {
+        ASSERT_EQ(crossings.back().t_exit, t_exit);
       }
     }
   }
-  EXPECT_EQ(beams, 300);
-  EXPECT_GT(samples, 70000);
-}
-
-/// Beams whose end points are rounded like measurements, from the corner of one cell to that of another: the
-/// planes of several axes then meet to within the last bits.
-TYPED_TEST(BeamTraversalOf, NearlyDiagonalBeamsStepOverSliversInOrder) {
-  NDTREE_SHAPE;
-  Random random(23);
-  SCOPED_TRACE(random.trace());
-  NdTree<N, D, int> tree(0.1, 3);
-  tree.grow_to_contain(Vector<D>::Constant(-0.1));
-  for (int i = 0; i < 100; ++i) {
-    const auto leaf = random_leaf(tree, random);
-    if (leaf.index.level > tree.geometry().finest_level()) tree.split(leaf);
-  }
-  int cases = 0;
-  std::size_t visits = 0;
-  for (; cases < 3000; ++cases) {
-    Vector<D> origin;
-    Vector<D> direction;
-    const double slope = random.integer(1, 3);
-    for (int a = 0; a < D; ++a) {
-      origin[a] = random.integer(-20, 20) * 0.1;
-      direction[a] = (random.chance(0.5) ? 1 : -1) * (random.chance(0.5) ? slope / 3.0 : slope / 7.0);
-    }
-    const auto crossings = traversed(tree, origin, direction, 0.0, 1e3);
-    visits += crossings.size();
-    std::vector<CellIndex<D>> seen;
-    for (std::size_t k = 0; k < crossings.size(); ++k) {
-      const auto& c = crossings[k];
-      ASSERT_LT(c.t_enter, c.t_exit);
-      ASSERT_TRUE(k == 0 || c.t_enter == crossings[k - 1].t_exit);
-      // A leaf's part is what the planes of its own box cut off, to the last bit.
-      const Box<D> box = tree.box(c.index);
-      double t_enter = 0.0;
-      double t_exit = 1e3;
-      for (int a = 0; a < D; ++a) {
-        const double t_lower = (box.lower[a] - origin[a]) / direction[a];
-        const double t_upper = (box.upper[a] - origin[a]) / direction[a];
-        t_enter = std::max(t_enter, std::min(t_lower, t_upper));
-        t_exit = std::min(t_exit, std::max(t_lower, t_upper));
-      }
-      ASSERT_EQ(c.t_enter, t_enter);
-      ASSERT_EQ(c.t_exit, t_exit);
-      ASSERT_EQ(std::count(seen.begin(), seen.end(), c.index), 0);
-      seen.push_back(c.index);
-    }
-  }
-  EXPECT_EQ(cases, 3000);
-  EXPECT_GT(visits, 900u);
+  EXPECT_GT(visits, 3000u);
 }
 
 /// From so far away that several planes round to the same t: their cells are not crossed over any length.
@@ -385,7 +314,6 @@ TYPED_TEST(BeamTraversalOf, PlanesThatRoundingJoinsLeaveNoEmptyParts) {
   tree.split(tree.root());
   for (int j = 0; j < tree.kNumChildren; ++j) tree.split(tree.child(tree.root(), j));
   const auto directions = static_cast<int>(integer_power(3, D));
-  int cases = 0;
   std::size_t visits = 0;
   std::size_t skipped = 0;
   for (int number = 0; number < directions; ++number) {
@@ -420,10 +348,8 @@ TYPED_TEST(BeamTraversalOf, PlanesThatRoundingJoinsLeaveNoEmptyParts) {
       ASSERT_EQ(traversed(tree, origin, direction, 0.0, 0x1p60), expected)
           << direction.transpose() << " " << far;
       visits += expected.size();
-      ++cases;
     }
   }
-  EXPECT_EQ(cases, 3 * directions);
   EXPECT_GT(visits, 10u);
   EXPECT_GT(skipped, 2u);
 }
@@ -431,7 +357,6 @@ TYPED_TEST(BeamTraversalOf, PlanesThatRoundingJoinsLeaveNoEmptyParts) {
 TYPED_TEST(BeamTraversalOf, StopsWhenTheVisitorSaysSo) {
   NDTREE_SHAPE;
   Random random(24);
-  SCOPED_TRACE(random.trace());
   int cases = 0;
   for (int round = 0; round < 15; ++round) {
     const auto tree = random_tree<N, D>(random, kUnit, 3, 25);
@@ -503,7 +428,6 @@ struct Refiner : BeamVisitor {
 TYPED_TEST(BeamTraversalOf, HooksMaySplitWhatIsEnteredAndMergeWhatIsLeft) {
   NDTREE_SHAPE;
   Random random(25);
-  SCOPED_TRACE(random.trace());
   NdTree<N, D, int> fine(kUnit, 2);  // Divided everywhere, for the list.
   fine.split(fine.root());
   for (int j = 0; j < fine.kNumChildren; ++j) fine.split(fine.child(fine.root(), j));

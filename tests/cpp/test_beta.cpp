@@ -53,14 +53,12 @@ TEST(Beta, QuickLogBetaIsLogBeta) {
 }
 
 TEST(Beta, LogBetaIsThatOfFactorials) {
-  int cases = 0;
   for (int a = 1; a <= 60; ++a)
-    for (int b = 1; b <= 60; ++b, ++cases) {
+    for (int b = 1; b <= 60; ++b) {
       const auto expected =
           static_cast<double>(log_factorial(a - 1) + log_factorial(b - 1) - log_factorial(a + b - 1));
       ASSERT_NEAR(log_beta(a, b), expected, 1e-13 * (1.0 + std::abs(expected))) << a << ", " << b;
     }
-  EXPECT_EQ(cases, 3600);
   EXPECT_NEAR(log_beta(0.5, 0.5), std::log(std::acos(-1.0)), 1e-14);  // B(1/2, 1/2) = π.
   EXPECT_NEAR(log_beta(0.1, 1.0), std::log(10.0), 1e-14);             // B(a, 1) = 1 / a.
   EXPECT_NEAR(log_beta(5000.0, 5000.0), static_cast<double>(2.0L * log_factorial(4999) - log_factorial(9999)),
@@ -68,7 +66,6 @@ TEST(Beta, LogBetaIsThatOfFactorials) {
 }
 
 TEST(Beta, IncompleteHasItsClosedForms) {
-  int cases = 0;
   for (int i = 1; i < 200; ++i) {
     const double x = i / 200.0;
     ASSERT_NEAR(incomplete_beta(1.0, 1.0, x), x, 1e-14);
@@ -79,15 +76,12 @@ TEST(Beta, IncompleteHasItsClosedForms) {
       ASSERT_NEAR(incomplete_beta(c, 1.0, x), power, 1e-12 * power + 1e-16) << c << ", " << x;
       const double rest = -std::expm1(c * std::log1p(-x));
       ASSERT_NEAR(incomplete_beta(1.0, c, x), rest, 1e-12 * rest) << c << ", " << x;
-      ++cases;
     }
   }
-  EXPECT_EQ(cases, 199 * 7);
 }
 
 TEST(Beta, IncompleteOfWholeNumbersIsABinomialTail) {
   Random random(121);
-  SCOPED_TRACE(random.trace());
   int cases = 0;
   for (int a = 1; a <= 12; ++a)
     for (int b = 1; b <= 12; ++b)
@@ -112,9 +106,7 @@ TEST(Beta, IncompleteOfWholeNumbersIsABinomialTail) {
 
 TEST(Beta, IncompleteIsSymmetricMonotoneAndEndsAt0And1) {
   Random random(122);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
-  for (; cases < 400; ++cases) {
+  for (int cases = 0; cases < 400; ++cases) {
     const double a = std::exp(random.uniform(-2.0, 9.0));
     const double b = std::exp(random.uniform(-2.0, 9.0));
     EXPECT_EQ(incomplete_beta(a, b, 0.0), 0.0);
@@ -134,28 +126,23 @@ TEST(Beta, IncompleteIsSymmetricMonotoneAndEndsAt0And1) {
       before = value;
     }
   }
-  EXPECT_EQ(cases, 400);
 }
 
 TEST(QuickIncompleteBeta, IsNearlyTheExactOne) {
   Random random(127);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
   for (const double x : {0.01, 0.05, 0.2, 0.5, 0.9}) {
     const QuickIncompleteBeta quick(x);
-    for (int i = 0; i < 2000; ++i, ++cases) {
+    for (int i = 0; i < 2000; ++i) {
       const double a = 1.0 + random.integer(0, random.chance(0.5) ? 20 : 1000);
       const double b = 1.0 + random.integer(0, random.chance(0.5) ? 20 : 1000);
       const double exact = incomplete_beta(a, b, x);
       ASSERT_NEAR(quick(a, b), exact, 1e-7 * exact + 1e-14) << a << ", " << b << ", " << x;
     }
   }
-  EXPECT_EQ(cases, 10000);
 }
 
 TEST(RateComparison, IsTheSameFourCellsAtATime) {
   Random random(128);
-  SCOPED_TRACE(random.trace());
   for (int i = 0; i < 2000; ++i) {
     const double prior = random.chance(0.5) ? 0.1 : 1.0;
     const auto n = static_cast<std::size_t>(random.integer(1, 13));
@@ -182,7 +169,6 @@ TEST(RateComparison, IsTheSameFourCellsAtATime) {
 /// What EvidenceMergeRule relies on.
 TEST(RateComparison, OneRateIsLikelierWhereNothingWasHit) {
   Random random(129);
-  SCOPED_TRACE(random.trace());
   for (int i = 0; i < 2000; ++i) {
     RateComparison rates(0.1);
     for (int cell = random.integer(1, 9); cell > 0; --cell)
@@ -194,11 +180,9 @@ TEST(RateComparison, OneRateIsLikelierWhereNothingWasHit) {
 /// The probability of each beam, given those before, is a share of the counts so far: Pólya's urn.
 TEST(RateComparison, IsThatOfSequencesOfBeams) {
   Random random(125);
-  SCOPED_TRACE(random.trace());
   int one = 0;
-  int cases = 0;
   for (const double prior : {0.1, 1.0})
-    for (int i = 0; i < 2000; ++i, ++cases) {
+    for (int i = 0; i < 2000; ++i) {
       const auto log_probability = [&](int hits, int misses) {
         double sum = 0.0;
         for (int k = 0; k < hits; ++k) sum += std::log((prior + k) / (prior + 1.0 + k));
@@ -220,7 +204,6 @@ TEST(RateComparison, IsThatOfSequencesOfBeams) {
       ASSERT_NEAR(rates.bits_for_many(), (apart - log_probability(hits, misses)) / std::log(2.0), 1e-9);
       one += rates.bits_for_many() < 0.0;
     }
-  EXPECT_EQ(cases, 4000);
   EXPECT_GT(one, 500);
   EXPECT_LT(one, 3500);
 }

@@ -36,36 +36,6 @@ std::string message_of(const std::vector<std::string>& lines, CarmenOptions opti
   });
 }
 
-TEST(Carmen, FlaserBeamsStartAtTheRightAndDependOnTheCount) {
-  struct Case {
-    int beams;
-    double first;
-    double last;
-  };
-  int cases = 0;
-  for (const Case& c :
-       {Case{180, -90, 89}, {181, -90, 90}, {360, -90, 89.5}, {361, -90, 90}, {1, -90, -90}}) {
-    CarmenParser parser;
-    const auto scan =
-        parser.parse_line("FLASER " + std::to_string(c.beams) + ranges(c.beams, " 2.5") + kTail);
-    ASSERT_TRUE(scan);
-    ASSERT_EQ(scan->size(), c.beams);
-    EXPECT_EQ(scan->origins.cols(), 1);
-    EXPECT_EQ(scan->origins(0, 0), 1.0);
-    EXPECT_EQ(scan->origins(1, 0), 2.0);
-    EXPECT_EQ(scan->stamp, 12.25);
-    EXPECT_EQ(scan->view().size, c.beams);
-    for (const bool last : {false, true}) {
-      const double angle = 0.5 + (last ? c.last : c.first) * kPi / 180.0;
-      const auto column = last ? c.beams - 1 : 0;
-      EXPECT_NEAR(scan->endpoints(0, column), 1.0 + 2.5 * std::cos(angle), 1e-12) << c.beams;
-      EXPECT_NEAR(scan->endpoints(1, column), 2.0 + 2.5 * std::sin(angle), 1e-12) << c.beams;
-    }
-    ++cases;
-  }
-  EXPECT_EQ(cases, 5);
-}
-
 TEST(Carmen, FieldOfViewIsCentredAhead) {
   CarmenOptions options;
   options.field_of_view = 1.5 * kPi;
@@ -86,8 +56,10 @@ TEST(Carmen, TheLogOrTheNumberOfBeamsSaysTheFieldOfView) {
     FieldOfViewSource source;
   };
   const Case cases[] = {
+      {"", 180, 180, FieldOfViewSource::beams},
       {"", 181, 180, FieldOfViewSource::beams},
       {"", 360, 180, FieldOfViewSource::beams},
+      {"", 361, 180, FieldOfViewSource::beams},
       {"", 401, 100, FieldOfViewSource::beams},
       {"", 682, 240, FieldOfViewSource::beams},
       {"", 541, 270, FieldOfViewSource::beams},
@@ -107,18 +79,18 @@ TEST(Carmen, TheLogOrTheNumberOfBeamsSaysTheFieldOfView) {
       {"PARAM laser_front_laser_fov 0 host 0", 101, 180, FieldOfViewSource::none},
       {"PARAM camera_fov 60 host 0", 101, 180, FieldOfViewSource::none},
   };
-  int count = 0;
   for (const Case& c : cases) {
-    std::string record = "FLASER " + std::to_string(c.beams);
-    for (int i = 0; i < c.beams; ++i) record += " 2.5";
+    const std::string record = "FLASER " + std::to_string(c.beams) + ranges(c.beams, " 2.5") + kTail;
     CarmenOptions overruled;
     overruled.field_of_view = 1.0;
     for (const bool is_overruled : {false, true}) {
       CarmenParser parser(is_overruled ? overruled : CarmenOptions());
       EXPECT_FALSE(parser.field_of_view());
       EXPECT_FALSE(parser.parse_line(c.params));
-      const auto scan = parser.parse_line(record + " 1 2 0.5");
+      const auto scan = parser.parse_line(record);
       ASSERT_TRUE(scan) << c.params;
+      EXPECT_EQ(scan->origins, Points<2>(Vector<2>(1.0, 2.0)));
+      EXPECT_EQ(scan->stamp, 12.25);
       const double fov = is_overruled ? 1.0 : c.degrees * kPi / 180.0;
       const double last = 0.5 + 0.5 * fov - (c.beams % 2 == 0 ? fov / c.beams : 0.0);
       EXPECT_NEAR(scan->endpoints(0, 0), 1.0 + 2.5 * std::cos(0.5 - 0.5 * fov), 1e-9) << c.params << c.beams;
@@ -126,9 +98,7 @@ TEST(Carmen, TheLogOrTheNumberOfBeamsSaysTheFieldOfView) {
       EXPECT_EQ(parser.field_of_view()->second, is_overruled ? FieldOfViewSource::option : c.source)
           << c.params;
     }
-    ++count;
   }
-  EXPECT_EQ(count, 20);
 }
 
 TEST(Carmen, ContradictingParametersAreDecidedByTheBeamsOrRefused) {
@@ -140,7 +110,6 @@ TEST(Carmen, ContradictingParametersAreDecidedByTheBeamsOrRefused) {
     int beams;
     double degrees;  // 0: refused
   };
-  int count = 0;
   for (const Case& c : std::vector<Case>{{"240.0", "0.352", 682, 240},
                                          {"240", "0.3515625", 683, 240},
                                          {"270", "0.375", 721, 270},
@@ -164,9 +133,7 @@ TEST(Carmen, ContradictingParametersAreDecidedByTheBeamsOrRefused) {
                 std::string::npos)
           << message_of({fov + c.fov, step + c.step, beams});
     }
-    ++count;
   }
-  EXPECT_EQ(count, 9);
 }
 
 TEST(Carmen, AByteOrderMarkIsNoPartOfTheFirstRecord) {
@@ -278,12 +245,10 @@ TEST(Carmen, RecordsCutShortAnywhereAreWholeScansOrErrors) {
       "FLASER 3 1 1 1 1 2 0.5 9 9 9 12.25", "FLASER 0 1 2 0.5 9 9 9 12.25",
       "ROBOTLASER1 0 -1 2 0.5 20 0.01 0 2 1 1 1 700 1 2 0.5 1 2 3 0 0 0 0 0 5.5",
       "ROBOTLASER1 0 -1 2 0.5 20 0.01 0 0 0 1 2 0.5 1 2 3 0 0 0 0 0 5.5"};
-  int cases = 0;
   int scans = 0;
   for (const std::string& record : records) {
     for (std::size_t end = record.find(' '); end != std::string::npos; end = record.find(' ', end + 1)) {
       for (const char* const tail : {"", " host 1.5"}) {
-        ++cases;
         try {
           const auto scan = CarmenParser().parse_line(record.substr(0, end) + tail);
           ASSERT_TRUE(scan);
@@ -295,7 +260,6 @@ TEST(Carmen, RecordsCutShortAnywhereAreWholeScansOrErrors) {
       }
     }
   }
-  EXPECT_EQ(cases, 128);
   EXPECT_GT(scans, 10);
 }
 

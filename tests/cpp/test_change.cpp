@@ -6,8 +6,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <functional>
-#include <vector>
 
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
@@ -87,7 +85,6 @@ TEST(Change, ALongStreakOutweighsOldEvidenceAndAShortOneDoesNot) {
                       {"a door closes", 0, 500, true, 12, 12},
                       {"little was known", 3, 0, false, 3, 11},
                       {"it stood for five scans of three beams", 15, 0, false, 3, 5}};
-  int cases = 0;
   const MapOptions options = options_with(1e-5);
   const EvidenceModel model(options, options);
   const MapOptions never_options = options_with(0.0);
@@ -107,9 +104,7 @@ TEST(Change, ALongStreakOutweighsOldEvidenceAndAShortOneDoesNot) {
     if (scans >= 12) {
       EXPECT_GT(scans_until(never, cell, now, then), 5 * scans) << "without the rule";
     }
-    ++cases;
   }
-  EXPECT_EQ(cases, 6);
 }
 
 TEST(Change, PassesThatDoNotLookEmptyAreNoStreak) {
@@ -138,7 +133,6 @@ TEST(Change, ACellThatIsHitAndPassedIsNoChange) {
   const EvidenceModel model(options, options);
   const EvidenceModel never(never_options, never_options);
   Random random(210);
-  SCOPED_TRACE(random.trace());
   EvidenceCell cell;
   EvidenceCell expected;
   for (int i = 0; i < 5000; ++i) {  // Of a hundred beams, seventy end: no streak is long enough.
@@ -203,8 +197,7 @@ class Corridor {
       const double along = to_person.dot(d);
       const double chord = along * along - to_person.squaredNorm() + 0.25 * 0.25;
       if (person > 0.0 && chord > 0.0) meet(along - std::sqrt(chord));
-      double noise = -6.0;
-      for (int i = 0; i < 12; ++i) noise += random_.uniform();
+      const double noise = random_.normal();
       scan.endpoints.col(k) = scan.origins.col(0) + (range + 0.02 * noise) * d;
     }
     return scan;
@@ -270,7 +263,6 @@ TEST(Change, ADoorThatOpensAndClosesIsSeenSoon) {
     double change_probability;
     int open_least, open_most, closed_least, closed_most;
   };
-  int cases = 0;
   for (const Row& row : {Row{1e-5, 5, 20, 1, 20}, Row{0.0, 60, 1000, 1, 1000}}) {
     SCOPED_TRACE(row.change_probability);
     AdaptiveMap<2, 2> map(options_with(row.change_probability));
@@ -296,9 +288,7 @@ TEST(Change, ADoorThatOpensAndClosesIsSeenSoon) {
     const int closed = scans_until_seen(true);
     EXPECT_GE(closed, row.closed_least);
     EXPECT_LE(closed, row.closed_most);
-    ++cases;
   }
-  EXPECT_EQ(cases, 2);
 }
 
 }  // namespace

@@ -18,12 +18,9 @@ std::int64_t power(int base, int exponent) {
   return result;
 }
 
-/// Above this, the N of one dimension are checked by the compiler: thousands of functions less to emit.
-constexpr int kMaxEmitted = 64;
-
-/// Largest N with N^D <= 4096, or kMaxEmitted for D = 1.
+/// Largest N with N^D <= 4096, or 64 for D = 1.
 constexpr int largest_branching(int dim) {
-  for (int n = kMaxEmitted; n > 1; --n) {
+  for (int n = 64; n > 1; --n) {
     std::int64_t children = 1;
     for (int i = 0; i < dim && children <= kMaxChildren; ++i) children *= n;
     if (children <= kMaxChildren) return n;
@@ -78,22 +75,6 @@ std::int64_t check_dimensions(std::integer_sequence<int, I...>) {
 TEST(ChildIndex, MapsAreThePapersAndInverseForEveryShape) {
   EXPECT_EQ(check_dimensions(std::make_integer_sequence<int, 12>{}), 138348);
 }
-
-/// One dimension: number and offset are the same. At the ends and in the middle.
-template <int N>
-constexpr bool is_identity() {
-  for (const int j : {0, 1, N / 2, N - 2, N - 1})
-    if (child_number<N, 1>(Offset<1>{j}) != j || std::get<0>(child_offset<N, 1>(j)) != j) return false;
-  return true;
-}
-template <int... I>
-constexpr int count_identities(std::integer_sequence<int, I...>) {
-  int count = 0;
-  for (const bool holds : {is_identity<I + kMaxEmitted + 1>()...}) count += holds;
-  return count;
-}
-static_assert(count_identities(std::make_integer_sequence<int, kMaxChildren - kMaxEmitted>{}) ==
-              kMaxChildren - kMaxEmitted);
 
 TEST(ChildIndex, ByHand) {
   EXPECT_EQ((child_number<3, 2>({2, 1})), 5);

@@ -13,6 +13,7 @@
 #include "ndtree/query/point.hpp"
 #include "random.hpp"
 #include "refusals.hpp"
+#include "shapes.hpp"
 
 namespace ndtree::test::test_compress {
 namespace {
@@ -24,7 +25,6 @@ AdaptiveMap<N, D> room(int scans) {
   options.min_cell_size = 0.1;
   options.max_cell_size = 1.6;
   options.range_sigma = 0.03;
-  options.covered_share = 0.0;  // In four dimensions few beams see little.
   AdaptiveMap<N, D> map(options);
   Random random(7);
   for (int i = 0; i < scans; ++i) {
@@ -59,18 +59,11 @@ std::size_t least(Map map, const CompressBudget& budget) {
 
 template <class Type>
 class Compress : public testing::Test {};
-template <int kN, int kD>
-struct Case {
-  static constexpr int N = kN;
-  static constexpr int D = kD;
-};
-using Cases = testing::Types<Case<3, 2>, Case<2, 3>>;
-TYPED_TEST_SUITE(Compress, Cases);
+TYPED_TEST_SUITE(Compress, TwoShapes, ShapeNames);
 
 TYPED_TEST(Compress, MeetsEachBudgetAndSaysWhatItCost) {
-  const auto map = room<TypeParam::N, TypeParam::D>(30);
+  const auto map = room<TypeParam::kBranching, TypeParam::kDim>(30);
   const MapStats stats = map.stats();
-  int cases = 0;
   double last_loss = 0.0;
   for (const double share : {1.0, 0.8, 0.5, 0.3}) {
     auto copy = map;
@@ -98,17 +91,13 @@ TYPED_TEST(Compress, MeetsEachBudgetAndSaysWhatItCost) {
     const CompressReport small = by_bytes.compress({std::nullopt, std::nullopt, report.bytes});
     EXPECT_LE(by_bytes.stats().memory_bytes, report.bytes);
     EXPECT_EQ(small.bytes, by_bytes.stats().memory_bytes);
-    ++cases;
   }
-  EXPECT_EQ(cases, 4);
-  if (TypeParam::D < 4) {  // Else unknown cells stand beside all the others.
-    EXPECT_GT(last_loss, 0.0);
-  }
+  EXPECT_GT(last_loss, 0.0);
 }
 
 TYPED_TEST(Compress, IsDeterministicAndChangesNothingTwice) {
-  auto once = room<TypeParam::N, TypeParam::D>(10);
-  auto again = room<TypeParam::N, TypeParam::D>(10);
+  auto once = room<TypeParam::kBranching, TypeParam::kDim>(10);
+  auto again = room<TypeParam::kBranching, TypeParam::kDim>(10);
   once.compress({20.0, std::nullopt, std::nullopt});
   again.compress({20.0, std::nullopt, std::nullopt});
   EXPECT_EQ(to_bytes(once), to_bytes(again));

@@ -4,9 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 #include <optional>
-#include <string>
 #include <vector>
 
 #include "ndtree/cell/evidence_merge.hpp"
@@ -117,36 +115,29 @@ TEST(EvidenceMerge, ByHand) {
       {"none observed", {unknown, unknown, unknown, unknown}, kSureToJoin, false},
       {"balanced evidence", {balanced, balanced, balanced, balanced}, kSureToJoin, false},
       {"one with balanced evidence", {free, balanced, free, free}, kSureToJoin, false}};
-  int cases = 0;
   for (const Row& row : rows) {
     SCOPED_TRACE(row.what);
     EXPECT_EQ(merged(row.merge_loss, row.cells, 2).has_value(), row.merges) << loss_of(row.cells);
-    ++cases;
   }
-  EXPECT_EQ(cases, 14);
 }
 
 TEST(EvidenceMerge, DividedSiblingsStay) {
   const EvidenceCell free = cell_of(0, 2080);
-  int cases = 0;
-  for (std::size_t inner = 0; inner < 4; ++inner, ++cases) {
+  for (std::size_t inner = 0; inner < 4; ++inner) {
     auto nodes = nodes_of({free, free, free, free});
     const EvidenceMergeRule rule = rule_with(kSureToJoin);
     ASSERT_TRUE(rule(nodes.data(), 4, 2).has_value());
     nodes[inner].become_inner(7);
     EXPECT_FALSE(rule(nodes.data(), 4, 2).has_value());
   }
-  EXPECT_EQ(cases, 4);
 }
 
 TEST(EvidenceMerge, TheLossDecidesAmongSiblingsOfOneState) {
   Random random(151);
-  SCOPED_TRACE(random.trace());
   int joined = 0;
   int apart = 0;
   int too_different = 0;
-  int cases = 0;
-  for (; cases < 6000; ++cases) {
+  for (int cases = 0; cases < 6000; ++cases) {
     const auto count = static_cast<std::size_t>(random.chance(0.5) ? 4 : 9);
     const int share = count == 4 ? 2 : 3;
     const bool is_free = random.chance(0.5);
@@ -194,7 +185,6 @@ TEST(EvidenceMerge, TheLossDecidesAmongSiblingsOfOneState) {
     ASSERT_TRUE(parent->observed());
     ASSERT_EQ(parent->state(), is_free ? CellState::free : CellState::occupied);
   }
-  EXPECT_EQ(cases, 6000);
   EXPECT_GT(joined, 800);
   EXPECT_GT(apart, 800);
   EXPECT_GT(too_different, 300);
@@ -202,13 +192,11 @@ TEST(EvidenceMerge, TheLossDecidesAmongSiblingsOfOneState) {
 
 TEST(EvidenceMerge, ASplitUndoneIsNearlyIdentity) {
   Random random(152);
-  SCOPED_TRACE(random.trace());
   struct Row {
     int count, share;
   };
-  int cases = 0;
   for (const Row& row : {Row{2, 1}, Row{4, 2}, Row{9, 3}, Row{25, 5}, Row{8, 4}, Row{27, 9}, Row{16, 8}})
-    for (int i = 0; i < 300; ++i, ++cases) {
+    for (int i = 0; i < 300; ++i) {
       const int more = random.integer(5000, 40000);
       const int less = random.integer(0, more / 2) * (random.chance(0.7) ? 1 : 0);
       const EvidenceCell parent = cell_of(less, more, 350, 450);
@@ -224,12 +212,10 @@ TEST(EvidenceMerge, ASplitUndoneIsNearlyIdentity) {
       ASSERT_EQ(again->hits() + again->misses(), 0u) << "counted anew";
       ASSERT_EQ(again->state(), parent.state());
     }
-  EXPECT_EQ(cases, 7 * 300);
 }
 
 TEST(EvidenceMerge, WhatWasObservedBeforeAMergeIsKnownAfterASplit) {
   Random random(157);
-  SCOPED_TRACE(random.trace());
   int known = 0;
   int covered = 0;
   for (int i = 0; i < 2000; ++i) {

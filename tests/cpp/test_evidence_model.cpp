@@ -4,10 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 #include <memory>
-#include <string>
-#include <utility>
 
 #include "ndtree/cell/evidence_model.hpp"
 #include "options.hpp"
@@ -35,13 +32,11 @@ constexpr std::int64_t kMiss = 104;
 
 TEST(EvidenceModel, LogOddsAreTheRatioWithinItsBounds) {
   Random random(140);
-  SCOPED_TRACE(random.trace());
   int low = 0;
   int high = 0;
-  int cases = 0;
   for (const double prior : {0.01, 0.5, 4.0}) {
     const EvidenceModel model = model_with(200.0, prior);
-    for (int i = 0; i < 5000; ++i, ++cases) {
+    for (int i = 0; i < 5000; ++i) {
       const auto occupied = static_cast<std::int64_t>(std::exp(random.uniform(0.0, 11.0)) - 1.0);
       const auto free = random.chance(0.1)
                             ? occupied
@@ -58,7 +53,6 @@ TEST(EvidenceModel, LogOddsAreTheRatioWithinItsBounds) {
       high += value == 3.5f;
     }
   }
-  EXPECT_EQ(cases, 15000);
   EXPECT_GT(low, 100);
   EXPECT_GT(high, 100);
   // The smallest difference of the largest sums is still told.
@@ -109,12 +103,11 @@ TEST(EvidenceModel, LogOddsOfAFileThatAreNotThoseOfItsEvidenceAreAChange) {
 TEST(EvidenceModel, BeamsWeighWhatTheSensorModelSays) {
   const EvidenceModel model = model_with(200.0);
   EXPECT_EQ(model.miss_evidence(), kMiss);
-  int cases = 0;
   for (const float sigmas : {0.6f, 0.25f, 0.001f}) {  // In edges of the cell.
     ScanEvidence sum;
     std::int64_t occupied = 0;
     std::int64_t free = 0;
-    for (int i = -200; i <= 200; ++i, ++cases) {
+    for (int i = -200; i <= 200; ++i) {
       const auto log_odds = static_cast<float>(0.01 * i);
       BeamWeight::add(sum, BeamWeight::units_of(log_odds, BeamWeight::probability_inside_table()(sigmas)));
       const double weight = BeamWeight::probability_inside(1.0 / static_cast<double>(sigmas));
@@ -125,7 +118,6 @@ TEST(EvidenceModel, BeamsWeighWhatTheSensorModelSays) {
     }
     EXPECT_EQ(sum.hits + sum.misses + sum.beams, 0u) << "counts are not its business";
   }
-  EXPECT_EQ(cases, 3 * 401);
   // A beam that passed, and a beam near its end that says the same.
   ScanEvidence near;
   BeamWeight::add(near, BeamWeight::units_of(static_cast<float>(std::log(0.4 / 0.6)), 0.3f));
@@ -139,9 +131,8 @@ TEST(EvidenceModel, TheMeanChordOfACube) {
 }
 
 TEST(EvidenceModel, ProbabilityInsideIsTheMeanOverPlaces) {
-  int cases = 0;
   double last = 0.0;
-  for (double u = 0.25; u < 40.0; u *= 1.3, ++cases) {
+  for (double u = 0.25; u < 40.0; u *= 1.3) {
     constexpr int kPieces = 20000;
     double sum = 0.0;
     for (int i = 0; i < kPieces; ++i) {
@@ -155,15 +146,12 @@ TEST(EvidenceModel, ProbabilityInsideIsTheMeanOverPlaces) {
     ASSERT_LT(inside, 1.0);
     last = inside;
   }
-  EXPECT_EQ(cases, 20);
 }
 
 TEST(EvidenceModel, FadingKeepsTheRatio) {
   Random random(141);
-  SCOPED_TRACE(random.trace());
   int faded = 0;
-  int cases = 0;
-  for (; cases < 20000; ++cases) {
+  for (int cases = 0; cases < 20000; ++cases) {
     const double memory = random.uniform(1.0, 255.0);
     const std::int64_t limit = std::llround(256.0 * memory);
     const EvidenceModel model = model_with(memory);
@@ -191,7 +179,6 @@ TEST(EvidenceModel, FadingKeepsTheRatio) {
     ASSERT_LE(kept_occupied, EvidenceCell::kMaxEvidence);
     ASSERT_LE(kept_free, EvidenceCell::kMaxEvidence);
   }
-  EXPECT_EQ(cases, 20000);
   EXPECT_GT(faded, 5000);
   // Cells come closer to what they are told lately: a free cell is occupied after as much of the other.
   const EvidenceModel model = model_with(10.0);
@@ -204,10 +191,8 @@ TEST(EvidenceModel, FadingKeepsTheRatio) {
 
 TEST(EvidenceModel, AScanAddsUpHoweverItIsDivided) {
   Random random(142);
-  SCOPED_TRACE(random.trace());
   const EvidenceModel model = model_with(200.0);
-  int cases = 0;
-  for (; cases < 500; ++cases) {
+  for (int cases = 0; cases < 500; ++cases) {
     ScanEvidence whole;
     EvidenceCell in_parts;
     const int parts = random.integer(1, 12);
@@ -236,7 +221,6 @@ TEST(EvidenceModel, AScanAddsUpHoweverItIsDivided) {
     ASSERT_EQ(at_once.misses(), whole.misses);
     ASSERT_EQ(at_once.log_odds(), model.log_odds_of(whole.occupied, whole.free));
   }
-  EXPECT_EQ(cases, 500);
   // What a cell can hold at most, and more.
   EvidenceCell cell;
   ScanEvidence much;
@@ -266,7 +250,6 @@ TEST(EvidenceModel, OfOneScanOnlySoManyPassesCount) {
                       {0, 3, 0, 40 * kMiss, 3, 16 * kMiss},
                       {1, 900, 0, 900 * kMiss, 900, 900 * kMiss},   // With hits, all count ...
                       {0, 900, 1, 900 * kMiss, 900, 900 * kMiss}};  // With the evidence of a surface near by.
-  int cases = 0;
   for (const Row& row : rows) {
     ScanEvidence scan;
     scan.hits = row.hits;
@@ -280,16 +263,12 @@ TEST(EvidenceModel, OfOneScanOnlySoManyPassesCount) {
     EXPECT_EQ(scan.hits, row.hits);
     EXPECT_EQ(scan.occupied, row.occupied);
     EXPECT_EQ(scan.beams, row.hits + row.kept_misses);
-    ++cases;
   }
-  EXPECT_EQ(cases, 7);
 }
 
 TEST(EvidenceModel, ASaturatedCellIsOneThatPassesLeaveAsItIs) {
   Random random(145);
-  SCOPED_TRACE(random.trace());
   int saturated = 0;
-  int scans = 0;
   for (const double free_memory : {1.0, 20.0, 200.0, 255.0})
     for (const double half_life : {0.0, 5.0}) {
       MapOptions options = options_with(200.0);
@@ -301,7 +280,7 @@ TEST(EvidenceModel, ASaturatedCellIsOneThatPassesLeaveAsItIs) {
       hit.hits = hit.beams = 1;
       hit.occupied = 217;
       model.update(cell, hit);
-      for (int i = 0; i < 3000; ++i, ++scans) {
+      for (int i = 0; i < 3000; ++i) {
         ScanEvidence passed;
         passed.misses = passed.beams = static_cast<std::uint32_t>(random.integer(1, 16));
         passed.free = kMiss * passed.misses + random.integer(-50, 50);
@@ -318,20 +297,17 @@ TEST(EvidenceModel, ASaturatedCellIsOneThatPassesLeaveAsItIs) {
       model.update(cell, hit);
       EXPECT_FALSE(model.is_saturated(cell));
     }
-  EXPECT_EQ(scans, 8 * 3000);
   EXPECT_GT(saturated, 4000);
 }
 
 TEST(EvidenceModel, ChildrenStartWithTheirPart) {
   Random random(143);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
   int none = 0;
   for (const int divisor : {1, 2, 3, 5, 9, 8})
     for (const double inherited_beams : {0.0, 3.0, 50.0}) {
       const EvidenceModel model = model_with(200.0, 0.5, inherited_beams);
       EXPECT_EQ(model.initial_child(EvidenceCell{}, divisor, 3, 5), EvidenceCell{}) << "of nothing, nothing";
-      for (int i = 0; i < 300; ++i, ++cases) {
+      for (int i = 0; i < 300; ++i) {
         EvidenceCell parent;
         parent.set_counts(static_cast<std::uint32_t>(random.integer(0, 511)),
                           static_cast<std::uint32_t>(random.integer(0, 511)));
@@ -363,7 +339,6 @@ TEST(EvidenceModel, ChildrenStartWithTheirPart) {
         ASSERT_NEAR(child.misses(), counts_anew ? 0.0 : share * parent.misses() - 0.5, 0.5 + 1e-6);
       }
     }
-  EXPECT_EQ(cases, 5400);
   EXPECT_GT(none, 50);
 }
 
@@ -404,7 +379,6 @@ int for_each_cell_and_scan(Random& random, const EvidenceModel& model, CellState
 
 TEST(EvidenceModel, OccupiedCellsArePredictedToRemergeUnlessAChildMayBeFree) {
   Random random(152);
-  SCOPED_TRACE(random.trace());
   const EvidenceModel model = model_with(200.0, 0.5, 2.0);
   int predicted_remerges = 0;
   const int cases = for_each_cell_and_scan(
@@ -434,10 +408,8 @@ TEST(EvidenceModel, OccupiedCellsArePredictedToRemergeUnlessAChildMayBeFree) {
 
 TEST(EvidenceModel, WhatAnUndoneSplitLeavesIsLessOfWhatWasKnown) {
   Random random(153);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
   for (const double half_life : {0.0, 20.0})
-    for (int i = 0; i < 3000; ++i, ++cases) {
+    for (int i = 0; i < 3000; ++i) {
       EvidenceOptions evidence;
       evidence.evidence_half_life = half_life;
       const EvidenceModel model(evidence, SensorOptions{});
@@ -462,16 +434,14 @@ TEST(EvidenceModel, WhatAnUndoneSplitLeavesIsLessOfWhatWasKnown) {
         ASSERT_NEAR(cell.misses(), kept * before.misses() + scan.misses + 0.5, 0.5 + 1e-6);
       }
     }
-  EXPECT_EQ(cases, 6000);
 }
 
 TEST(EvidenceModel, EffectiveBeamsAreThoseThatWereAdded) {
   const EvidenceModel model = model_with(200.0);
   const auto hit = static_cast<float>(std::log(0.7 / 0.3));
   constexpr float kInside = 1.0f;  // In a cell large beside the noise, the surface is certainly.
-  int cases = 0;
   for (int hits = 0; hits <= 30; ++hits)
-    for (int misses = 0; misses <= 60; misses += 3, ++cases) {
+    for (int misses = 0; misses <= 60; misses += 3) {
       ScanEvidence scan;
       for (int i = 0; i < hits; ++i) BeamWeight::add(scan, BeamWeight::units_of(hit, kInside));
       scan.free = misses * model.miss_evidence();
@@ -480,7 +450,6 @@ TEST(EvidenceModel, EffectiveBeamsAreThoseThatWereAdded) {
       ASSERT_NEAR(model.effective_hits(cell), hits, 3e-3 * hits);  // Units are rounded.
       ASSERT_EQ(model.effective_misses(cell), misses);
     }
-  EXPECT_EQ(cases, 31 * 21);
 }
 
 }  // namespace

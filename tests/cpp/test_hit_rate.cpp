@@ -33,9 +33,7 @@ double below(double a, double b, double x) {
 
 TEST(HitRate, QuantilesAreThoseOfThePosterior) {
   Random random(90);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
-  for (; cases < 60; ++cases) {
+  for (int cases = 0; cases < 60; ++cases) {
     const double hits = cases % 4 == 0 ? 0.0 : random.uniform(0.0, 200.0);
     const double misses = cases % 4 == 1 ? 0.0 : random.uniform(0.0, 200.0);
     const double prior_hits = random.uniform(0.1, 1.0);
@@ -56,7 +54,6 @@ TEST(HitRate, QuantilesAreThoseOfThePosterior) {
           << hits << " hits, " << misses << " misses";
     }
   }
-  EXPECT_EQ(cases, 60);
 }
 
 TEST(HitRate, BeamsNarrowTheBounds) {
@@ -73,10 +70,8 @@ TEST(HitRate, OfCellsWithoutCountsItRisesFromLowerThanTheirOdds) {
   EXPECT_NEAR(HitRateModel::mean_of(0.0), 0.04, 0.02);
   EXPECT_LT(HitRateModel::mean_of(-4.6), 1e-3);
   EXPECT_GT(HitRateModel::mean_of(5.9), 0.95);
-  int checked = 0;
-  for (double log_odds = -5.0; log_odds < 5.0; log_odds += 0.25, ++checked)
+  for (double log_odds = -5.0; log_odds < 5.0; log_odds += 0.25)
     EXPECT_LT(HitRateModel::mean_of(log_odds), HitRateModel::mean_of(log_odds + 0.25));
-  EXPECT_EQ(checked, 40);
 }
 
 TEST(HitRate, CellsAreReadInBeams) {

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <optional>
 #include <stdexcept>
 #include <vector>
 
@@ -129,11 +128,8 @@ void gain_is_that_of_small_steps(Random& random, BeamPattern<Map::kDim> sensor) 
 }
 TEST(InformationGain, IsThatOfSmallSteps) {
   Random random(70);
-  SCOPED_TRACE(random.trace());
-  gain_is_that_of_small_steps<AdaptiveMap<2, 2>>(random, all_around_2(90, 3.0));
-  gain_is_that_of_small_steps<AdaptiveMap<3, 2>>(random, all_around_2(8, 4.0));
-  gain_is_that_of_small_steps<PaperMap<2, 2>>(random, all_around_2(300, 3.0));
-  gain_is_that_of_small_steps<FixedMap<2, 2>>(random, all_around_2(90, 3.0));
+  gain_is_that_of_small_steps<AdaptiveMap<2, 2>>(random, all_around_2(8, 4.0));
+  gain_is_that_of_small_steps<PaperMap<3, 2>>(random, all_around_2(300, 3.0));
   gain_is_that_of_small_steps<AdaptiveMap<2, 3>>(random, all_around_3(9, 2.5));
   BeamPattern<3> plane = all_around_3(7, 2.5);
   plane.spacing.row(1).setConstant(kInfinity);
@@ -166,7 +162,6 @@ void volume_is_what_is_in_sight(Random& random, const BeamPattern<Map::kDim>& se
 }
 TEST(InformationGain, VolumeIsWhatIsInSight) {
   Random random(71);
-  SCOPED_TRACE(random.trace());
   volume_is_what_is_in_sight<FixedMap<2, 2>>(random, all_around_2(20000, 4.0), 0.01);
   volume_is_what_is_in_sight<FixedMap<2, 3>>(random, all_around_3(100, 2.5), 0.01);
 }

@@ -3,38 +3,29 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <stdexcept>
-#include <string>
 
+#include "map_kinds.hpp"
 #include "ndtree/io/map_file.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/point.hpp"
 #include "ndtree/query/transform.hpp"
 #include "options.hpp"
 #include "random.hpp"
+#include "random_maps.hpp"
 #include "refusals.hpp"
+#include "trees.hpp"
 
 namespace ndtree::test::test_join {
 namespace {
 
 template <class Map>
 Map random_map(Random& random, int scans) {
-  constexpr int D = Map::kDim;
   Map map(some_options(Map::kBranching));
   const double centre = random.uniform(-6.0, 6.0);
-  for (int i = 0; i < scans; ++i) {
-    Scan<D> scan;
-    scan.origins.resize(D, 1);
-    scan.endpoints.resize(D, 40);
-    for (int a = 0; a < D; ++a) {
-      scan.origins(a, 0) = centre + random.uniform(-1.0, 1.0);
-      for (Eigen::Index k = 0; k < 40; ++k) scan.endpoints(a, k) = centre + random.uniform(-3.0, 3.0);
-    }
-    map.insert(scan);
-  }
+  for (int i = 0; i < scans; ++i) map.insert(scan_about<Map::kDim>(random, centre, 40, 1.0, 3.0));
   return map;
 }
 template <class Map>
@@ -46,22 +37,13 @@ Map merged(Map one, const Map& other) {
 /// Calls `visit(cell of one, cell of other)` for each smallest cell that either knows.
 template <class Map, class Visit>
 void for_each_smallest(const Map& one, const Map& other, const Visit& visit) {
-  constexpr auto D = static_cast<std::size_t>(Map::kDim);
   using Cell = typename Map::Cell;
   const auto look = [&](const Map& map, const Map& beside, bool is_first) {
     for_each_leaf(map.tree(), [&](const auto& leaf) {
       if (leaf.index.level > 0) return;
-      const std::int64_t edge = map.tree().geometry().edge(leaf.index.level);
-      std::int64_t volume = 1;
-      for (std::size_t a = 0; a < D; ++a) volume *= edge;
-      for (std::int64_t i = 0; i < volume; ++i) {
-        Lattice<Map::kDim> at = leaf.index.lower;
-        std::int64_t rest = i;
-        for (std::int64_t& coordinate : at) {
-          coordinate += rest % edge;
-          rest /= edge;
-        }
-        const auto found = beside.tree().find_leaf(at);
+      const auto edge = static_cast<int>(map.tree().geometry().edge(leaf.index.level));
+      for (const CellIndex<Map::kDim>& at : cells_within(leaf.index, 1, 0, edge)) {
+        const auto found = beside.tree().find_leaf(at.lower);
         const bool is_there = found && found->index.level <= 0;
         if (is_first)
           visit(leaf.cell(), is_there ? found->cell() : Cell{});
@@ -76,8 +58,7 @@ void for_each_smallest(const Map& one, const Map& other, const Visit& visit) {
 
 template <class Map>
 class Joined : public testing::Test {};
-using Maps = testing::Types<AdaptiveMap<3, 2>, AdaptiveMap<2, 3>, PaperMap<2, 2>, FixedMap<2, 2>>;
-TYPED_TEST_SUITE(Joined, Maps);
+TYPED_TEST_SUITE(Joined, MapKinds);
 
 TYPED_TEST(Joined, DoesNotDependOnWhichIsMergedIntoWhich) {
   Random random(8);

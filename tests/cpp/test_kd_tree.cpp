@@ -15,7 +15,7 @@ namespace {
 
 template <class Shape>
 class KdTreeOf : public ::testing::Test {};
-TYPED_TEST_SUITE(KdTreeOf, test::Shapes, test::ShapeNames);
+TYPED_TEST_SUITE(KdTreeOf, test::TwoShapes, test::ShapeNames);
 
 /// @param except a column that does not count; none: all count.
 template <int D>
@@ -41,7 +41,6 @@ Points<D> random_points(test::Random& random, int n, bool on_lattice) {
 TYPED_TEST(KdTreeOf, FindsWhatALookAtEveryPointFinds) {
   constexpr int D = TypeParam::kDim;
   test::Random random(71);
-  SCOPED_TRACE(random.trace());
   int found = 0;
   int none = 0;
   for (const int n : {0, 1, 2, 7, 8, 9, 17, 100, 700}) {

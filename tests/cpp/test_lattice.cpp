@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <limits>
 #include <stdexcept>
-#include <string>
 #include <vector>
 
 #include "ndtree/tree/lattice.hpp"
@@ -43,7 +42,6 @@ int count_misplaced(const Geometry& geometry, const std::vector<double>& points)
 
 TEST(Lattice, CoordinateIsTheCellWhoseBordersEncloseThePoint) {
   Random random(1);
-  SCOPED_TRACE(random.trace());
   std::size_t cases = 0;
   for (const double unit : units()) {
     const LatticeGeometry<2, 2> geometry(unit, 3);
@@ -64,27 +62,11 @@ TEST(Lattice, CoordinateIsTheCellWhoseBordersEncloseThePoint) {
   EXPECT_EQ(cases, 10u * (4u + 801u * 8u * 3u + 4000u));
 }
 
-TEST(Lattice, CoordinateInvertsBorder) {
-  int cases = 0;
-  for (const double unit : units()) {
-    const LatticeGeometry<3, 1> geometry(unit, 2);
-    for (const std::int64_t middle :
-         {std::int64_t{0}, std::int64_t{100000000}, std::int64_t{1} << 33, -(std::int64_t{1} << 37)})
-      for (std::int64_t k = middle - 200; k <= middle + 200; ++k, ++cases) {
-        ASSERT_EQ(geometry.coordinate(geometry.border(k)), k);
-        ASSERT_EQ(geometry.coordinate(std::nextafter(geometry.border(k), -kInfinity)), k - 1);
-      }
-  }
-  EXPECT_EQ(cases, 10 * 4 * 401);
-}
-
 TEST(Lattice, BorderIsTheNearestDoubleToAMultipleOfTheUnit) {
   Random random(2);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
   for (const double unit : units()) {
     const LatticeGeometry<2, 2> geometry(unit, 0);
-    for (int i = 0; i < 500; ++i, ++cases) {
+    for (int i = 0; i < 500; ++i) {
       const double size = std::exp2(random.uniform(0.0, 38.0));
       const std::int64_t k = std::llround(random.uniform(-size, size));
       const double border = geometry.border(k);
@@ -93,7 +75,6 @@ TEST(Lattice, BorderIsTheNearestDoubleToAMultipleOfTheUnit) {
       ASSERT_LE(distance(border), distance(std::nextafter(border, -kInfinity)));
     }
   }
-  EXPECT_EQ(cases, 5000);
 }
 
 TEST(Lattice, ReachIsClosed) {
@@ -148,11 +129,9 @@ TYPED_TEST(LatticeOf, EdgesGrowByNFromOneUnit) {
 TYPED_TEST(LatticeOf, CellsOfAllLevelsShareTheirBordersToTheLastBit) {
   NDTREE_SHAPE;
   Random random(3);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
   for (const double unit : units()) {
     const LatticeGeometry<N, D> geometry(unit, 4);
-    for (int i = 0; i < 200; ++i, ++cases) {
+    for (int i = 0; i < 200; ++i) {
       const int small = random.integer(-4, 2);
       const int large = random.integer(small, 2);
       // A large cell anywhere within 1000 km at 1 cm, and a small one that begins where it ends.
@@ -175,34 +154,6 @@ TYPED_TEST(LatticeOf, CellsOfAllLevelsShareTheirBordersToTheLastBit) {
       }
     }
   }
-  EXPECT_EQ(cases, 2000);
-}
-
-TYPED_TEST(LatticeOf, ChildrenCutTheirParentEvenly) {
-  NDTREE_SHAPE;
-  const LatticeGeometry<N, D> geometry(0.1, 2);
-  int cases = 0;
-  for (const std::int64_t lower : {std::int64_t{0}, std::int64_t{-7 * N * N}, std::int64_t{10000000}}) {
-    CellIndex<D> cell{{}, 0};
-    cell.lower.fill(lower);
-    const Box<D> whole = geometry.box(cell);
-    for (int j = 0; j < static_cast<int>(integer_power(N, D)); ++j, ++cases) {
-      const Offset<D> offset = child_offset<N, D>(j);
-      const CellIndex<D> child = geometry.child(cell, offset);
-      const Box<D> part = geometry.box(child);
-      EXPECT_EQ(child.level, -1);
-      for (int a = 0; a < D; ++a) {
-        const int i = offset[static_cast<std::size_t>(a)];
-        const double tolerance = 1e-15 * (1.0 + whole.upper.cwiseAbs().maxCoeff());
-        const double edge = (whole.upper[a] - whole.lower[a]) / N;
-        ASSERT_NEAR(part.lower[a], whole.lower[a] + i * edge, tolerance);
-        ASSERT_NEAR(part.upper[a], whole.lower[a] + (i + 1) * edge, tolerance);
-        ASSERT_TRUE(i > 0 || part.lower[a] == whole.lower[a]);
-        ASSERT_TRUE(i < N - 1 || part.upper[a] == whole.upper[a]);
-      }
-    }
-  }
-  EXPECT_EQ(cases, 3 * integer_power(N, D));
 }
 
 TYPED_TEST(LatticeOf, CellContainsItsHalfOpenRange) {

@@ -1,15 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <map>
-#include <string>
 #include <utility>
 
 #include "ndtree/io/map_builder.hpp"
-#include "ndtree/io/map_file.hpp"
 #include "ndtree/map.hpp"
 #include "ndtree/query/point.hpp"
 #include "random.hpp"
@@ -20,7 +17,7 @@ namespace {
 
 template <class Shape>
 class MapBuilderOf : public ::testing::Test {};
-TYPED_TEST_SUITE(MapBuilderOf, test::Shapes, test::ShapeNames);
+TYPED_TEST_SUITE(MapBuilderOf, test::TwoShapes, test::ShapeNames);
 
 template <int D>
 Lattice<D> filled(std::int64_t value) {
@@ -47,7 +44,6 @@ TYPED_TEST(MapBuilderOf, BoxesInAnyOrderAreAsCellByCell) {
   NDTREE_SHAPE;
   using Map = PaperMap<N, D>;
   Random random(31);
-  SCOPED_TRACE(random.trace());
   MapOptions options;
   options.min_cell_size = 0.1;
   options.max_cell_size = 0.1 * N * N;
@@ -76,7 +72,6 @@ TYPED_TEST(MapBuilderOf, BoxesInAnyOrderAreAsCellByCell) {
     const Map map = std::move(builder).finish();
     map.check_invariants();
     for_each_cell<D>(filled<D>(-22), filled<D>(30), [&](const Lattice<D>& at) {
-      if (D == 4 && (at[0] + at[3]) % 5 != 0) return;  // Some are enough.
       Vector<D> centre;
       for (int a = 0; a < D; ++a)
         centre[a] = 0.1 * (static_cast<double>(at[static_cast<std::size_t>(a)]) + 0.5);
@@ -85,7 +80,6 @@ TYPED_TEST(MapBuilderOf, BoxesInAnyOrderAreAsCellByCell) {
           << centre.transpose();
       ++checked;
     });
-    if (D == 4) break;
   }
   EXPECT_GT(checked, 50);
 }

@@ -8,11 +8,11 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
-#include <stdexcept>
 #include <string>
 #include <type_traits>
 #include <vector>
 
+#include "map_kinds.hpp"
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/core/body.hpp"
 #include "ndtree/core/forget_rule.hpp"
@@ -28,6 +28,7 @@
 #include "ndtree/query/point.hpp"
 #include "random.hpp"
 #include "random_maps.hpp"
+#include "random_rotation.hpp"
 #include "refusals.hpp"
 
 namespace ndtree::test::test_marks {
@@ -51,22 +52,8 @@ Map random_map(Random& random) {
 }
 
 template <int D>
-Vector<D> random_point(Random& random, double reach) {
-  Vector<D> point;
-  for (int a = 0; a < D; ++a) {
-    point[a] = random.uniform(-reach, reach);
-    if (random.chance(0.2)) point[a] = std::round(point[a] / kUnit) * kUnit;
-  }
-  return point;
-}
-Pose<2> random_turn(Random& random, const Vector<2>& to) {
-  const double yaw = random.chance(0.3) ? 0.0 : random.uniform(-3.0, 3.0);
-  return {Eigen::Rotation2Dd(yaw).toRotationMatrix(), to};
-}
-Pose<3> random_turn(Random& random, const Vector<3>& to) {
-  if (random.chance(0.3)) return {Eigen::Matrix3d::Identity(), to};
-  const Vector<3> axis(random.uniform(-1.0, 1.0), random.uniform(-1.0, 1.0), random.uniform(0.1, 1.0));
-  return {Eigen::AngleAxisd(random.uniform(-3.0, 3.0), axis.normalized()).toRotationMatrix(), to};
+Eigen::Matrix<double, D, D> random_turn(Random& random) {
+  return random.chance(0.3) ? Eigen::Matrix<double, D, D>::Identity() : random_rotation<D>(random);
 }
 
 /// Capsules and boxes of all sizes, of which some hold cells of every level.
@@ -76,14 +63,12 @@ Body<D> random_body(Random& random) {
   const int parts = random.integer(1, 2);
   for (int i = 0; i < parts; ++i) {
     if (random.chance(0.5)) {
-      const Vector<D> a = random_point<D>(random, 0.7);
-      body.push_back(Capsule<D>{a, random.chance(0.5) ? a : random_point<D>(random, 0.7),
+      const Vector<D> a = random_vector<D>(random, 0.7, kUnit);
+      body.push_back(Capsule<D>{a, random.chance(0.5) ? a : random_vector<D>(random, 0.7, kUnit),
                                 random.chance(0.2) ? 0.0 : random.uniform(0.05, 1.2)});
     } else {
-      OrientedBox<D> box{random_point<D>(random, 0.5), random_point<D>(random, 1.2).cwiseAbs(),
-                         Eigen::Matrix<double, D, D>::Identity()};
-      box.axes = random_turn(random, Vector<D>::Zero().eval()).rotation;
-      body.push_back(box);
+      body.push_back(OrientedBox<D>{random_vector<D>(random, 0.5, kUnit),
+                                    random_vector<D>(random, 1.2, kUnit).cwiseAbs(), random_turn<D>(random)});
     }
   }
   return body;
@@ -123,20 +108,17 @@ void expect_states(const Map& before, const Map& after, CellState given, const I
 
 template <class Map>
 class Marks : public testing::Test {};
-using Maps =
-    testing::Types<AdaptiveMap<3, 2>, AdaptiveMap<2, 3>, PaperMap<2, 2>, FixedMap<2, 2>, FixedMap<2, 3>>;
-TYPED_TEST_SUITE(Marks, Maps);
+TYPED_TEST_SUITE(Marks, MapKinds);
 
 TYPED_TEST(Marks, OfABodyAreTheCellsThatItTouches) {
   constexpr int D = TypeParam::kDim;
   Random random(701);
-  SCOPED_TRACE(random.trace());
   int changed = 0;
   int kept = 0;
   for (int i = 0; i < 12; ++i) {
     const TypeParam before = random_map<TypeParam>(random);
     const Body<D> body = random_body<D>(random);
-    const Pose<D> pose = random_turn(random, random_point<D>(random, 0.8));
+    const Pose<D> pose{random_turn<D>(random), random_vector<D>(random, 0.8, kUnit)};
     const Body<D> placed = moved(body, pose);
     const auto is_touched = [&](const Box<D>& cell) {
       return std::any_of(placed.begin(), placed.end(),
@@ -165,7 +147,6 @@ TYPED_TEST(Marks, OfABodyAreTheCellsThatItTouches) {
 /// for its children may differ in the last bit.
 TEST(MarksOnBorders, CollisionsSeeAllThatChanged) {
   Random random(706);
-  SCOPED_TRACE(random.trace());
   MapOptions options;
   options.min_cell_size = 0.1;
   options.max_cell_size = 0.8;
@@ -192,13 +173,12 @@ TEST(MarksOnBorders, CollisionsSeeAllThatChanged) {
 TYPED_TEST(Marks, OfABoxAreTheCellsThatShareAVolumeWithIt) {
   constexpr int D = TypeParam::kDim;
   Random random(702);
-  SCOPED_TRACE(random.trace());
   int changed = 0;
   int kept = 0;
   for (int i = 0; i < 8; ++i) {
     const TypeParam before = random_map<TypeParam>(random);
-    const Vector<D> a = random_point<D>(random, 1.5);
-    const Vector<D> b = random_point<D>(random, 1.5);
+    const Vector<D> a = random_vector<D>(random, 1.5, kUnit);
+    const Vector<D> b = random_vector<D>(random, 1.5, kUnit);
     const Box<D> box{a.cwiseMin(b), a.cwiseMax(b) + Vector<D>::Constant(0.1)};
     for (const CellState given : {CellState::free, CellState::occupied}) {
       TypeParam map = before;
@@ -288,7 +268,6 @@ Scan<D> scan_to(double x) {
 TYPED_TEST(Marks, AreChangedByLaterBeams) {
   constexpr int D = TypeParam::kDim;
   Random random(703);
-  SCOPED_TRACE(random.trace());
   // Something occupied that is not there: beams that pass take it away. Its sides, of which beams see
   // nothing, stay.
   TypeParam map(options_of<TypeParam::kBranching>());
@@ -317,29 +296,6 @@ TYPED_TEST(Marks, AreChangedByLaterBeams) {
     other.insert(scan_to<D>(end[0]));
   EXPECT_LT(scans, 40);
   other.check_invariants();
-}
-
-TYPED_TEST(Marks, AreSeenByWhoHeldTheMapBefore) {
-  constexpr int D = TypeParam::kDim;
-  Random random(704);
-  SCOPED_TRACE(random.trace());
-  TypeParam map = random_map<TypeParam>(random);
-  const TypeParam before = map.snapshot();
-  const std::string bytes = to_bytes(before);
-  const Body<D> body{Capsule<D>{Vector<D>::Zero(), Vector<D>::Unit(1), 0.4}};
-  map.mark(body, {}, CellState::occupied);
-  EXPECT_TRUE(to_bytes(before) == bytes);
-  double volume = 0.0;
-  for (const Change<D>& change : changes(before, map)) {
-    EXPECT_EQ(change.after, CellState::occupied);
-    volume += std::pow(map.tree().geometry().cell_size(change.index.level), D);
-  }
-  double expected = 0.0;
-  for_each_small<D>([&](const Box<D>& cell) {
-    if (touch(body[0], cell) && state_at(before, cell) != CellState::occupied) expected += std::pow(kUnit, D);
-  });
-  EXPECT_NEAR(volume, expected, 1e-9);
-  EXPECT_GT(expected, 0.0);
 }
 
 TYPED_TEST(Marks, ThatCannotBeChangeNothing) {

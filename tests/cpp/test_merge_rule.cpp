@@ -3,9 +3,7 @@
 
 #include <cmath>
 #include <cstdint>
-#include <limits>
 #include <optional>
-#include <string>
 #include <vector>
 
 #include "ndtree/cell/merge_rule.hpp"
@@ -53,13 +51,11 @@ std::optional<OccupancyCell> merged(const MergeOptions& options,
 
 TEST(MergeRule, AgreesWithThePapersRule) {
   Random random(37);
-  SCOPED_TRACE(random.trace());
   const MergeOptions options = options_of(0.2, 0.9);
   int joined_free = 0;
   int joined_occupied = 0;
   int refused_by_counts = 0;
-  int cases = 0;
-  for (; cases < 20000; ++cases) {
+  for (int cases = 0; cases < 20000; ++cases) {
     const int kind = random.integer(0, 2);
     const auto count = static_cast<std::size_t>(random.chance(0.5) ? 4 : 9);
     std::vector<Sibling> siblings;
@@ -99,21 +95,18 @@ TEST(MergeRule, AgreesWithThePapersRule) {
     joined_free += all_free;
     joined_occupied += all_occupied;
   }
-  EXPECT_EQ(cases, 20000);
   EXPECT_GT(joined_free, 500);
   EXPECT_GT(joined_occupied, 500);
   EXPECT_GT(refused_by_counts, 15);
 }
 
 TEST(MergeRule, DividedSiblingsStay) {
-  int cases = 0;
-  for (std::size_t inner = 0; inner < 4; ++inner, ++cases) {
+  for (std::size_t inner = 0; inner < 4; ++inner) {
     auto nodes = nodes_of({{-5.0f}, {-5.0f}, {-5.0f}, {-5.0f}});
     ASSERT_TRUE(merged(options_of(0.2, 0.9), nodes).has_value());
     nodes[inner].become_inner(7);
     EXPECT_FALSE(merged(options_of(0.2, 0.9), nodes).has_value());
   }
-  EXPECT_EQ(cases, 4);
 }
 
 TEST(MergeRule, JoinedCountsSaturateTogether) {

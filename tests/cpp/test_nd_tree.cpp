@@ -7,7 +7,6 @@
 #include <optional>
 #include <set>
 #include <stdexcept>
-#include <string>
 #include <utility>
 #include <vector>
 
@@ -94,21 +93,9 @@ template <class S>
 class NdTreeOf : public ::testing::Test {};
 TYPED_TEST_SUITE(NdTreeOf, Shapes, ShapeNames);
 
-TYPED_TEST(NdTreeOf, StartsAsOneLeafAtZero) {
-  NDTREE_SHAPE;
-  const NdTree<N, D, int> tree(0.1, 2);
-  EXPECT_TRUE(tree.root().is_leaf());
-  EXPECT_EQ(tree.root().index, CellIndex<D>{});
-  EXPECT_EQ(tree.num_nodes(), 1u);
-  EXPECT_EQ(tree.num_leaves(), 1u);
-  EXPECT_EQ(tree.num_inner_nodes(), 0u);
-  EXPECT_NO_THROW(tree.check_invariants());
-}
-
 TYPED_TEST(NdTreeOf, RandomOperationsAgreeWithAPlainMapOfCells) {
   NDTREE_SHAPE;
   Random random(5);
-  SCOPED_TRACE(random.trace());
   int splits = 0;
   int merges = 0;
   int grown = 0;
@@ -143,9 +130,14 @@ TYPED_TEST(NdTreeOf, RandomOperationsAgreeWithAPlainMapOfCells) {
         model.leaves[leaf.index] = step;
       } else if (model.root.level < 3) {
         const Vector<D> point = random_point(random, widened(tree.box(model.root), 0.6));
+        const bool grows = !model.encloses(model.root, point);
         tree.grow_to_contain(point);
-        grown += tree.root().index.level > model.root.level;
+        grown += grows;
+        ASSERT_EQ(tree.root().index.level > model.root.level, grows);
         ASSERT_TRUE(model.covers(tree.root().index, model.root));
+        for (const auto& child :
+             model.children(tree.root().index))  // It stopped as soon as the point fitted.
+          ASSERT_TRUE(!grows || !model.covers(child, model.root) || !model.encloses(child, point));
         model.grow(tree.root().index);
         ASSERT_TRUE(model.encloses(model.root, point));
       }
@@ -182,7 +174,6 @@ TYPED_TEST(NdTreeOf, RandomOperationsAgreeWithAPlainMapOfCells) {
 TYPED_TEST(NdTreeOf, SplitThenMergeIsIdentity) {
   NDTREE_SHAPE;
   Random random(6);
-  SCOPED_TRACE(random.trace());
   int cases = 0;
   for (int round = 0; round < 60; ++round) {
     auto tree = random_tree<N, D>(random, 0.1, 3, 15);
@@ -208,85 +199,13 @@ TYPED_TEST(NdTreeOf, SplitThenMergeIsIdentity) {
   EXPECT_GT(cases, 50);
 }
 
-TYPED_TEST(NdTreeOf, ChildByNumberAndByOffsetAreTheSameNode) {
-  NDTREE_SHAPE;
-  NdTree<N, D, int> tree(0.25, 1);
-  tree.split(tree.root());
-  const auto indices = children_of<N, D>(tree.root().index, 1);
-  ASSERT_EQ(indices.size(), static_cast<std::size_t>(tree.kNumChildren));
-  for (int j = 0; j < tree.kNumChildren; ++j) {
-    const auto child = tree.child(tree.root(), j);
-    EXPECT_EQ(child.index, indices[static_cast<std::size_t>(j)]);
-    EXPECT_EQ(tree.child(tree.root(), child_offset<N, D>(j)).node, child.node);
-    EXPECT_EQ(std::as_const(tree).child(std::as_const(tree).root(), j).node, child.node);
-    EXPECT_EQ(tree.children(*tree.root().node) + j, child.node);
-  }
-}
-
-TYPED_TEST(NdTreeOf, GrowingChangesNoQuery) {
-  NDTREE_SHAPE;
-  Random random(7);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
-  int grown = 0;
-  for (int round = 0; round < 20; ++round) {
-    auto tree = random_tree<N, D>(random, 0.05, 2, 20);
-    const auto before = leaves_of(tree);
-    const Box<D> old_box = tree.box(tree.root().index);
-    const int old_level = tree.root().index.level;
-    std::vector<Vector<D>> points;
-    std::vector<CellIndex<D>> found;
-    std::vector<int> values;
-    for (int i = 0; i < 50; ++i) {
-      points.push_back(random_point(random, old_box));
-      found.push_back(tree.find_leaf(points.back())->index);
-      values.push_back(tree.find_leaf(points.back())->cell());
-    }
-    const Vector<D> target = random_point(random, widened(old_box, std::exp2(random.uniform(-2.0, 12.0))));
-    tree.grow_to_contain(target);
-    tree.check_invariants();
-    grown += tree.root().index.level > old_level;
-    ASSERT_TRUE(tree.find_leaf(target).has_value());
-    for (std::size_t i = 0; i < points.size(); ++i, ++cases) {
-      ASSERT_EQ(tree.find_leaf(points[i])->index, found[i]);
-      ASSERT_EQ(tree.find_leaf(points[i])->cell(), values[i]);
-    }
-    // Beyond the old root there is nothing but default cells, N^D - 1 a level.
-    auto after = leaves_of(tree);
-    for (const auto& [index, value] : before) {
-      ASSERT_EQ(after.count(index), 1u);
-      ASSERT_EQ(after[index], value);
-      after.erase(index);
-    }
-    const int levels = tree.root().index.level - old_level;
-    ASSERT_EQ(after.size(), static_cast<std::size_t>(levels) * (tree.kNumChildren - 1));
-    for (const auto& [index, value] : after) ASSERT_EQ(value, 0);
-    // Growing stopped as soon as the target fitted.
-    if (levels > 0) {
-      bool fits_before = false;
-      for (int j = 0; j < tree.kNumChildren; ++j) {
-        const auto child = tree.child(tree.root(), j);
-        fits_before |= !child.is_leaf() && tree.box(child.index).contains(target);
-      }
-      ASSERT_FALSE(fits_before);
-    }
-    const std::size_t nodes = tree.num_nodes();
-    tree.grow_to_contain(target);
-    ASSERT_EQ(tree.num_nodes(), nodes);
-  }
-  EXPECT_EQ(cases, 1000);
-  EXPECT_GE(grown, 10);
-}
-
 TYPED_TEST(NdTreeOf, WholeReachFitsInAnyOrderOfGrowth) {
   NDTREE_SHAPE;
   Random random(8);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
   for (int round = 0; round < 300; ++round) {
     NdTree<N, D, int> tree(0.01, random.integer(0, 3));
     const double reach = tree.geometry().reach();
-    for (int i = 0; i < 12; ++i, ++cases) {
+    for (int i = 0; i < 12; ++i) {
       Vector<D> point;
       for (int a = 0; a < D; ++a) {
         const double size = random.chance(0.3) ? reach : reach * std::exp2(random.uniform(-8.0, 0.0));
@@ -304,55 +223,19 @@ TYPED_TEST(NdTreeOf, WholeReachFitsInAnyOrderOfGrowth) {
     ASSERT_LE(tree.root().index.level, tree.geometry().coarsest_level());
     tree.check_invariants();
   }
-  EXPECT_EQ(cases, 3600);
-}
-
-TYPED_TEST(NdTreeOf, FarFromTheOriginCellsAreAsExactAsNear) {
-  NDTREE_SHAPE;
-  Random random(9);
-  SCOPED_TRACE(random.trace());
-  constexpr double kUnit = 0.01;
-  NdTree<N, D, int> tree(kUnit, 3);
-  int cases = 0;
-  for (const double sign : {1.0, -1.0}) {
-    const Vector<D> far = Vector<D>::Constant(sign * 1e6);  // 1000 km.
-    tree.grow_to_contain(far);
-    for (int i = 0; i < 60; ++i, ++cases) {
-      const Vector<D> point =
-          far + random_point<D>(random, {Vector<D>::Constant(-0.2), Vector<D>::Constant(0.2)});
-      tree.grow_to_contain(point);
-      auto leaf = *tree.find_leaf(point);
-      while (leaf.index.level > tree.geometry().finest_level()) {
-        tree.split(leaf);
-        leaf = *tree.find_leaf(point);
-      }
-      leaf.cell() = 1;
-      const Box<D> box = tree.box(leaf.index);
-      ASSERT_TRUE(box.contains(point));
-      for (int a = 0; a < D; ++a) ASSERT_NEAR(box.upper[a] - box.lower[a], kUnit, 3e-10);
-      ASSERT_EQ(tree.find_leaf(box.lower)->node, leaf.node);
-      Vector<D> last = box.upper;
-      for (int a = 0; a < D; ++a) last[a] = std::nextafter(last[a], -1e300);
-      ASSERT_EQ(tree.find_leaf(last)->node, leaf.node);
-    }
-  }
-  tree.check_invariants();
-  EXPECT_EQ(cases, 120);
 }
 
 TYPED_TEST(NdTreeOf, PointsOutOfReachAreRefusedAndNothingChanges) {
   NDTREE_SHAPE;
   Random random(10);
-  SCOPED_TRACE(random.trace());
   auto tree = random_tree<N, D>(random, 0.05, 2, 10);
   const auto before = leaves_of(tree);
   const auto root = tree.root().index;
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double infinity = std::numeric_limits<double>::infinity();
   const double beyond = std::nextafter(tree.geometry().reach(), infinity);
-  int cases = 0;
   for (const double bad : {nan, infinity, -infinity, beyond, -beyond, 1e300})
-    for (int a = 0; a < D; ++a, ++cases) {
+    for (int a = 0; a < D; ++a) {
       Vector<D> point = Vector<D>::Zero();
       point[a] = bad;
       EXPECT_FALSE(tree.find_leaf(point).has_value());
@@ -360,30 +243,12 @@ TYPED_TEST(NdTreeOf, PointsOutOfReachAreRefusedAndNothingChanges) {
       EXPECT_EQ(tree.root().index, root);
       EXPECT_EQ(leaves_of(tree), before);
     }
-  EXPECT_EQ(cases, 6 * D);
-}
-
-TYPED_TEST(NdTreeOf, CopiesAreIndependent) {
-  NDTREE_SHAPE;
-  Random random(11);
-  SCOPED_TRACE(random.trace());
-  auto tree = random_tree<N, D>(random, 0.05, 2, 10);
-  const auto before = leaves_of(tree);
-  auto copy = tree;
-  for_each_leaf(copy, [](const auto& leaf) { leaf.cell() = -1; });
-  copy.grow_to_contain(Vector<D>::Constant(100.0));
-  EXPECT_EQ(leaves_of(tree), before);
-  tree.check_invariants();
-  copy.check_invariants();
-  EXPECT_TRUE(copy.find_leaf(Vector<D>::Constant(100.0).eval()).has_value());
 }
 
 TYPED_TEST(NdTreeOf, ResetTakesOnlyRootsThatGrowthLeadsTo) {
   NDTREE_SHAPE;
   Random random(12);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
-  for (int i = 0; i < 50; ++i, ++cases) {
+  for (int i = 0; i < 50; ++i) {
     NdTree<N, D, int> grown(0.1, 2);
     grown.grow_to_contain(random_point<D>(random, {Vector<D>::Constant(-1e5), Vector<D>::Constant(1e5)}));
     NdTree<N, D, int> tree(0.1, 2);
@@ -393,7 +258,6 @@ TYPED_TEST(NdTreeOf, ResetTakesOnlyRootsThatGrowthLeadsTo) {
     ASSERT_EQ(tree.num_nodes(), 1u);
     tree.check_invariants();
   }
-  EXPECT_EQ(cases, 50);
 
   NdTree<N, D, int> tree(0.1, 2);
   const std::int64_t first = N * N;  // Edge of the first root.
@@ -413,7 +277,6 @@ TYPED_TEST(NdTreeOf, ResetTakesOnlyRootsThatGrowthLeadsTo) {
 TYPED_TEST(NdTreeOf, VisitsEveryNodeOnceParentsFirstChildrenByNumber) {
   NDTREE_SHAPE;
   Random random(13);
-  SCOPED_TRACE(random.trace());
   auto tree = random_tree<N, D>(random, 0.05, 3, 30);
   std::set<std::pair<int, Lattice<D>>> seen;
   std::size_t inner = 0;
@@ -435,21 +298,22 @@ TYPED_TEST(NdTreeOf, VisitsEveryNodeOnceParentsFirstChildrenByNumber) {
   NdTree<N, D, int> flat(0.05, 1);
   flat.split(flat.root());
   int number = 0;
-  for_each_leaf(flat,
-                [&](const auto& leaf) { EXPECT_EQ(leaf.index, flat.child(flat.root(), number++).index); });
+  for_each_leaf(flat, [&](const auto& leaf) {
+    EXPECT_EQ(leaf.node, flat.child(flat.root(), number).node);
+    EXPECT_EQ(leaf.node, flat.child(flat.root(), child_offset<N, D>(number)).node);
+    EXPECT_EQ(leaf.node, flat.children(*flat.root().node) + number++);
+  });
   EXPECT_EQ(number, flat.kNumChildren);
 }
 
 TYPED_TEST(NdTreeOf, LeavesInABoxAreThoseThatTouchIt) {
   NDTREE_SHAPE;
   Random random(14);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
   int stopped = 0;
   for (int round = 0; round < 8; ++round) {
     const auto tree = random_tree<N, D>(random, 0.25, 3, 25);
     const Box<D> around = widened(tree.box(tree.root().index), 0.3);
-    for (int i = 0; i < 40; ++i, ++cases) {
+    for (int i = 0; i < 40; ++i) {
       Vector<D> p = random_point(random, around);
       Vector<D> q = random_point(random, around);
       if (i % 2 == 0) {  // On borders of cells, to the last bit.
@@ -477,7 +341,6 @@ TYPED_TEST(NdTreeOf, LeavesInABoxAreThoseThatTouchIt) {
       ++stopped;
     }
   }
-  EXPECT_EQ(cases, 320);
   EXPECT_GT(stopped, 40);
 }
 
@@ -485,22 +348,12 @@ TEST(NdTree, BrokenInvariantsAreNamed) {
   NdTree<2, 2, int> tree(0.1, 1);
   tree.split(tree.root());
   tree.split(tree.child(tree.root(), 0));  // Below the finest level.
-  try {
-    tree.check_invariants();
-    ADD_FAILURE() << "an inner node of the finest level went unnoticed";
-  } catch (const std::logic_error& error) {
-    EXPECT_NE(std::string(error.what()).find("level -1"), std::string::npos) << error.what();
-  }
+  expect_refused<std::logic_error>([&] { tree.check_invariants(); }, "level -1");
   NdTree<2, 2, int> lost(0.1, 2);
   lost.split(lost.root());
   lost.split(lost.child(lost.root(), 0));
   lost.merge(*lost.root().node, 0);  // A block of grandchildren belongs to no node now.
-  try {
-    lost.check_invariants();
-    ADD_FAILURE() << "a lost block went unnoticed";
-  } catch (const std::logic_error& error) {
-    EXPECT_NE(std::string(error.what()).find("1 blocks"), std::string::npos) << error.what();
-  }
+  expect_refused<std::logic_error>([&] { lost.check_invariants(); }, "1 blocks");
 }
 
 TEST(NdTree, GrowsTowardsThePointThatMustFit) {

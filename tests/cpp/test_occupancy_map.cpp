@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
-#include <memory>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
@@ -86,7 +85,12 @@ void expect_equal(const Map& map, const Flat& flat) {
   for (const auto& [index, evidence] : flat.cells) observed += evidence.observed;
   const auto leaves = observed_leaves(map);
   EXPECT_EQ(leaves.size(), observed);
-  EXPECT_EQ(map.stats().observed_leaves, observed);
+  const MapStats stats = map.stats();
+  EXPECT_EQ(stats.observed_leaves, observed);
+  EXPECT_EQ(stats.leaves, leaves_of(map.tree()).size());
+  EXPECT_EQ(stats.nodes, map.tree().num_nodes());
+  EXPECT_EQ(stats.updates, map.counters().updates);
+  EXPECT_GE(stats.memory_bytes, stats.nodes * 8);
   int wrong = 0;
   for (const auto& [index, cell] : leaves) {
     const auto found = flat.cells.find(index);
@@ -113,46 +117,9 @@ template <class S>
 class OccupancyMapOf : public ::testing::Test {};
 TYPED_TEST_SUITE(OccupancyMapOf, Shapes, ShapeNames);
 
-TYPED_TEST(OccupancyMapOf, FixedMapEqualsEveryCellClippedAgainstEveryBeam) {
-  NDTREE_SHAPE;
-  Random random(40);
-  SCOPED_TRACE(random.trace());
-  constexpr double kUnit = 0.25;
-  const int cells = D <= 2 ? 12 : D == 3 ? 6 : 4;  // From -cells to cells on each axis.
-  const double size = cells * kUnit - 0.5;         // 3 sigma behind the end points still fit.
-  int beams = 0;
-  for (const double grid : {0.0, kUnit / 4.0})
-    for (const double max_range : {kInfinity, 1.0}) {
-      const MapOptions options = spelled_out_options(kUnit, 1.0);
-      FixedMap<N, D> map(options);
-      FlatMap<N, D> flat(options, options.num_levels(N), false, 0, 0);
-      // The same lattice, all of it in smallest cells.
-      flat.cells = FlatMap<N, D>(options, 0, false, -cells, cells).cells;
-      LeafMap<D, Evidence> finest;
-      for (const auto& [index, evidence] : flat.cells)
-        finest[CellIndex<D>{index.lower, -options.num_levels(N)}] = evidence;
-      flat.cells = finest;
-      for (int scan = 0; scan < 3; ++scan) {
-        const Scan<D> beam_list = random_beams<D>(random, 25, size, grid);
-        const auto report = map.insert(beam_list, max_range);
-        const std::uint64_t before = flat.updates;
-        for (Eigen::Index i = 0; i < beam_list.size(); ++i, ++beams)
-          flat.insert(beam_list.origins.col(i), beam_list.endpoints.col(i), beam_list.returned[i], max_range);
-        EXPECT_EQ(report.updates, flat.updates - before);
-        EXPECT_EQ(report.beams, 25u);
-        EXPECT_EQ(report.beams,
-                  report.returned + report.not_returned + report.beyond_max_range + report.invalid);
-      }
-      expect_equal(map, flat);
-      map.check_invariants();
-    }
-  EXPECT_EQ(beams, 2 * 2 * 3 * 25);
-}
-
 TYPED_TEST(OccupancyMapOf, AdaptiveMapEqualsThePaperWithoutATree) {
   NDTREE_SHAPE;
   Random random(41);
-  SCOPED_TRACE(random.trace());
   constexpr double kUnit = 0.25;
   const int levels = N == 2 ? 2 : 1;
   const double coarsest = kUnit * std::pow(N, levels);
@@ -162,10 +129,10 @@ TYPED_TEST(OccupancyMapOf, AdaptiveMapEqualsThePaperWithoutATree) {
   options.merge_occupied_above = 0.65;
   ASSERT_EQ(options.num_levels(N), levels);
   const double size = 2.0 * coarsest - 0.125;
-  int beams = 0;
   std::uint64_t splits = 0;
   std::uint64_t merges = 0;
   for (const double grid : {0.0, kUnit / 4.0}) {
+    options.range_sigma_quadratic = grid > 0.0 ? 0.0002 : 0.0;
     PaperMap<N, D> map(options);
     FlatMap<N, D> flat(options, levels, true, -2, 2);
     const int scans = D <= 2 ? 12 : 20;
@@ -176,143 +143,30 @@ TYPED_TEST(OccupancyMapOf, AdaptiveMapEqualsThePaperWithoutATree) {
         if (random.chance(0.7)) beam_list.origins.col(i).setConstant(-size + 0.375);
         if (random.chance(0.7)) beam_list.endpoints(0, i) = scan < scans / 2 ? 0.125 : size - 0.25;
       }
-      map.insert(beam_list);
-      for (Eigen::Index i = 0; i < beam_list.size(); ++i, ++beams)
-        flat.insert(beam_list.origins.col(i), beam_list.endpoints.col(i), beam_list.returned[i], kInfinity);
+      if (scan % 4 == 3) beam_list.origins = beam_list.origins.leftCols(1).eval();
+      const double max_range = scan % 3 == 2 ? 1.0 : kInfinity;
+      const InsertReport report = map.insert(beam_list, max_range);
+      const std::uint64_t before = flat.updates;
+      for (Eigen::Index i = 0; i < beam_list.size(); ++i)
+        flat.insert(beam_list.view().origin(i), beam_list.endpoints.col(i), beam_list.returned[i], max_range);
+      EXPECT_EQ(report.updates, flat.updates - before);
+      EXPECT_EQ(report.beams, 20u);
+      EXPECT_EQ(report.beams,
+                report.returned + report.not_returned + report.beyond_max_range + report.invalid);
       ASSERT_NO_THROW(map.check_invariants());
     }
     expect_equal(map, flat);
     splits += map.counters().splits;
     merges += map.counters().merges;
   }
-  EXPECT_EQ(beams, 2 * 20 * (D <= 2 ? 12 : 20));
   EXPECT_GE(splits, 5u);
   EXPECT_GE(merges, D <= 2 ? 1u : 0u);
 }
 
-TYPED_TEST(OccupancyMapOf, AdaptiveMapThatMayNotSplitIsAFixedMap) {
-  NDTREE_SHAPE;
-  Random random(42);
-  SCOPED_TRACE(random.trace());
-  const Scan<D> beams = random_beams<D>(random, 150, 4.0, 0.0);
-  // One size only.
-  MapOptions options = spelled_out_options(0.25, 0.25);
-  PaperMap<N, D> one_size(options);
-  FixedMap<N, D> fixed(options);
-  auto report = one_size.insert(beams);
-  const auto fixed_report = fixed.insert(beams);
-  EXPECT_EQ(leaves_of(one_size.tree()), leaves_of(fixed.tree()));
-  EXPECT_EQ(report.updates, fixed_report.updates);
-  EXPECT_EQ(report.splits + report.merges, 0u);
-  EXPECT_GT(observed_leaves(fixed).size(), 20u);
-
-  // Error rates of one half, with which no count contradicts.
-  options = spelled_out_options(0.25, 0.25 * N);
-  options.miss_given_occupied = 0.5;
-  options.hit_given_free = 0.5;
-  PaperMap<N, D> unwilling(options);
-  FixedMap<N, D> coarse(spelled_out_options(0.25 * N, 0.25 * N));
-  report = unwilling.insert(beams);
-  EXPECT_EQ(report.updates, coarse.insert(beams).updates);
-  EXPECT_EQ(report.splits + report.merges, 0u);
-  const auto coarse_leaves = observed_leaves(coarse);
-  const auto leaves = observed_leaves(unwilling);
-  EXPECT_EQ(leaves.size(), coarse_leaves.size());
-  int cases = 0;
-  for (const auto& [fine_index, cell] : leaves) {
-    auto index = fine_index;
-    for (auto& lower : index.lower) lower /= N;  // Between the lattices.
-    ASSERT_EQ(index.level, 0);
-    ASSERT_EQ(coarse_leaves.count(index), 1u);
-    ASSERT_EQ(coarse_leaves.at(index), cell);
-    ++cases;
-  }
-  EXPECT_GT(cases, 10);
-}
-
-TYPED_TEST(OccupancyMapOf, OneScanEqualsItsBeamsOneByOneAndTheSameInputTheSameMap) {
-  NDTREE_SHAPE;
-  Random random(43);
-  SCOPED_TRACE(random.trace());
-  const MapOptions options = spelled_out_options(0.1, 0.1 * N * N);
-  const Scan<D> beams = random_beams<D>(random, 120, 2.0, 0.0);
-  PaperMap<N, D> whole(options);
-  PaperMap<N, D> again(options);
-  PaperMap<N, D> one_by_one(options);
-  const auto report = whole.insert(beams, 3.0);
-  again.insert(beams, 3.0);
-  InsertReport sum;
-  for (Eigen::Index i = 0; i < beams.size(); ++i) {
-    const auto one =
-        one_by_one.insert(one_beam<D>(beams.origins.col(i), beams.endpoints.col(i), beams.returned[i]), 3.0);
-    sum.updates += one.updates;
-    sum.splits += one.splits;
-    sum.merges += one.merges;
-  }
-  EXPECT_EQ(leaves_of(whole.tree()), leaves_of(again.tree()));
-  EXPECT_EQ(observed_leaves(whole), observed_leaves(one_by_one));
-  EXPECT_EQ(report.updates, sum.updates);
-  EXPECT_EQ(report.splits, sum.splits);
-  EXPECT_EQ(report.merges, sum.merges);
-  EXPECT_GT(report.updates, 120u);
-
-  // One origin for all is the same as the same origin for each.
-  Scan<D> shared = beams;
-  shared.origins = beams.origins.leftCols(1);
-  Scan<D> repeated = beams;
-  repeated.origins = beams.origins.col(0).replicate(1, beams.size());
-  PaperMap<N, D> a(options);
-  PaperMap<N, D> b(options);
-  a.insert(shared);
-  b.insert(repeated);
-  EXPECT_EQ(leaves_of(a.tree()), leaves_of(b.tree()));
-  EXPECT_EQ(shared.view().origin_per_beam, false);
-  EXPECT_EQ(repeated.view().origin_per_beam, true);
-}
-
-TYPED_TEST(OccupancyMapOf, RandomScansKeepTheInvariants) {
-  NDTREE_SHAPE;
-  Random random(44);
-  SCOPED_TRACE(random.trace());
-  int scans = 0;
-  for (int round = 0; round < 3; ++round) {
-    MapOptions options = spelled_out_options(0.05, 0.05 * N * N);
-    options.range_sigma = random.uniform(0.01, 0.1);
-    options.range_sigma_quadratic = random.chance(0.5) ? 0.0 : 0.002;
-    options.hit_given_free = random.uniform(0.005, 0.1);
-    options.merge_free_below = random.uniform(0.12, 0.4);
-    options.merge_occupied_above = random.uniform(0.6, 0.97);
-    PaperMap<N, D> map(options);
-    for (int i = 0; i < 8; ++i, ++scans) {
-      const double size = std::exp2(random.uniform(-3.0, 2.0));
-      const auto report = map.insert(random_beams<D>(random, 40, size, 0.0), random.uniform(0.5, 5.0));
-      ASSERT_EQ(report.beams, 40u);
-      ASSERT_GE(report.seconds, 0.0);
-      ASSERT_NO_THROW(map.check_invariants());
-    }
-    const MapStats stats = map.stats();
-    std::size_t leaves = 0;
-    std::size_t observed = 0;
-    for_each_leaf(map.tree(), [&](const auto& leaf) {
-      ++leaves;
-      observed += leaf.cell().observed();
-      ASSERT_TRUE(leaf.index.level <= 0 || leaf.cell() == OccupancyCell{}) << "updated above max_cell_size";
-      ASSERT_GE(leaf.index.level, -2);
-    });
-    EXPECT_EQ(stats.leaves, leaves);
-    EXPECT_EQ(stats.observed_leaves, observed);
-    EXPECT_EQ(stats.nodes, map.tree().num_nodes());
-    EXPECT_EQ(stats.updates, map.counters().updates);
-    EXPECT_GE(stats.memory_bytes, stats.nodes * 8);
-  }
-  EXPECT_EQ(scans, 24);
-}
-
-TYPED_TEST(OccupancyMapOf, RefusedCallsChangeNothing) {
-  NDTREE_SHAPE;
+TEST(OccupancyMap, RefusedCallsChangeNothing) {
+  constexpr int D = 2;
   Random random(45);
-  SCOPED_TRACE(random.trace());
-  PaperMap<N, D> map(spelled_out_options(0.1, 0.1 * N));
+  PaperMap<2, D> map(spelled_out_options(0.1, 0.2));
   map.insert(random_beams<D>(random, 60, 1.0, 0.0));
   const auto before = leaves_of(map.tree());
   const auto root = map.tree().root().index;
@@ -341,16 +195,13 @@ TYPED_TEST(OccupancyMapOf, RefusedCallsChangeNothing) {
        "origins has 2 columns: must be 1 or 1"},
       {"no origin", scan_of<D>({}, {one}), kInfinity, "origins has 0 columns"},
       {"returned too short", scan_of<D>({zero}, {one, one}, {true}), kInfinity, "returned has 1 entries"}};
-  int cases = 0;
   for (const Row& row : rows) {
     SCOPED_TRACE(row.what);
     expect_refused([&] { map.insert(row.scan, row.max_range); }, row.message);
     EXPECT_EQ(leaves_of(map.tree()), before);
     EXPECT_EQ(map.tree().root().index, root);
     EXPECT_EQ(map.counters().updates, updates);
-    ++cases;
   }
-  EXPECT_EQ(cases, 11);
   // A far end point is no harm where max_range ends the beam before.
   EXPECT_EQ(map.insert(one_beam<D>(zero, Vector<D>::Constant(1e30)), 2.0).beyond_max_range, 1u);
 }
@@ -394,7 +245,6 @@ TEST(OccupancyMap, OutcomesHaveTheirEffects) {
       {"infinite, in spite of max_range", {kInfinity, 0.25}, true, 1.0, "invalid", {none, none}},
       {"zero length", {0.25, 0.25}, true, kInfinity, "invalid", {none, none}},
   };
-  int cases = 0;
   for (const Row& row : rows) {
     SCOPED_TRACE(row.what);
     MapOptions options = spelled_out_options(0.5, 0.5);
@@ -418,46 +268,7 @@ TEST(OccupancyMap, OutcomesHaveTheirEffects) {
     }
     EXPECT_EQ(report.updates, updates);
     EXPECT_EQ(map.stats().observed_leaves, updates);
-    ++cases;
   }
-  EXPECT_EQ(cases, 12);
-}
-
-TEST(OccupancyMap, EndPointsOnBordersAndCornersCountOneHit) {
-  // Cells of 1 m. A surface on a border is the front of the cell behind it, seen from either side.
-  struct Row {
-    const char* what;
-    Vector<2> origin, endpoint, hit;  // `hit`: centre of the cell.
-    std::uint64_t misses;
-  };
-  const Row rows[] = {
-      {"right, onto a border", {0.5, 0.5}, {2.0, 0.5}, {2.5, 0.5}, 2},
-      {"left, onto a border", {3.5, 0.5}, {2.0, 0.5}, {1.5, 0.5}, 2},
-      {"up, onto a border", {0.5, 0.5}, {0.5, 2.0}, {0.5, 2.5}, 2},
-      {"down, onto a border", {0.5, 3.5}, {0.5, 2.0}, {0.5, 1.5}, 2},
-      {"up right into a corner", {0.5, 0.5}, {2.0, 2.0}, {2.5, 2.5}, 2},
-      {"down left into a corner", {3.5, 3.5}, {2.0, 2.0}, {1.5, 1.5}, 2},
-      {"down right into a corner, whose cell it only touches", {0.5, 3.5}, {2.0, 2.0}, {2.5, 1.5}, 2},
-      {"up left into a corner, whose cell it only touches", {3.5, 0.5}, {2.0, 2.0}, {1.5, 2.5}, 2},
-      {"along a face", {0.5, 2.0}, {2.5, 2.0}, {2.5, 2.5}, 2}};
-  int cases = 0;
-  for (const Row& row : rows) {
-    SCOPED_TRACE(row.what);
-    MapOptions options = spelled_out_options(1.0, 1.0);
-    FixedMap<2, 2> map(options);
-    map.insert(one_beam<2>(row.origin, row.endpoint));
-    std::uint64_t hits = 0;
-    std::uint64_t misses = 0;
-    for (const auto& [index, cell] : observed_leaves(map)) {
-      hits += cell.hits();
-      misses += cell.misses();
-    }
-    EXPECT_EQ(hits, 1u);
-    EXPECT_EQ(misses, row.misses);
-    EXPECT_EQ(map.tree().find_leaf(row.hit)->cell().hits(), 1u);
-    ++cases;
-  }
-  EXPECT_EQ(cases, 9);
 }
 
 TEST(OccupancyMap, AnEmptyScanDoesNothing) {
@@ -475,7 +286,6 @@ TEST(OccupancyMap, AnEmptyScanDoesNothing) {
 
 TEST(OccupancyMap, FarFromTheOriginAsNear) {
   Random random(47);
-  SCOPED_TRACE(random.trace());
   // Dyadic cells and points, so that the shift by 2^20 m, 1048 km, is exact.
   MapOptions options = spelled_out_options(0.0078125, 0.0625);
   options.range_sigma = 0.01;
@@ -515,36 +325,16 @@ TEST(MapOptions, LevelsBetweenTheSmallestAndTheLargestCell) {
   }
 }
 
-TEST(MapOptions, BadValuesAreRefusedByName) {
-  struct Row {
-    std::function<void(MapOptions&)> spoil;
-    const char* message;
-  };
-  const Row rows[] = {
-      {[](MapOptions& o) { o.min_cell_size = 0.0; }, "min_cell_size = 0.0: must be in [1e-09, 1000000] m"},
-      {[](MapOptions& o) { o.min_cell_size = -0.1; }, "min_cell_size = -0.1: "},
-      {[](MapOptions& o) { o.min_cell_size = kNan; }, "min_cell_size = "},
-      {[](MapOptions& o) { o.max_cell_size = 0.04; },
-       "max_cell_size = 0.04: must be at least min_cell_size = 0.05 m"},
-      {[](MapOptions& o) { o.max_cell_size = kInfinity; }, "max_cell_size = inf: "},
-      {[](MapOptions& o) { o.max_cell_size = 1e300; }, ""},  // More levels than the lattice has.
-      {[](MapOptions& o) { o.min_cell_size = 1e-300, o.max_cell_size = 1e300; }, ""},
-      {[](MapOptions& o) { o.range_sigma = 0.0; }, "range_sigma = "},
-      {[](MapOptions& o) { o.significance = 1.0; }, "significance = "},
-      {[](MapOptions& o) { o.merge_free_below = 0.6; }, "merge_free_below = "}};
-  int cases = 0;
-  for (const Row& row : rows) {
+TEST(MapOptions, WhatDoesNotFitTogetherIsRefused) {
+  const std::function<void(MapOptions&)> changes[] = {
+      [](MapOptions& o) { o.max_cell_size = 1e300; },  // More levels than the lattice has.
+      [](MapOptions& o) { o.min_cell_size = 1e-300, o.max_cell_size = 1e300; },
+      [](MapOptions& o) { o.merge_free_below = 0.6; }};
+  for (const auto& spoil : changes) {
     MapOptions options;
-    row.spoil(options);
-    try {
-      const PaperMap<2, 2> map(options);
-      ADD_FAILURE() << row.message << "accepted";
-    } catch (const std::invalid_argument& error) {
-      EXPECT_EQ(std::string(error.what()).rfind(row.message, 0), 0u) << error.what();
-    }
-    ++cases;
+    spoil(options);
+    EXPECT_THROW((PaperMap<2, 2>(options)), std::invalid_argument);
   }
-  EXPECT_EQ(cases, 10);
 }
 
 /// Maps scans from within a room, in units of the smallest cells, and tests all that must hold of numbers.
@@ -590,7 +380,7 @@ MapOptions with_end(const std::string& option, bool most) {
 TEST(MapOptions, EveryRowIsAnOptionOfItsOwnAndRefusesWhatIsOutOfItsBounds) {
   const MapOptions defaults;
   EXPECT_NO_THROW(defaults.validate());
-  int cases = 0, options_of_users = 0;
+  int options_of_users = 0;
   for (const OptionRow& row : kOptionTable) {
     SCOPED_TRACE(row.name);
     for (const OptionRow& other : kOptionTable)
@@ -613,10 +403,8 @@ TEST(MapOptions, EveryRowIsAnOptionOfItsOwnAndRefusesWhatIsOutOfItsBounds) {
         EXPECT_EQ(error.expected().find("in ["), 0u) << error.expected();
         EXPECT_EQ(error.what(), error.field() + " = " + error.value() + ": must be " + error.expected());
       }
-      ++cases;
     }
   }
-  EXPECT_GE(cases, 3 * static_cast<int>(kOptionTable.size()) - 1);
   EXPECT_LE(options_of_users, 16) << "and N and the refinement: 18";
   MapOptions upside_down;
   upside_down.max_cell_size = 0.01;
@@ -630,7 +418,6 @@ TEST(MapOptions, EveryRowIsAnOptionOfItsOwnAndRefusesWhatIsOutOfItsBounds) {
 }
 
 TEST(MapOptions, ArithmeticHoldsAtBothEndsOfEveryOption) {
-  int cases = 0;
   for (const OptionRow& row : kOptionTable) {
     const std::string name = row.name;
     for (const bool most : {false, true}) {
@@ -647,15 +434,12 @@ TEST(MapOptions, ArithmeticHoldsAtBothEndsOfEveryOption) {
       }
       EXPECT_GT((expect_sane_numbers<PaperMap<2, 2>>(options)), 0u);
       EXPECT_GT((expect_sane_numbers<FixedMap<2, 2>>(options)), 0u);
-      ++cases;
     }
   }
-  EXPECT_EQ(cases, 2 * static_cast<int>(kOptionTable.size()));
 }
 
 TEST(MapOptions, ArithmeticHoldsWhereManyOptionsAreAtTheirEnds) {
   Random random(11);
-  int cases = 0;
   std::size_t observed = 0;
   for (int run = 0; run < 200; ++run) {
     MapOptions options;
@@ -668,9 +452,7 @@ TEST(MapOptions, ArithmeticHoldsWhereManyOptionsAreAtTheirEnds) {
     }
     SCOPED_TRACE(run);
     observed += expect_sane_numbers<AdaptiveMap<2, 2>>(options);
-    ++cases;
   }
-  EXPECT_EQ(cases, 200);
   EXPECT_GT(observed, 2000u);
 }
 

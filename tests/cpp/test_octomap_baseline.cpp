@@ -118,7 +118,6 @@ TEST(OctomapBaseline, AScanAtOnceUpdatesACellOnce) {
 template <int D>
 void expect_equal_to_fixed_map(int beams, std::size_t least) {
   constexpr std::uint64_t kSeed = 11;
-  SCOPED_TRACE("seed " + std::to_string(kSeed));
   MapOptions options;
   options.range_sigma = 0.005;
   options.min_cell_size = 0.1;
@@ -161,12 +160,13 @@ void expect_equal_to_fixed_map(int beams, std::size_t least) {
   EXPECT_GE(static_cast<double>(equal), 0.99 * static_cast<double>(compared));
 }
 
-TEST(OctomapBaseline, AgreesWithTheFixedMapIn2d) { expect_equal_to_fixed_map<2>(300, 1000); }
-TEST(OctomapBaseline, AgreesWithTheFixedMapIn3d) { expect_equal_to_fixed_map<3>(100, 1500); }
+TEST(OctomapBaseline, AgreesWithTheFixedMap) {
+  expect_equal_to_fixed_map<2>(300, 1000);
+  expect_equal_to_fixed_map<3>(100, 1500);
+}
 
 TEST(OctomapBaseline, QueriesAgreeWithTheFixedMap) {
   constexpr std::uint64_t kSeed = 12;
-  SCOPED_TRACE("seed " + std::to_string(kSeed));
   MapOptions options;
   options.range_sigma = 1e-6;  // Nothing behind the end points, as in OctoMap.
   options.min_cell_size = 0.1;
@@ -237,24 +237,20 @@ TEST(OctomapBaseline, EvidenceStaysWithinItsBounds) {
   EXPECT_EQ(map.log_odds({1.05, 0.05, 0.0}), 0.75f);
   EXPECT_EQ(map.log_odds({0.55, 0.05, 0.0}), -1.25f);
   EXPECT_DOUBLE_EQ(probability(map, Vector<2>(0.55, 0.05)), probability(-1.25));
-}
-
-TEST(OctomapBaseline, BalancedEvidenceIsUnknown) {
-  MapOptions options;
+  // Where it balances, it is unknown.
   options.probability_max = 0.6;
   options.probability_min = 0.4;
-  OctomapBaseline map(0.1, options);
-  map.insert(beam<2>({0.05, 0.05}, {0.55, 0.05}));
-  map.insert(beam<2>({0.05, 0.05}, {1.05, 0.05}));
-  ASSERT_EQ(map.log_odds({0.55, 0.05, 0.0}), 0.0f);
-  EXPECT_EQ(state(map, Vector<2>(0.55, 0.05)), CellState::unknown);
-  EXPECT_NEAR(cast_ray(map, Vector<2>(0.05, 0.05), Vector<2>(1.0, 0.0), 5.0, RayAim::cell).value(), 0.95,
+  OctomapBaseline balanced(0.1, options);
+  balanced.insert(beam<2>({0.05, 0.05}, {0.55, 0.05}));
+  balanced.insert(beam<2>({0.05, 0.05}, {1.05, 0.05}));
+  ASSERT_EQ(balanced.log_odds({0.55, 0.05, 0.0}), 0.0f);
+  EXPECT_EQ(state(balanced, Vector<2>(0.55, 0.05)), CellState::unknown);
+  EXPECT_NEAR(cast_ray(balanced, Vector<2>(0.05, 0.05), Vector<2>(1.0, 0.0), 5.0, RayAim::cell).value(), 0.95,
               1e-6);
 }
 
 TEST(OctomapBaseline, CellsOfARayAreThoseAtItsPoints) {
   constexpr std::uint64_t kSeed = 13;
-  SCOPED_TRACE("seed " + std::to_string(kSeed));
   OctomapBaseline map(0.1);
   for (const Scan<3>& scan : room<3>(kSeed, 2000)) map.insert(scan);
   std::mt19937_64 random(kSeed);

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
-#include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
@@ -54,11 +52,6 @@ Map room(double min_cell_size = 0.1) {
   return map;
 }
 
-template <class Map>
-class OctomapFile : public testing::Test {};
-using Maps = testing::Types<FixedMap<2, 3>, PaperMap<2, 3>, AdaptiveMap<3, 3>>;
-TYPED_TEST_SUITE(OctomapFile, Maps, );
-
 /// Centres of the cells of an OctoMap of this resolution in and around the room.
 std::vector<Vector<3>> centres(double cell_size) {
   const int n = static_cast<int>(std::ceil(2.0 / cell_size));
@@ -67,25 +60,6 @@ std::vector<Vector<3>> centres(double cell_size) {
     for (int y = -n; y < n; ++y)
       for (int z = -n; z < n; ++z) result.push_back((Vector<3>(x, y, z).array() + 0.5).matrix() * cell_size);
   return result;
-}
-
-TYPED_TEST(OctomapFile, ReadBackEveryCellIsWhatTheMapSays) {
-  const auto map = room<TypeParam>();
-  for (const double size : {0.1, 0.07}) {
-    std::size_t known = 0;
-    const auto full = octomap_from_bytes<PaperMap<2, 3>>(octomap_bytes(map, OctomapFormat::full, size));
-    const auto binary = octomap_from_bytes<PaperMap<2, 3>>(octomap_bytes(map, OctomapFormat::binary, size));
-    full.check_invariants();
-    binary.check_invariants();
-    EXPECT_EQ(full.options().min_cell_size, size);
-    for (const Vector<3>& point : centres(size)) {
-      const auto cell = cell_at(map, point);
-      ASSERT_EQ(cell_at(full, point).log_odds(), cell.log_odds()) << point.transpose();
-      ASSERT_EQ(state(binary, point), cell.state()) << point.transpose();
-      known += cell.state() != CellState::unknown;
-    }
-    EXPECT_GT(known, 4000u);
-  }
 }
 
 TEST(OctomapFile, LeavesOfTwoChildrenAnAxisKeepTheirSize) {
@@ -130,7 +104,6 @@ TEST(OctomapFile, EvidenceKeepsStatesAndNearlyLogOdds) {
 }
 
 TEST(OctomapFile, LogOddsWithinTheMemoryAreMet) {
-  int near = 0;
   for (const float value : {-4.5f, -2.0f, -0.3f, -0.01f, -1e-6f, 1e-6f, 0.01f, 0.3f, 2.0f, 3.5f, 5.8f}) {
     MapOptions options;
     options.log_odds_min = -5.0;
@@ -141,9 +114,7 @@ TEST(OctomapFile, LogOddsWithinTheMemoryAreMet) {
     const auto cell = cell_at(map, Vector<3>(0.01, 0.01, 0.01));
     EXPECT_NEAR(cell.log_odds(), value, 0.008);
     EXPECT_EQ(cell.state(), state_of(value));
-    ++near;
   }
-  EXPECT_EQ(near, 11);
 }
 
 TEST(OctomapFile, BytesByHand) {
@@ -367,6 +338,11 @@ std::map<std::tuple<long, long, long, long>, float> leaves_of(const OctomapBasel
             std::lround(all.lower(2, i) / unit), std::lround(all.size[i] / unit)}] = all.log_odds[i];
   return result;
 }
+
+template <class Map>
+class OctomapFile : public testing::Test {};
+using Maps = testing::Types<FixedMap<2, 3>, PaperMap<2, 3>, AdaptiveMap<3, 3>>;
+TYPED_TEST_SUITE(OctomapFile, Maps, );
 
 TYPED_TEST(OctomapFile, OctomapItselfReadsIt) {
   const auto map = room<TypeParam>();

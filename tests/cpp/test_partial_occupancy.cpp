@@ -51,7 +51,6 @@ struct Rates {
 constexpr Rates kRates[] = {{0.05, 0.1}, {0.01, 0.05}, {0.3, 0.2}, {0.45, 0.5}};
 
 TEST(PartialOccupancy, EqualsTheThreeIntegrals) {
-  int cases = 0;
   for (const Rates& rates : kRates) {
     const PartialOccupancyModel model(options_of(rates.hit_given_free, rates.miss_given_occupied));
     for (const std::uint32_t hits : {0u, 1u, 2u, 7u, 40u, 300u, 4095u})
@@ -68,10 +67,8 @@ TEST(PartialOccupancy, EqualsTheThreeIntegrals) {
         EXPECT_NEAR(what.occupied, static_cast<double>(occupied / sum), 1e-8);
         EXPECT_NEAR(what.partial, static_cast<double>(partial / sum), 1e-8);
         EXPECT_NEAR(what.free + what.occupied + what.partial, 1.0, 1e-14);
-        ++cases;
       }
   }
-  EXPECT_EQ(cases, 4 * 49);
 }
 
 TEST(PartialOccupancy, RatesThatLeaveNoRoomAreRefused) {
@@ -81,9 +78,7 @@ TEST(PartialOccupancy, RatesThatLeaveNoRoomAreRefused) {
   };
   const Row rows[] = {{0.5, 0.5, false}, {0.75, 0.25, false}, {0.9, 0.2, false},
                       {0.25, 0.5, true}, {0.5, 0.25, true},   {0.75, 0.125, true}};
-  int cases = 0;
   for (const Row& row : rows) {
-    ++cases;
     try {
       const PartialOccupancyModel model(options_of(row.hit_given_free, row.miss_given_occupied));
       EXPECT_TRUE(row.room) << row.hit_given_free;
@@ -94,11 +89,9 @@ TEST(PartialOccupancy, RatesThatLeaveNoRoomAreRefused) {
       EXPECT_NE(text.find("must be less than 1 - miss_given_occupied"), std::string::npos) << text;
     }
   }
-  EXPECT_EQ(cases, 6);
 }
 
 TEST(PartialOccupancySplitTest, RemembersWhatTheModelSays) {
-  int cases = 0;
   std::vector<std::uint32_t> counts(120);
   std::iota(counts.begin(), counts.end(), 0u);
   for (std::uint32_t count = 500; count < 520; ++count)
@@ -114,7 +107,6 @@ TEST(PartialOccupancySplitTest, RemembersWhatTheModelSays) {
         int splits = 0;
         for (const std::uint32_t hits : counts)
           for (const std::uint32_t misses : counts) {
-            ++cases;
             const bool says = of(hits, misses);
             EXPECT_EQ(says, model(hits, misses).partial > probability) << hits << ", " << misses;
             splits += says;
@@ -127,7 +119,6 @@ TEST(PartialOccupancySplitTest, RemembersWhatTheModelSays) {
       EXPECT_EQ(ask_all(copy), splits);
       EXPECT_EQ(ask_all(PartialOccupancySplitTest(options)), splits);
     }
-  EXPECT_EQ(cases, 4 * 4 * 140 * 140);
 }
 
 TEST(PartialOccupancySplitTest, IsAskedByManyThreads) {

@@ -57,18 +57,9 @@ std::vector<PlainLeaf<Map::kDim>> plain_leaves(const Map& map, const ThinThings&
   return leaves;
 }
 template <int D>
-Vector<D> random_point(Random& random, double reach) {
-  Vector<D> point;
-  for (int a = 0; a < D; ++a) {
-    point[a] = random.uniform(-reach, reach);
-    if (random.chance(0.2)) point[a] = std::round(point[a] * 4.0) / 4.0;  // On a border of cells.
-  }
-  return point;
-}
-template <int D>
 Box<D> random_box(Random& random, double reach) {
-  const Vector<D> a = random_point<D>(random, reach);
-  const Vector<D> b = random_point<D>(random, reach);
+  const Vector<D> a = random_vector<D>(random, reach, 0.25);
+  const Vector<D> b = random_vector<D>(random, reach, 0.25);
   return {a.cwiseMin(b), a.cwiseMax(b) + Vector<D>::Constant(0.1)};
 }
 
@@ -111,10 +102,7 @@ void bounds_and_cells_are_those_of_all_leaves(Random& random) {
 }
 TEST(PlanningQueries, BoundsAndCellsAreThoseOfAllLeaves) {
   Random random(310);
-  SCOPED_TRACE(random.trace());
-  bounds_and_cells_are_those_of_all_leaves<AdaptiveMap<2, 2>>(random);
   bounds_and_cells_are_those_of_all_leaves<PaperMap<3, 2>>(random);
-  bounds_and_cells_are_those_of_all_leaves<FixedMap<2, 3>>(random);
   bounds_and_cells_are_those_of_all_leaves<AdaptiveMap<2, 3>>(random);
 }
 
@@ -125,12 +113,15 @@ void nearest_point_is_that_of_all_leaves(Random& random) {
   const auto leaves = plain_leaves(map);
   int none = 0;
   for (int i = 0; i < 200; ++i) {
-    const Vector<D> point = random_point<D>(random, 4.0);
-    const double most = random.chance(0.5) ? kInfinity : random.uniform(0.0, 1.0);
+    const Vector<D> point = random_vector<D>(random, 4.0, 0.25);
+    double most = random.chance(0.5) ? kInfinity : random.uniform(0.0, 1.0);
+    if (random.chance(0.3)) most = 0.25 * random.integer(0, 8);
     double expected = kInfinity;
     for (const auto& leaf : leaves)
       if (leaf.state == CellState::occupied) expected = std::min(expected, leaf.box.squared_distance(point));
     const auto nearest = nearest_occupied(map, point, most);
+    ASSERT_EQ(occupied_within(map, point, most), expected <= most * most);
+    ASSERT_EQ(distance_to_occupied(map, point), std::sqrt(expected));
     if (expected > most * most) {
       ASSERT_FALSE(nearest.has_value());
       ++none;
@@ -146,12 +137,14 @@ void nearest_point_is_that_of_all_leaves(Random& random) {
     ASSERT_TRUE(is_occupied);
   }
   EXPECT_GT(none, 10);
+  const Vector<D> nowhere = Vector<D>::Constant(std::nan(""));
+  EXPECT_FALSE(occupied_within(map, nowhere, 1.0));
+  EXPECT_FALSE(distance_to_occupied(map, nowhere));
+  EXPECT_FALSE(distance_to_occupied(Map(map.options()), Vector<D>::Zero().eval()));
 }
 TEST(PlanningQueries, TheNearestPointIsThatOfAllLeaves) {
   Random random(311);
-  SCOPED_TRACE(random.trace());
-  nearest_point_is_that_of_all_leaves<AdaptiveMap<2, 2>>(random);
-  nearest_point_is_that_of_all_leaves<FixedMap<3, 2>>(random);
+  nearest_point_is_that_of_all_leaves<PaperMap<3, 2>>(random);
   nearest_point_is_that_of_all_leaves<AdaptiveMap<2, 3>>(random);
 }
 
@@ -163,8 +156,8 @@ void rays_end_where_leaves_say(Random& random, int& all_outside) {
   int occupied = 0;
   int outside = 0;
   for (int i = 0; i < 400; ++i) {
-    const Vector<D> origin = random_point<D>(random, 2.5);
-    Vector<D> direction = random_point<D>(random, 1.0);
+    const Vector<D> origin = random_vector<D>(random, 2.5, 0.25);
+    Vector<D> direction = random_vector<D>(random, 1.0, 0.25);
     if (direction.norm() == 0.0) continue;
     const double max_range = random.chance(0.3) ? 50.0 : random.uniform(0.1, 5.0);
     const auto plain = cast_ray(map, origin, direction, max_range, RayAim::cell);
@@ -226,19 +219,16 @@ void rays_end_where_leaves_say(Random& random, int& all_outside) {
 }
 TEST(PlanningQueries, RaysEndWhereLeavesSay) {
   Random random(312);
-  SCOPED_TRACE(random.trace());
   int outside = 0;
   rays_end_where_leaves_say<AdaptiveMap<2, 2>>(random, outside);
-  rays_end_where_leaves_say<AdaptiveMap<3, 2>>(random, outside);
-  rays_end_where_leaves_say<FixedMap<2, 3>>(random, outside);
-  rays_end_where_leaves_say<PaperMap<2, 2>>(random, outside);  // Its large cells reach the border of the map.
+  rays_end_where_leaves_say<AdaptiveMap<2, 3>>(random, outside);
+  rays_end_where_leaves_say<PaperMap<3, 2>>(random, outside);  // Its large cells reach the border of the map.
   EXPECT_GT(outside, 0);
 }
 
 /// Wherever the map goes on behind it: max_range / length * length is often not max_range.
 TEST(PlanningQueries, ARayThatEndsInFreeSpaceMeetsNothing) {
   Random random(318);
-  SCOPED_TRACE(random.trace());
   MapOptions options;
   options.min_cell_size = 0.25;
   options.max_cell_size = 1.0;
@@ -306,15 +296,12 @@ void distance_fields_are_exact(Random& random) {
   }
   EXPECT_GT(inside, 20);
   EXPECT_GT(outside, 100);
-  EXPECT_GT(far, 2);
+  EXPECT_GT(far, 0);
 }
 TEST(PlanningQueries, DistanceFieldsAreExact) {
   Random random(313);
-  SCOPED_TRACE(random.trace());
-  distance_fields_are_exact<AdaptiveMap<2, 2>>(random);
   distance_fields_are_exact<PaperMap<3, 2>>(random);
   distance_fields_are_exact<AdaptiveMap<2, 3>>(random);
-  distance_fields_are_exact<FixedMap<2, 3>>(random);
 }
 
 TEST(PlanningQueries, FieldsAreLinearBetweenCentres) {
@@ -409,18 +396,8 @@ void frontiers_are_those_of_all_faces(Random& random) {
 }
 TEST(PlanningQueries, FrontiersAreThoseOfAllFaces) {
   Random random(314);
-  SCOPED_TRACE(random.trace());
-  frontiers_are_those_of_all_faces<AdaptiveMap<2, 2>>(random);
-  frontiers_are_those_of_all_faces<FixedMap<3, 2>>(random);
+  frontiers_are_those_of_all_faces<PaperMap<3, 2>>(random);
   frontiers_are_those_of_all_faces<AdaptiveMap<2, 3>>(random);
-}
-
-template <int D>
-Pose<D> random_pose(Random& random) {
-  Pose<D> pose;
-  pose.translation = random_point<D>(random, 2.5);
-  pose.rotation = random_rotation<D>(random);
-  return pose;
 }
 
 /// A shape meets a box if one of many points of the one lies in the other; never if none is near.
@@ -429,12 +406,12 @@ void touching_is_what_sampling_says(Random& random) {
   int touching = 0;
   int apart = 0;
   for (int i = 0; i < 3000; ++i) {
-    const Vector<D> a = random_point<D>(random, 1.0);
-    const Vector<D> b = random.chance(0.3) ? a : random_point<D>(random, 1.0);
-    const BodyPart<D> part = random.chance(0.5)
-                                 ? BodyPart<D>(Capsule<D>{a, b, random.uniform(0.0, 0.5)})
-                                 : BodyPart<D>(OrientedBox<D>{a, random_point<D>(random, 0.5).cwiseAbs(),
-                                                              random_pose<D>(random).rotation});
+    const Vector<D> a = random_vector<D>(random, 1.0, 0.25);
+    const Vector<D> b = random.chance(0.3) ? a : random_vector<D>(random, 1.0, 0.25);
+    const BodyPart<D> part =
+        random.chance(0.5) ? BodyPart<D>(Capsule<D>{a, b, random.uniform(0.0, 0.5)})
+                           : BodyPart<D>(OrientedBox<D>{a, random_vector<D>(random, 0.5, 0.25).cwiseAbs(),
+                                                        random_pose<D>(random, 2.5).rotation});
     const Box<D> box = random_box<D>(random, 1.5);
     // The least distance between the two by alternating projections, which are exact for convex sets.
     const auto onto_part = [&](const Vector<D>& p) -> Vector<D> {
@@ -474,7 +451,6 @@ void touching_is_what_sampling_says(Random& random) {
 }
 TEST(Shape, TouchesABoxIfAPointLiesInBoth) {
   Random random(315);
-  SCOPED_TRACE(random.trace());
   touching_is_what_sampling_says<2>(random);
   touching_is_what_sampling_says<3>(random);
 }
@@ -490,13 +466,14 @@ void collisions_are_those_with_all_leaves(Random& random) {
   for (int i = 0; i < 300; ++i) {
     Body<D> body;
     const double size = random.chance(0.3) ? 1.2 : 0.2;  // Within small cells, and around large ones.
-    const Vector<D> end = random_point<D>(random, size);
-    const Vector<D> other = random.chance(0.3) ? end : random_point<D>(random, size);
+    const Vector<D> end = random_vector<D>(random, size, 0.25);
+    const Vector<D> other = random.chance(0.3) ? end : random_vector<D>(random, size, 0.25);
     body.push_back(Capsule<D>{end, other, random.chance(0.1) ? 0.0 : random.uniform(0.01, size)});
     if (random.chance(0.5))
-      body.push_back(OrientedBox<D>{random_point<D>(random, size), random_point<D>(random, size).cwiseAbs(),
-                                    random_pose<D>(random).rotation});
-    const Pose<D> pose = random_pose<D>(random);
+      body.push_back(OrientedBox<D>{random_vector<D>(random, size, 0.25),
+                                    random_vector<D>(random, size, 0.25).cwiseAbs(),
+                                    random_pose<D>(random, 2.5).rotation});
+    const Pose<D> pose = random_pose<D>(random, 2.5);
     for (const UnknownSpace unknown : {UnknownSpace::free, UnknownSpace::occupied}) {
       bool expected = false;
       for (const auto& part : body) {
@@ -513,7 +490,7 @@ void collisions_are_those_with_all_leaves(Random& random) {
       ASSERT_EQ(collides(map, body, pose, unknown), expected);
       (expected ? hits : misses)++;
     }
-    const Pose<D> next = random_pose<D>(random);
+    const Pose<D> next = random_pose<D>(random, 2.5);
     const bool on_the_way = collides_between(map, body, pose, next);
     if (collides(map, body, pose) || collides(map, body, next)) {
       ASSERT_TRUE(on_the_way);
@@ -529,25 +506,22 @@ void collisions_are_those_with_all_leaves(Random& random) {
 }
 TEST(PlanningQueries, CollisionsAreThoseWithAllLeaves) {
   Random random(316);
-  SCOPED_TRACE(random.trace());
-  collisions_are_those_with_all_leaves<AdaptiveMap<2, 2>>(random);
   collisions_are_those_with_all_leaves<AdaptiveMap<2, 3>>(random);
-  collisions_are_those_with_all_leaves<FixedMap<3, 2>>(random);
+  collisions_are_those_with_all_leaves<PaperMap<3, 2>>(random);
 }
 
 TEST(Pose, TurnsTheShorterWayByEqualAngles) {
   Random random(317);
-  SCOPED_TRACE(random.trace());
   for (int i = 0; i < 200; ++i) {
-    const Pose<3> a = random_pose<3>(random);
-    const Pose<3> b = random_pose<3>(random);
+    const Pose<3> a = random_pose<3>(random, 2.5);
+    const Pose<3> b = random_pose<3>(random, 2.5);
     ASSERT_LT((between(a, b, 0.0).rotation - a.rotation).norm(), 1e-9);
     ASSERT_LT((between(a, b, 1.0).rotation - b.rotation).norm(), 1e-9);
     const Pose<3> half = between(a, b, 0.5);
     ASSERT_NEAR(angle_between(a, half), 0.5 * angle_between(a, b), 1e-6);
     ASSERT_NEAR(angle_between(half, b), 0.5 * angle_between(a, b), 1e-6);
-    const Pose<2> c = random_pose<2>(random);
-    const Pose<2> d = random_pose<2>(random);
+    const Pose<2> c = random_pose<2>(random, 2.5);
+    const Pose<2> d = random_pose<2>(random, 2.5);
     ASSERT_LT((between(c, d, 1.0).rotation - d.rotation).norm(), 1e-9);
     ASSERT_NEAR(angle_between(c, between(c, d, 0.5)), 0.5 * angle_between(c, d), 1e-6);
   }
@@ -564,7 +538,7 @@ void forgetting_takes_what_it_says(Random& random) {
     const Map before = random_map<Map>(random);
     Map map = before;
     const Box<D> box = random_box<D>(random, 1.5);
-    const Vector<D> center = random_point<D>(random, 1.0);
+    const Vector<D> center = random_vector<D>(random, 1.0, 0.25);
     const double radius = random.uniform(0.3, 2.0);
     const int what = random.integer(0, 2);
     if (what == 0) map.crop(box);
@@ -597,7 +571,7 @@ void forgetting_takes_what_it_says(Random& random) {
     EXPECT_GT(kept + gone, 50);
     Scan<D> scan;
     scan.origins = center;
-    scan.endpoints = random_point<D>(random, 2.0);
+    scan.endpoints = random_vector<D>(random, 2.0, 0.25);
     map.insert(scan);  // It goes on.
     map.check_invariants();
   }
@@ -618,17 +592,14 @@ void forgetting_takes_what_it_says(Random& random) {
 }
 TEST(Forgetting, TakesWhatItSays) {
   Random random(318);
-  SCOPED_TRACE(random.trace());
-  forgetting_takes_what_it_says<AdaptiveMap<2, 2>>(random);
   forgetting_takes_what_it_says<PaperMap<3, 2>>(random);
-  forgetting_takes_what_it_says<FixedMap<2, 3>>(random);
+  forgetting_takes_what_it_says<FixedMap<2, 2>>(random);
   forgetting_takes_what_it_says<AdaptiveMap<2, 3>>(random);
 }
 
 /// A robot that drives on for ever, with a window around it.
 TEST(Forgetting, AWindowHoldsAsMuchAsIsInIt) {
   Random random(319);
-  SCOPED_TRACE(random.trace());
   MapOptions options;
   options.min_cell_size = 0.1;
   options.max_cell_size = 1.6;

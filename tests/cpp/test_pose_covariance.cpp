@@ -73,8 +73,7 @@ Eigen::Matrix<double, D, kSize<D>> jacobian(const Vector<D>& seen) {
 template <int D>
 void agrees_with_the_jacobian() {
   std::mt19937_64 random(1);
-  int cases = 0;
-  for (; cases < 2000; ++cases) {
+  for (int cases = 0; cases < 2000; ++cases) {
     const PoseCovariance<D> covariance = random_covariance<D>(random, 0.1, 0.05);
     const Vector<D> way = random_point<D>(random, 20.0);
     const Vector<D> seen = cases % 2 == 0 ? way : Vector<D>(way + random_point<D>(random, 2.0));
@@ -85,7 +84,6 @@ void agrees_with_the_jacobian() {
     ASSERT_NEAR(end.along, u.dot(s * u), 1e-12 * s.trace()) << cases;
     ASSERT_NEAR(end.across, (s.trace() - u.dot(s * u)) / (D - 1), 1e-12 * s.trace()) << cases;
   }
-  EXPECT_EQ(cases, 2000);
 }
 TEST(PoseCovariance, IsJTimesCovarianceTimesJTransposed) {
   agrees_with_the_jacobian<2>();
@@ -97,8 +95,7 @@ void agrees_with_random_poses() {
   std::mt19937_64 random(2);
   std::normal_distribution<double> normal;
   constexpr int kDraws = 40000;
-  int cases = 0;
-  for (; cases < 6; ++cases) {
+  for (int cases = 0; cases < 6; ++cases) {
     const PoseCovariance<D> covariance = random_covariance<D>(random, 0.05, 0.01);
     const PoseCovariance<D> root = covariance.llt().matrixL();
     const Vector<D> place = random_point<D>(random, 3.0);
@@ -128,7 +125,6 @@ void agrees_with_random_poses() {
                     std::sqrt(own * own + along + kAcrossWeight * across),
                 1.0, 0.02);
   }
-  EXPECT_EQ(cases, 6);
 }
 TEST(PoseCovariance, IsThatOfEndsUnderRandomPoses) {
   agrees_with_random_poses<2>();

@@ -11,110 +11,49 @@
 #include <vector>
 
 #include "history_scans.hpp"
+#include "map_kinds.hpp"
 #include "ndtree/io/map_file.hpp"
 #include "ndtree/mapping/history/scan_history.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "random.hpp"
-#include "shapes.hpp"
 
 namespace ndtree::test::test_scan_history {
 namespace {
 
-/// The map's cells and root, without the counters of how they were made.
 template <class Map>
-std::string cells_of(const Map& map) {
-  UpdateCounters counters;
-  counters.scans = map.counters().scans;
-  return to_bytes(Map(map.options(), typename Map::Tree(map.tree()), counters));
-}
+struct Taken {
+  Scan<Map::kDim> scan;
+  double max_range;
 
-/// Plays random calls, and compares with a map that took the same scans in at once.
-/// @returns how often scans were mapped again.
+  Taken(const ScanHistory<Map>& history, std::int64_t key)
+      : scan(history.scan(key)), max_range(history.max_range(key)) {}
+  void insert_into(Map& map, std::uint64_t number) const {
+    ScanView<Map::kDim> view = scan.view();
+    view.number = number;
+    (void)map.insert(view, max_range);
+  }
+  static void insert(Random&, ScanHistory<Map>& history, std::int64_t key, const Scan<Map::kDim>& scan,
+                     std::uint64_t number, const Pose<Map::kDim>& pose, double max_range) {
+    ScanView<Map::kDim> view = scan.view();
+    view.number = number;
+    (void)history.insert(key, view, pose, max_range);
+  }
+  static std::string bytes_of(const Map& map) {
+    map.check_invariants();
+    UpdateCounters counters;
+    counters.scans = map.counters().scans;
+    return to_bytes(Map(map.options(), typename Map::Tree(map.tree()), counters));
+  }
+};
+
 template <class Map>
-std::size_t play(std::uint64_t seed, int branching, int calls) {
-  constexpr int D = Map::kDim;
-  Random random(seed);
-  SCOPED_TRACE(random.trace());
-  ScanHistory<Map> history(options_of_history(branching));
-  std::vector<std::pair<std::int64_t, std::uint64_t>> present;  // Keys and numbers.
-  struct Frozen {
-    Scan<D> scan;
-    std::uint64_t number;
-    double max_range;
-  };
-  std::vector<Frozen> frozen;
-  std::uint64_t number = 0;
-  std::size_t replayed = 0;
-  for (int call = 0; call < calls; ++call) {
-    const int what = random.integer(0, 10);
-    if (present.size() < 3 || what < 5) {
-      const auto key = static_cast<std::int64_t>(1000 - 7 * number);
-      const Scan<D> scan = random_scan<D>(random);
-      ScanView<D> view = scan.view();
-      if (random.chance(0.3)) view.number = number += 2;
-      (void)history.insert(key, view, random_pose<D>(random, 8.0),
-                           random.chance(0.5) ? 3.0 : kUnlimitedRange);
-      present.emplace_back(key, number++);
-    } else if (what < 8) {
-      std::vector<std::pair<std::int64_t, Pose<D>>> poses;
-      for (const auto& [key, n] : present) {
-        if (!random.chance(0.3)) continue;
-        Pose<D> pose = random.chance(0.3) ? random_pose<D>(random, 8.0) : history.pose(key);
-        for (double& x : pose.translation) x += random.uniform(-0.2, 0.2);
-        poses.emplace_back(key, pose);
-      }
-      std::reverse(poses.begin(), poses.end());
-      const HistoryReport report = history.move(poses, 1 + random.integer(0, 1));
-      EXPECT_EQ(report.moved, poses.size());
-      EXPECT_LE(report.cube_scans, report.all_cube_scans);
-      replayed += report.replayed;
-    } else if (what == 10) {
-      const auto count = std::min<std::size_t>(2, present.size());
-      for (std::size_t i = 0; i < count; ++i) {
-        const auto [key, n] = present[i];
-        frozen.push_back({history.scan(key), n, history.max_range(key)});
-      }
-      history.freeze(count);
-      present.erase(present.begin(), present.begin() + static_cast<std::ptrdiff_t>(count));
-      EXPECT_EQ(history.num_frozen(), frozen.size());
-    } else {
-      const std::size_t i = static_cast<std::size_t>(random.integer(0, static_cast<int>(present.size()) - 1));
-      (void)history.remove({present[i].first});
-      present.erase(present.begin() + static_cast<std::ptrdiff_t>(i));
-    }
-    EXPECT_NO_THROW(history.map().check_invariants());
-    EXPECT_EQ(history.size(), present.size());
-  }
-  Map expected(options_of_history(branching));
-  for (const auto& [scan, n, max_range] : frozen) {
-    ScanView<D> view = scan.view();
-    view.number = n;
-    (void)expected.insert(view, max_range);
-  }
-  for (const auto& [key, n] : present) {
-    const Scan<D> scan = history.scan(key);
-    ScanView<D> view = scan.view();
-    view.number = n;
-    (void)expected.insert(view, history.max_range(key));
-  }
-  EXPECT_EQ(cells_of(history.map()), cells_of(expected));
-  return replayed;
-}
-
-template <class S>
 class ScanHistoryOf : public ::testing::Test {};
-TYPED_TEST_SUITE(ScanHistoryOf, Shapes, ShapeNames);
+TYPED_TEST_SUITE(ScanHistoryOf, MapKinds);
 
 TYPED_TEST(ScanHistoryOf, TheMapIsThatOfTheScansWhereTheyAre) {
-  NDTREE_SHAPE;
   std::size_t replayed = 0;
-  for (std::uint64_t seed = 1; seed <= (D < 3 ? 12 : 4); ++seed) {
-    replayed += play<AdaptiveMap<N, D>>(seed, N, 24);
-#ifndef NDTREE_SANITIZED  // Where compiling takes longest.
-    replayed += play<PaperMap<N, D>>(seed, N, 12);
-    replayed += play<FixedMap<N, D>>(seed, N, 12);
-#endif
-  }
+  for (std::uint64_t seed = 1; seed <= (TypeParam::kDim < 3 ? 12 : 4); ++seed)
+    replayed += play<TypeParam, Taken<TypeParam>>(seed, 24);
   EXPECT_GT(replayed, 20u);
 }
 

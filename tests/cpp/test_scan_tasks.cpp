@@ -7,10 +7,12 @@
 #include <cstdint>
 #include <mutex>
 #include <numeric>
+#include <set>
 #include <vector>
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/parallel.hpp"
+#include "ndtree/mapping/insert/beam_lists.hpp"
 #include "ndtree/mapping/insert/task_lists.hpp"
 #include "ndtree/mapping/insert/tasks.hpp"
 #include "ndtree/tree/nd_tree.hpp"
@@ -115,7 +117,6 @@ TEST(ScanTasks, WritesNoMoreCrossingsThanItMay) {
 /// each worker.
 TEST(TaskOrder, DividesSmallTasksEvenly) {
   Random random(420);
-  SCOPED_TRACE(random.trace());
   std::size_t large = 0;
   std::size_t small = 0;
   for (int i = 0; i < 400; ++i) {
@@ -161,6 +162,36 @@ TEST(TaskOrder, DividesSmallTasksEvenly) {
   }
   EXPECT_GT(large, 1000u);
   EXPECT_GT(small, 10000u);
+}
+
+TEST(ListStack, GivesBackWhatWasAllocatedLast) {
+  ListStack stack;
+  const BeamList first = stack.allocate(10);
+  const ListStack::Mark mark = stack.mark();
+  std::set<const std::uint32_t*> places{first.beam};
+  for (const std::size_t n : {100u, 16000u, 100000u, 5u}) {  // In blocks of their own, if need be.
+    const BeamList list = stack.allocate(n);
+    list.beam[n - 1] = 7;
+    EXPECT_TRUE(places.insert(list.beam).second);
+  }
+  stack.release(mark);
+  const BeamList again = stack.allocate(100);
+  EXPECT_EQ(again.beam, first.beam + 10);
+  EXPECT_EQ(stack.allocate(10).beam, first.beam + 110);
+}
+
+TEST(ListStack, FreesFromAListOnIfItIsItsOwn) {
+  ListStack stack;
+  ListStack other;
+  other.free_from(stack.allocate(10));
+  const BeamList first = stack.allocate(50);
+  const BeamList second = stack.allocate(60);
+  stack.free_from(other.allocate(10));
+  EXPECT_EQ(stack.allocate(10).beam, second.beam + 60);
+  stack.free_from(second);
+  EXPECT_EQ(stack.allocate(10).beam, second.beam);
+  stack.free_from(first);
+  EXPECT_EQ(stack.allocate(10).beam, first.beam);
 }
 
 }  // namespace

@@ -5,12 +5,10 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
-#include <string>
 
 #include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/core/cubic_table.hpp"
 #include "ndtree/core/simd.hpp"
-#include "options.hpp"
 #include "random.hpp"
 
 namespace ndtree::test::test_sensor_model {
@@ -41,9 +39,7 @@ double integrated(double entry, double exit, double range, double sigma) {
 
 TEST(SensorModel, IsTheIntegralOfItsDerivation) {
   Random random(33);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
-  for (; cases < 1000; ++cases) {
+  for (int cases = 0; cases < 1000; ++cases) {
     const double range = random.uniform(0.5, 20.0);
     const double sigma = random.uniform(0.005, 0.2);
     const double entry = range + random.uniform(-6.0, 5.0) * sigma;
@@ -52,7 +48,6 @@ TEST(SensorModel, IsTheIntegralOfItsDerivation) {
                 integrated(entry, exit, range, sigma), 1e-10)
         << "cell [" << entry << ", " << exit << "], range " << range << ", sigma " << sigma;
   }
-  EXPECT_EQ(cases, 1000);
 }
 
 TEST(SensorModel, LogOddsAreClampedAndOtherwiseThoseOfTheProbability) {
@@ -64,7 +59,6 @@ TEST(SensorModel, LogOddsAreClampedAndOtherwiseThoseOfTheProbability) {
   const auto high = static_cast<float>(std::log(0.9 / 0.1));
   EXPECT_EQ(model.log_odds_free(), low);
   Random random(35);
-  SCOPED_TRACE(random.trace());
   int clamped_low = 0;
   int clamped_high = 0;
   int between = 0;
@@ -96,10 +90,8 @@ TEST(SensorModel, LogOddsAreClampedAndOtherwiseThoseOfTheProbability) {
 
 TEST(SensorModel, ClearlyFreeCellsReallyGetTheLeastProbability) {
   Random random(36);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
   int beyond = 0;
-  for (; cases < 5000; ++cases) {
+  for (int cases = 0; cases < 5000; ++cases) {
     SensorOptions options;
     options.probability_min = random.uniform(0.01, 0.49);
     const BeamSensorModel model(options);
@@ -121,7 +113,6 @@ TEST(SensorModel, ClearlyFreeCellsReallyGetTheLeastProbability) {
       ++beyond;
     }
   }
-  EXPECT_EQ(cases, 5000);
   EXPECT_GT(beyond, 1000);
 }
 
@@ -138,22 +129,19 @@ TEST(SensorModel, SigmaGrowsWithTheSquaredRange) {
 
 TEST(BeamSensorModel, QuicklySaysTheSame) {
   Random random(76);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
   for (const double least : {0.05, 0.4, 0.49})
     for (const double most : {0.51, 0.7, 0.95}) {
       SensorOptions options;
       options.probability_min = least;
       options.probability_max = most;
       const BeamSensorModel model(options);
-      for (int i = 0; i < 1000; ++i, ++cases) {
+      for (int i = 0; i < 1000; ++i) {
         const double entry = random.uniform(-8.0, 4.0);
         const double exit = entry + random.uniform(0.0, 4.0);
         ASSERT_NEAR(model.quick_log_odds(static_cast<float>(entry), static_cast<float>(exit)),
                     model.log_odds(normal_cdf(entry), normal_cdf(exit)), 1e-3f);
       }
     }
-  EXPECT_EQ(cases, 9000);
 }
 
 TEST(CubicTable, IsWithinItsError) {
@@ -193,7 +181,6 @@ NDTREE_BY_EIGHTS Eight of_eight(const BeamSensorModel& model, const Eight& entry
 TEST(CubicTable, OfEightIsThatOfEach) {
   if (Simd::width() < 8) GTEST_SKIP() << "no vectors of eight floats here";
   Random random(77);
-  SCOPED_TRACE(random.trace());
   const CubicTable sine(3.0, [](double x) { return std::sin(x); });
   SensorOptions options;
   options.probability_min = 0.2;

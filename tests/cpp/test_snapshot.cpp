@@ -2,36 +2,26 @@
 // Copies that share what has not changed, and what is different between them.
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
-#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "map_kinds.hpp"
 #include "ndtree/io/map_file.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/changes.hpp"
 #include "ndtree/query/point.hpp"
 #include "options.hpp"
 #include "random.hpp"
+#include "random_maps.hpp"
 #include "refusals.hpp"
+#include "trees.hpp"
 
 namespace ndtree::test::test_snapshot {
 namespace {
 
-template <int D>
-Scan<D> random_scan(Random& random, double center, Eigen::Index beams = 40) {
-  Scan<D> scan;
-  scan.origins.resize(D, 1);
-  scan.endpoints.resize(D, beams);
-  for (int a = 0; a < D; ++a) {
-    scan.origins(a, 0) = center + random.uniform(-1.0, 1.0);
-    for (Eigen::Index i = 0; i < beams; ++i) scan.endpoints(a, i) = center + random.uniform(-2.0, 2.0);
-  }
-  return scan;
-}
 template <int D>
 Box<D> random_box(Random& random, double center) {
   Box<D> box{Vector<D>::Constant(center), Vector<D>::Constant(center)};
@@ -46,7 +36,7 @@ template <class Map>
 void change(Map& map, Random& random, int threads) {
   constexpr int D = Map::kDim;
   const double center = random.uniform(-12.0, 12.0);
-  switch (random.integer(0, 9)) {
+  switch (random.integer(0, 10)) {
     case 0:
       map.crop(random_box<D>(random, center));
       break;
@@ -59,8 +49,11 @@ void change(Map& map, Random& random, int threads) {
     case 3:
       map.shrink_to_fit();
       break;
+    case 4:
+      map.mark(random_box<D>(random, center), random.chance(0.5) ? CellState::free : CellState::occupied);
+      break;
     default:
-      map.insert(random_scan<D>(random, center), kUnlimitedRange, threads);
+      map.insert(scan_about<D>(random, center), kUnlimitedRange, threads);
   }
 }
 
@@ -111,15 +104,9 @@ void expect_changes(const Map& before, const Map& after, ChangeOf what) {
   const auto count = [&](const Map& map, const Map& other, bool blank_only) {
     for_each_leaf(map.tree(), [&](const auto& leaf) {
       if (is_blank(leaf.cell())) return;
-      const std::int64_t edge = geometry.edge(leaf.index.level);
-      for (std::int64_t i = 0; i < integer_power(edge, D); ++i) {
-        Lattice<D> corner = leaf.index.lower;
-        std::int64_t rest = i;
-        for (std::int64_t& coordinate : corner) {
-          coordinate += rest % edge;
-          rest /= edge;
-        }
-        const Place there = place_in(other, corner);
+      const auto edge = static_cast<int>(geometry.edge(leaf.index.level));
+      for (const CellIndex<D>& small : cells_within(leaf.index, 1, 0, edge)) {
+        const Place there = place_in(other, small.lower);
         if (!blank_only || is_blank(there.cell)) differing += differ({leaf.cell(), leaf.index.level}, there);
       }
     });
@@ -136,8 +123,7 @@ void expect_changes(const Map& before, const Map& after) {
 
 template <class Map>
 class Snapshots : public testing::Test {};
-using Maps = testing::Types<AdaptiveMap<3, 2>, AdaptiveMap<2, 3>, PaperMap<2, 2>, FixedMap<2, 2>>;
-TYPED_TEST_SUITE(Snapshots, Maps);
+TYPED_TEST_SUITE(Snapshots, MapKinds);
 
 TYPED_TEST(Snapshots, StayAsTheyAreAndChangeNothing) {
   constexpr int N = TypeParam::kBranching;
@@ -191,8 +177,8 @@ TYPED_TEST(Snapshots, CompareMapsThatHaveNothingInCommon) {
   for (int round = 0; round < 8; ++round) {
     TypeParam one(some_options(N));
     TypeParam other(some_options(N));
-    one.insert(random_scan<D>(random, random.uniform(-9.0, 9.0)));
-    other.insert(random_scan<D>(random, random.uniform(-9.0, 9.0)));
+    one.insert(scan_about<D>(random, random.uniform(-9.0, 9.0)));
+    other.insert(scan_about<D>(random, random.uniform(-9.0, 9.0)));
     ASSERT_NO_FATAL_FAILURE(expect_changes(one, other));
   }
   MapOptions finer = some_options(N);
@@ -205,7 +191,7 @@ TYPED_TEST(Snapshots, CompareMapsThatHaveNothingInCommon) {
 TEST(SnapshotCost, IsThatOfWhatChangesAndNotOfTheMap) {
   AdaptiveMap<2, 2> map(some_options(2));
   Random random(6);
-  for (int i = 0; i < 400; ++i) map.insert(random_scan<2>(random, 5.0 * (i % 100), 200));
+  for (int i = 0; i < 400; ++i) map.insert(scan_about<2>(random, 5.0 * (i % 100), 200));
   const AdaptiveMap<2, 2> before = map.snapshot();
   const auto shared = [&] {
     std::size_t same = 0;
@@ -221,7 +207,7 @@ TEST(SnapshotCost, IsThatOfWhatChangesAndNotOfTheMap) {
     return static_cast<double>(same) / static_cast<double>(all);
   };
   EXPECT_EQ(shared(), 1.0);
-  map.insert(random_scan<2>(random, 50.0, 200));
+  map.insert(scan_about<2>(random, 50.0, 200));
   EXPECT_GT(shared(), 0.8);  // The scan meets a hundredth of the map; chunks hold some more.
   EXPECT_LT(shared(), 1.0);
 }

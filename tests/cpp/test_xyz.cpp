@@ -41,7 +41,6 @@ std::string dimension_of(const std::string& text) {
 }
 
 TEST(Xyz, AllSeparatorsReadAlike) {
-  int cases = 0;
   for (const char* line : {"1 2 -3 4.5", "1,2,-3,4.5", "1;2;-3;4.5", "1\t2\t-3\t4.5", "  1 , 2\t; -3 ,4.5  ",
                            "1 2 -3 4.5 # a comment", "1 2 -3 4.5\r", "+1 2e0 -3 45e-1", "1,2,-3,4.5,",
                            "1 2 -3 4.5 1", "\xEF\xBB\xBF\x31 2 -3 4.5"}) {
@@ -51,9 +50,7 @@ TEST(Xyz, AllSeparatorsReadAlike) {
     ASSERT_EQ(scans[0].size(), 1) << line;
     EXPECT_EQ(scans[0].endpoints.col(0), ndtree::Vector<2>(-3, 4.5)) << line;
     EXPECT_TRUE(scans[0].returned[0]) << line;
-    ++cases;
   }
-  EXPECT_EQ(cases, 11);
 }
 
 TEST(Xyz, ConsecutiveEqualOriginsAreOneScan) {

@@ -153,7 +153,9 @@ void compare_with_list(Bytes& bytes) {
   options.range_sigma = one_of(bytes, {0.06, 0.02, 0.1});
   options.merge_free_below = 0.42;  // One beam is enough, so that much merges.
   options.merge_occupied_above = 0.65;
-  const double size = 2.0 * coarsest - 3.0 * options.range_sigma - kUnit / 8.0;
+  const double sigma =
+      std::max(options.range_sigma, kIsEvidence ? EvidenceRefinement::least_sigma(options) : 0.0);
+  const double size = 2.0 * coarsest - 3.0 * sigma - kUnit / 8.0;
   std::conditional_t<kIsEvidence, EvidenceBesideList<Map>, BeamsBesideList<Map>> list(options, bytes);
   Map map(list.options());
   for (std::size_t scans = 1 + bytes.below(4); scans > 0; --scans) {

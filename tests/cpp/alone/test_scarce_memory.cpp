@@ -5,14 +5,10 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdlib>
-#include <functional>
-#include <limits>
 #include <memory>
 #include <new>
 #include <string>
 #include <type_traits>
-#include <utility>
-#include <vector>
 
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/io/map_file.hpp"

@@ -49,6 +49,7 @@ class FlatScanMap {
       : options_(options),
         num_levels_(options.num_levels(N)),
         sensor_(options),
+        least_sigma_(EvidenceRefinement::least_sigma(options)),
         model_(options, options),
         merge_rule_(options, model_),
         partial_occupancy_(options) {
@@ -313,7 +314,7 @@ class FlatScanMap {
     beam.inverse = inverse;
     beam.range = cut ? static_cast<float>(t_free * range) : length;
     const auto metres = static_cast<double>(beam.range);
-    const double noise = range_sigma >= 0.0 ? range_sigma : sensor_.sigma(metres);
+    const double noise = std::max(least_sigma_, range_sigma >= 0.0 ? range_sigma : sensor_.sigma(metres));
     beam.sigma = static_cast<float>(noise);
     beam.t_max = returned ? static_cast<float>(metres + 3.0 * noise) : beam.range;
     beam.clearly_free_until =
@@ -724,6 +725,7 @@ class FlatScanMap {
   MapOptions options_;
   int num_levels_;
   const Sensor sensor_;
+  double least_sigma_;
   EvidenceModel model_;
   EvidenceMergeRule merge_rule_;
   PartialOccupancyModel partial_occupancy_;

@@ -30,6 +30,12 @@ class Random {
   int integer(int first, int last) {
     return first + static_cast<int>(bits() % static_cast<std::uint64_t>(last - first + 1));
   }
+  /// The sum of twelve uniform numbers: nearly normal, and never beyond six.
+  double normal() {
+    double sum = -6.0;
+    for (int i = 0; i < 12; ++i) sum += uniform();
+    return sum;
+  }
   bool chance(double probability) { return uniform() < probability; }
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Rotations and poses for tests.
+/// Points, rotations and poses for tests.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,6 +10,17 @@
 #include "random.hpp"
 
 namespace ndtree::test {
+
+/// Within `reach` of 0 on each axis; with a `unit`, one coordinate in five is a multiple of it [m].
+template <int D>
+Vector<D> random_vector(Random& random, double reach, double unit = 0.0) {
+  Vector<D> point;
+  for (double& x : point) {
+    x = random.uniform(-reach, reach);
+    if (unit > 0.0 && random.chance(0.2)) x = std::round(x / unit) * unit;
+  }
+  return point;
+}
 
 /// One after the other in each plane of two axes, by any angle.
 template <int D>
@@ -34,7 +45,7 @@ template <int D>
 Pose<D> random_pose(Random& random, double reach) {
   Pose<D> pose;
   pose.rotation = random_rotation<D>(random);
-  for (double& x : pose.translation) x = random.uniform(-reach, reach);
+  pose.translation = random_vector<D>(random, reach);
   return pose;
 }
 

@@ -3,7 +3,6 @@
 /// Random trees, and the plain list of a tree's leaves that oracles search one by one.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <map>
 #include <utility>

@@ -31,12 +31,6 @@ struct Tube {
   double view;                     // Around the way ahead [degrees].
 };
 
-double normal(Random& random) {
-  double sum = -6.0;
-  for (int i = 0; i < 12; ++i) sum += random.uniform();
-  return sum;
-}
-
 template <int D>
 std::vector<Vector<D>> directions(const Tube& tube) {
   constexpr double kDegree = 3.14159265358979323846 / 180.0;
@@ -75,7 +69,7 @@ void drive(const Tube& tube, Random& random, Map& map) {
         if (direction[a] != 0.0) range = std::min(range, (wall - scan.origins(a, 0)) / direction[a]);
       }
       scan.endpoints.col(static_cast<Eigen::Index>(k)) =
-          scan.origins.col(0) + (range + kSigma * normal(random)) * direction;
+          scan.origins.col(0) + (range + kSigma * random.normal()) * direction;
     }
     map.insert(scan);
   }
@@ -94,7 +88,6 @@ TYPED_TEST(ClosedTube, NothingIsFreeBehindAWallAndNothingUnknownInside) {
                                  {1.2, 10.0, 0.05, 0.3, 1.0, 360.0},    {0.775, 25.0, 0.1, 0.2, 0.5, 180.0}}
              : std::vector<Tube>{{1.025, 3.0, 0.013, 0.2, 2.0, 240.0}, {0.87, 2.5, -0.11, 0.3, 1.5, 300.0}};
   Random random(31);
-  SCOPED_TRACE(random.trace());
   for (const Tube& tube : tubes) {
     SCOPED_TRACE("half width " + std::to_string(tube.half_width) + ", sensor at " +
                  std::to_string(tube.off_centre));

@@ -6,8 +6,6 @@
 #include <cstddef>
 #include <optional>
 #include <stdexcept>
-#include <string>
-#include <utility>
 #include <vector>
 
 #include "ndtree/core/cancel.hpp"
@@ -15,22 +13,11 @@
 #include "ndtree/query/frontiers.hpp"
 #include "options.hpp"
 #include "random.hpp"
+#include "random_maps.hpp"
 
 namespace ndtree::test::test_frontier_search {
 namespace {
 
-template <int D>
-Scan<D> random_scan(Random& random, double spread) {
-  Scan<D> scan;
-  scan.origins.resize(D, 1);
-  scan.endpoints.resize(D, 40);
-  const double centre = random.uniform(-spread, spread);
-  for (int a = 0; a < D; ++a) {
-    scan.origins(a, 0) = centre + random.uniform(-0.5, 0.5);
-    for (Eigen::Index k = 0; k < 40; ++k) scan.endpoints(a, k) = centre + random.uniform(-2.0, 2.0);
-  }
-  return scan;
-}
 /// What counts of frontiers, in an order that does not depend on how they were found.
 template <int D>
 std::vector<std::vector<double>> described(const std::vector<Frontier<D>>& frontiers) {
@@ -74,7 +61,7 @@ void frontiers_follow(Random& random, bool has_box) {
   FrontierSearch<Map> search(map, box);
   for (int i = 0; i < 25; ++i) {
     const int scans = i % 5 == 0 ? 3 : 1;
-    for (int k = 0; k < scans; ++k) map.insert(random_scan<D>(random, 0.4 * i));
+    for (int k = 0; k < scans; ++k) map.insert(scan_about<D>(random, random.uniform(-0.4, 0.4) * i));
     if (i % 7 == 3) map.clear({Vector<D>::Constant(random.uniform(-3.0, 0.0)), Vector<D>::Constant(1.0)});
     if (i % 11 == 8) map.keep_near(Vector<D>::Constant(0.5), 4.0);
     search.update(map);
@@ -90,7 +77,6 @@ void frontiers_follow(Random& random, bool has_box) {
 
 TEST(FrontierSearch, FollowsTheMap) {
   Random random(2718);
-  SCOPED_TRACE(random.trace());
   for (const bool has_box : {false, true}) {
     frontiers_follow<AdaptiveMap<2, 2>>(random, has_box);
     frontiers_follow<PaperMap<3, 2>>(random, has_box);
@@ -102,7 +88,7 @@ TEST(FrontierSearch, BeginsAnewAfterItWasStopped) {
   Random random(5);
   AdaptiveMap<2, 2> map(some_options(2));
   FrontierSearch<AdaptiveMap<2, 2>> search(map);
-  for (int i = 0; i < 400; ++i) map.insert(random_scan<2>(random, 40.0));
+  for (int i = 0; i < 400; ++i) map.insert(scan_about<2>(random, random.uniform(-40.0, 40.0)));
   {
     const CancelScope scope([] { return true; });
     EXPECT_THROW(search.update(map), Cancelled);

@@ -72,8 +72,7 @@ int occupied_of(const Map& map, const std::vector<Vector<D>>& points) {
 
 template <class S>
 class PassingBeams : public ::testing::Test {};
-using Some = ::testing::Types<Shape<2, 1>, Shape<2, 2>, Shape<3, 2>, Shape<2, 3>>;
-TYPED_TEST_SUITE(PassingBeams, Some, ShapeNames);
+TYPED_TEST_SUITE(PassingBeams, TwoShapes, ShapeNames);
 
 /// Scans after which nothing is left where equal beams passed something that was seen before, through at
 /// least half an edge of its cells: less says too little for a change. A cell remembers evidence of 200 nats,
@@ -110,10 +109,8 @@ std::vector<Vector<D>> points_crossed(const Vector<D>& origin, const std::vector
 
 TYPED_TEST(PassingBeams, EqualBeamsClearWhatTheyPassAndItStaysClear) {
   NDTREE_SHAPE;
-  int cases = 0;
   for (const double sample_beams : {0.5, 8.0})
     for (const int beams : {1, 3, 40}) {
-      if (D == 1 && beams > 1) continue;
       Random random(10 * beams + D);
       SCOPED_TRACE(random.trace());
       MapOptions options = options_of(0.05, N);
@@ -132,9 +129,7 @@ TYPED_TEST(PassingBeams, EqualBeamsClearWhatTheyPassAndItStaysClear) {
         map.insert(passing);
         ASSERT_EQ(occupied_of(map, crossed), 0) << "and stays so";
       }
-      ++cases;
     }
-  EXPECT_EQ(cases, D == 1 ? 2 : 6);
 }
 
 /// Scans after which every cell that equal beams cross is free, whatever the options. The slowest are cells
@@ -174,7 +169,6 @@ TYPED_TEST(PassingBeams, WhateverTheOptionsEveryCrossedCellBecomesFreeAndStaysSo
   constexpr double kRange = 2.0;
   constexpr int kMore = 40;
   std::size_t points_asked = 0;
-  int cases = 0;
   for (std::size_t number = 0; number < std::size(kOptionRows); ++number)
     for (const bool is_bundle : {false, true}) {
       const OptionRow& row = kOptionRows[number];
@@ -191,7 +185,7 @@ TYPED_TEST(PassingBeams, WhateverTheOptionsEveryCrossedCellBecomesFreeAndStaysSo
         return is_bundle ? Vector<D>((middle + 0.2 * d).normalized()) : d;
       };
       std::vector<Vector<D>> directions;
-      for (int i = 0; i < (D == 1 ? 1 : is_bundle ? 30 : 10); ++i) directions.push_back(another());
+      for (int i = 0; i < (is_bundle ? 30 : 10); ++i) directions.push_back(another());
       // What stands in their way was seen by these beams, and by others, before and after space there was.
       for (int i = 0; i < 60; ++i) {
         std::vector<Vector<D>> some = directions;
@@ -218,16 +212,13 @@ TYPED_TEST(PassingBeams, WhateverTheOptionsEveryCrossedCellBecomesFreeAndStaysSo
       const std::uint64_t merges = map.counters().merges - before.merges;
       EXPECT_EQ(std::min(splits, merges), 0u) << "no cell splits and joins again";
       points_asked += points.size();
-      ++cases;
     }
-  EXPECT_EQ(cases, 44);
-  EXPECT_GT(points_asked, D == 1 ? 1000u : 10000u);
+  EXPECT_GT(points_asked, 10000u);
 }
 
 TYPED_TEST(PassingBeams, WhatStandsAtTheMaximumRangeIsClearedByBeamsThatAreCutThere) {
   NDTREE_SHAPE;
   Random random(5);
-  SCOPED_TRACE(random.trace());
   AdaptiveMap<N, D> adaptive(options_of(0.05, N));
   FixedMap<N, D> fixed(options_of(0.05, N));
   const Vector<D> origin = Vector<D>::Constant(0.013);
@@ -294,8 +285,6 @@ TEST(PassingBeams, BeamsAlongAWallSayNothingOfTheSpaceBehindIt) {
 TYPED_TEST(PassingBeams, MirroredScansMakeMirroredMapsOnBordersToo) {
   NDTREE_SHAPE;
   Random random(31);
-  SCOPED_TRACE(random.trace());
-  int compared = 0;
   int on_borders = 0;
   for (int world = 0; world < 12; ++world) {
     const int axis = random.integer(0, D - 1);
@@ -326,15 +315,12 @@ TYPED_TEST(PassingBeams, MirroredScansMakeMirroredMapsOnBordersToo) {
       Vector<D> image = point;
       image[axis] *= -1.0;
       EXPECT_EQ(state(fixed, point), state(fixed_mirrored, image));
-      ++compared;
     }
   }
-  EXPECT_EQ(compared, 3600);
   EXPECT_GT(on_borders, 300);
 }
 
 TEST(PassingBeams, ANoiseFreeWallOnOrNearABorderStopsRays) {
-  int cases = 0;
   for (const double x : {1.0, 0.9999, 0.999, 1.0001, 0.975})
     for (const double side : {-1.0, 1.0}) {
       MapOptions options = options_of(0.05, 1.6);
@@ -357,16 +343,13 @@ TEST(PassingBeams, ANoiseFreeWallOnOrNearABorderStopsRays) {
         ++rays;
       }
       EXPECT_LE(passed, rays / 20) << "wall at " << side * x;
-      ++cases;
     }
-  EXPECT_EQ(cases, 10);
 }
 
 TEST(PassingBeams, WhatStoodIsClearedByADozenScansInCellsThatSplitAndMergeAgain) {
   constexpr int kWorlds = 300;
   constexpr double kFrom = 2.8;  // A square of 2 x 2 smallest cells stands here, and at y = 0.4.
   Random random(5);
-  SCOPED_TRACE(random.trace());
   int longest = 0;
   for (int world = 0; world < kWorlds; ++world) {
     AdaptiveMap<2, 2> map(options_of(0.1, 1.6));

@@ -113,28 +113,21 @@ TEST(World, BeamsListedByHand) {
   const double slant = std::sqrt(0.5);
   const std::vector<Case> cases = {
       {0, {0, 0, 0}, {1, 0, 0}, 1.0},
-      {0, {0, 0, 0}, {-1, 0, 0}, -1.0},
       {0, {0, 1, 0}, {1, 0, 0}, 1.0},                      // along a face, which belongs to the box
       {0, {0, 1, 1}, {1, 0, 0}, 1.0},                      // along an edge
       {0, {0, 0, -1}, {slant, slant, 0}, std::sqrt(2.0)},  // to an edge's corner, where it only touches
       {0, {0, 1.0000001, 0}, {1, 0, 0}, -1.0},
-      {0, {1, 0, 0}, {-1, 0, 0}, 0.0},  // starts on the surface
-      {0, {2, 0, 0}, {0, 0, 1}, 0.0},   // starts inside
-      {0, {2, 0, 5}, {0, 0, -1}, 4.0},
-      {2, {0, 0, 0}, {1, 0, 0}, 1.0},
+      {0, {1, 0, 0}, {-1, 0, 0}, 0.0},       // starts on the surface
+      {0, {2, 0, 0}, {0, 0, 1}, 0.0},        // starts inside
       {2, {2, 0, 5}, {0, 0, -1}, 4.0},       // onto the lid, parallel to the cylinder's axis
       {2, {2.9, 0.9, 5}, {0, 0, -1}, -1.0},  // parallel to the axis, in the box's corner
       {2, {0, 1, 0}, {1, 0, 0}, 2.0},        // tangent
-      {3, {0, 0, 0}, {1, 0, 0}, 1.0},
-      {3, {2, 0, 5}, {0, 0, -1}, 4.0},
-      {3, {3.5, 0, 0}, {1, 0, 0}, -1.0},
       {3, {2, 0, 0.5}, {1, 0, 0}, 0.0}};
   for (std::size_t i = 0; i < cases.size(); ++i) {
     const Case& c = cases[i];
     const World<3> world({shape_at_two(c.round_axes)});
     EXPECT_DOUBLE_EQ(world.distance(c.origin, c.direction, 100.0).value_or(-1.0), c.expected) << "case " << i;
   }
-  EXPECT_EQ(cases.size(), 17u);
   const World<3> world({shape_at_two(0)});
   EXPECT_TRUE(world.distance({0, 0, 0}, {1, 0, 0}, 1.0)) << "max_range itself is in reach";
   EXPECT_FALSE(world.distance({0, 0, 0}, {1, 0, 0}, 0.999999));
@@ -414,15 +407,13 @@ TEST(Simulator, YawTurnsTheWorldAndTheWayTogether) {
 
 // Both turns are as short: the last bits of sines and cosines must not choose.
 TEST(Simulator, ATurnStraightBackIsClockwiseAtAnyYaw) {
-  int turns = 0;
-  for (int i = 0; i < 600; ++i, ++turns) {
+  for (int i = 0; i < 600; ++i) {
     const double c = std::cos(0.01 * i);
     const double s = std::sin(0.01 * i);
     const std::vector<PlanarPose> way =
         drive({{0.3 * c, 0.3 * s}, {1.7 * c, 1.7 * s}, {0.3 * c, 0.3 * s}}, 7, 1.0);
     ASSERT_NEAR(way.back().heading - way.front().heading, -kPi, 1e-9) << "yaw " << 0.01 * i;
   }
-  EXPECT_EQ(turns, 600);
 }
 
 TEST(Sensors, BeamsStandInTheOrderThatIsDocumented) {

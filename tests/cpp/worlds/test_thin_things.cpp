@@ -82,7 +82,6 @@ AdaptiveMap<2, 3> map_with(double partial_probability) {
 
 TEST(ThinThings, ATableTopIsKeptHoweverManyBeamsPassBesideIt) {
   Random random(41);
-  SCOPED_TRACE(random.trace());
   AdaptiveMap<2, 3> plain = map_with(0.0);
   AdaptiveMap<2, 3> partial = map_with(0.6);
   const auto all = [&](int scans, bool with_table) {

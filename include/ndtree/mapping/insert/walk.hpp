@@ -67,10 +67,10 @@ namespace ndtree {
 /// Invariants, and the test that notices when one is broken (tests/cpp):
 /// - A list holds ascending beam numbers and, but for width 1, BeamList::kSlack valid ones behind its end:
 ///   vector loops read there. Memory of lists is released in the opposite order of its allocation.
-///   (test_scan_lists; in debug builds unwritten entries hold a number that no beam has)
+///   (test_scan_update; in debug builds unwritten entries hold a number that no beam has)
 /// - A plane has one distance (float) on a beam, wherever it is computed: nodes, children and packets have
 ///   equal borders to the last bit. Products are rounded before they are added, never contracted.
-///   (test_scan_lists: widths 1, 8 and 16; test_scan_update: equal maps for lists and packets)
+///   (test_scan_update: widths 1, 8 and 16, equal maps for lists and packets)
 /// - Evidence is a sum of integers: neither the order of beams nor of threads matters. (test_scan_update:
 ///   permuted scans, any number of threads)
 /// - A node drops only beams that no leaf below it samples. (test_scan_update: the flat oracle has all beams)
@@ -83,11 +83,11 @@ namespace ndtree {
 ///   (test_scan_update, test_summary)
 /// - partition() with `replaces` uses up the memory of a list: one that is needed afterwards, as by a leaf
 ///   that splits, is partitioned with `replaces` = false. All samples use `sample_`, which the next leaf
-///   overwrites. (test_scan_lists, test_scan_update)
+///   overwrites. (test_scan_update)
 /// - A summary of 0 is stale: it is computed before it is used. (test_summary)
 /// - A node's block of children is kept in the undo log before one of them changes for the first time in a
 ///   scan. (test_limits, alone/test_scarce_memory)
-/// - Outside the window no cell changes, and in it each becomes what it would without a window. (test_window)
+/// - Outside the window no cell changes, and in it each becomes what it would without a window. (test_adopt)
 /// - Above the coarsest level nothing merges. (check_invariants() of the map)
 /// - With partial_probability, a smallest cell that holds something thin keeps that probability, and occupied
 ///   siblings stay apart that would split again. (test_scan_update, worlds/test_thin_things,
