@@ -126,6 +126,15 @@ def test_demo_takes_beams_without_return_as_map_and_compare_do(tmp_path: Path) -
     assert chosen == dict.fromkeys(chosen, "ignore")
 
 
+def test_a_grid_of_a_3d_map_without_heights_says_that_the_floor_is_in_it(
+    log_3d: Path, tmp_path: Path
+) -> None:
+    run("map", log_3d, "-o", tmp_path / "m.ndt")
+    for more, says in ((), True), (("--height", 0.1, 1.8), False):
+        done = run("convert", tmp_path / "m.ndt", tmp_path / "m.yaml", *more)
+        assert done.exit_code == 0 and ("the floor's" in done.output) == says
+
+
 def test_demo_ends_with_three_calls_that_work(log: Path, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.chdir(tmp_path)
     Path("a log.txt").write_bytes(log.read_bytes())

@@ -45,5 +45,5 @@ def convert_(
     except ValueError as error:
         raise naming(error, "cell_size", "height") from None
     print(f"{source}: wrote {output}")
-    if placed.dim == 3 and "height" in chosen.options and call.height is None:
+    if placed.map.dim == 3 and "height" in chosen.options and call.height is None:
         print("  cells of all heights, the floor's as well: --height LOW HIGH takes those that a robot meets")
