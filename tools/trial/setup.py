@@ -96,7 +96,7 @@ def setup_trial(case: Case) -> tuple[Recording, Outcome]:
     outcome.may_doubt = case.fault in _SAID
     said = chosen.get("setup")
     may_say = _SAID.get(case.fault, set())
-    if case.fault == "backwards" and is_straight:
+    if case.fault in ("backwards", "degrees") and is_straight:
         may_say = may_say | _SAID["turned"]
     if case.fault in _SAID and said and said["kind"] not in may_say:
         outcome.faults.append(f"said to be {said['kind']}")
