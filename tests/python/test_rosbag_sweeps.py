@@ -18,6 +18,7 @@ from scipy.spatial import transform as spatial
 
 from ndtree.logs import read
 from ndtree.logs.ros.options import BagOptions
+from ndtree.logs.ros.reading import turn_during
 
 Rotation = spatial.Rotation
 POINTS = np.array([[1.0, 2.0, 0.5], [3.0, -1.0, 0.25], [-2.0, 0.5, 1.0]], dtype=np.float32)
@@ -224,3 +225,17 @@ def test_of_a_sensor_that_stands_it_does_not_matter_when_a_beam_was_measured(
     ]
     log = read(write_bag(tmp_path / "bag", ros2, content), still=True)
     assert len(list(log)) == 20 and log.notes == []
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4, -3.0])
+@pytest.mark.parametrize("upright", [1, -1])
+def test_how_far_poses_turn_a_sensor_during_a_scan(turn: float, upright: int) -> None:
+    """However it is mounted; all of that many degrees instead of radians is told."""
+    at = np.linspace(-2, 2, 361)
+    local = np.c_[np.cos(at), np.sin(at), 0 * at] * np.linspace(0.2, 9, 361)[:, None]
+    by = upright * at + np.linspace(0, turn, 361)
+    ways = np.c_[np.cos(by), np.sin(by), 0 * at] * np.linspace(0.2, 9, 361)[:, None]
+    origins = np.c_[at, at, at]
+    assert turn_during(local.astype(np.float32), origins + ways, origins) == pytest.approx(
+        abs(turn), abs=1e-3
+    )

@@ -25,6 +25,8 @@ from ndtree.logs.ros.storage import Raw
 
 _LEAST_WAY = 0.1  # Of beams that tell how a sensor is turned [m].
 _TURNED_ALIKE = 0.3  # Beams of one message, at most apart [rad].
+#: More than a robot turns during a scan [rad], and what that says.
+_SPUN, _SPINS = 1.0, "poses turn the sensor during a scan as does not fit a robot (are turns in degrees?)"
 _MOST_TURNED, _LEAST_SPREAD = 64, 1e-3  # Beams that tell of space; of their ways across each other.
 
 
@@ -141,6 +143,10 @@ class MessageReader:
         sigmas = None if sigma is None else np.full(len(ends), sigma)
         dim = self._plan.dim
         turned = (beams.points, ends, origins) if place.observer is None else None
+        if turned and dim == 2 and origins.ndim == 2:
+            turn = turn_during(*turned)
+            if turn > _SPUN:
+                self._tell(one, _SPINS, f"{math.degrees(turn):.0f} degrees")
         return Scan(
             ends[:, :dim],
             origins[..., :dim],
@@ -211,6 +217,21 @@ def heading_of(local: Points, ends: Floats, origins: Floats) -> float | None:
     middle = math.atan2(float(np.sin(turns).mean()), float(np.cos(turns).mean()))
     apart = np.abs((turns - middle + math.pi) % (2 * math.pi) - math.pi)
     return middle if float(apart.max()) < _TURNED_ALIKE else None
+
+
+def turn_during(local: Points, ends: Floats, origins: Floats) -> float:
+    """How far poses turn a planar sensor during a scan [rad], by angles from beam to beam, however it sits.
+
+    Arrays as for `heading_of`.
+    """
+
+    def angles(ways: Floats) -> Floats:
+        across = np.linalg.norm(np.cross(ways[1:], ways[:-1]), axis=1)
+        return np.arctan2(across, (ways[1:] * ways[:-1]).sum(axis=1))
+
+    use = np.isfinite(ends).all(axis=1) & (np.linalg.norm(local, axis=1) > _LEAST_WAY)
+    own = local[use].astype(np.float64)
+    return float(np.abs(angles(ends[use] - origins[use]) - angles(own)).sum())
 
 
 def rotation_of(local: Points, ends: Floats, origins: Floats) -> Floats | None:
