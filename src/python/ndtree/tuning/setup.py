@@ -172,7 +172,8 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
                 return SetupError("degrees", (), None)
         likely = {kind: likelihood(one) for kind, one in left.items()}
         # None moves beyond what it sees between scans. Straight on, several read alike: the first of them.
-        if log.reach < float(np.median(np.linalg.norm(readings[""][:, :3, 3], axis=1))):
+        reach = max(float(one.ranges.max(initial=0.0)) for one in log.clouds)
+        if reach < float(np.median(np.linalg.norm(readings[""][:, :3, 3], axis=1))):
             del likely["times 0.0"]
         best = next(kind for kind in likely if likely[kind] > max(likely.values()) - BOTH)
         if best in (*_READINGS, "mirrored", *_UNITS) and is_gain(left[""], left[best]):
@@ -268,8 +269,6 @@ class _Log:
         if len(self.clouds) < LEAST_PAIRS:  # It stands, or the way is in far too large a unit.
             self.clouds = clouds[:: max(1, len(clouds) // (2 * LEAST_PAIRS))]
         self.is_planar = any(one.scan.dim == 2 for one in self.clouds)
-        #: How far the sensor sees [m].
-        self.reach = max((float(one.ranges.max(initial=0.0)) for one in self.clouds), default=0.0)
         #: Columns of motions and their errors that are seen.
         self.freedoms = [0, 1, 5] if self.is_planar else list(range(6))
         # How the sensor is told to sit, on the whole, as seen from where it looks.

@@ -46,4 +46,4 @@ def convert_(
         raise naming(error, "cell_size", "height") from None
     print(f"{source}: wrote {output}")
     if placed.map.dim == 3 and "height" in chosen.options and call.height is None:
-        print("  cells of all heights, the floor's as well: --height LOW HIGH takes those that a robot meets")
+        print("  cells at all heights are drawn, the floor's too; --height LOW HIGH draws a range of heights")

@@ -28,8 +28,8 @@ _ELSEWHERE = (
 )
 
 
-#: How alike words are of which one may be meant: 0.6 has --body for --world; and from when on that is more
-#: likely than what others call it.
+#: How alike two words must be for a suggestion (--body and --world: 0.6), and how alike for it to come before
+#: the names that other programs use.
 _ALIKE, _NEARLY = 0.67, 0.8
 
 

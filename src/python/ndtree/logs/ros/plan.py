@@ -184,8 +184,8 @@ def _clocks(sensor: Sensor, survey: Survey, spans: dict[str, tuple[float, float]
 class _Placer:
     """Finds where sensors are, of topics of a bag.
 
-    `poor`: Those that make no map beside the others: they are not taken in the place of a better one of which
-        it is not known where it is. None: all topics are wanted, else the first of which it is known.
+    `poor`: Topics that make no map beside the others: none replaces a better one whose place is not known.
+        None: all topics are wanted, else the first with a known place.
     Attributes:
     `survey`, `places`, `notes`: What was found: where places are from, places by topic, and what was taken
         for granted.
@@ -204,8 +204,8 @@ class _Placer:
     def _placed(self) -> dict[str, Placement]:
         """Places of all sensors, or of one; ValueError if it is not known, of the first.
 
-        Where nothing was said of poses and the transforms do not tell, a topic with Odometry counts whose
-        messages say of which frame they are, if the sensor is connected with that.
+        Where nothing was said of poses and the transforms do not tell, a topic with Odometry counts if its
+        messages name a frame, and the sensor is connected with that.
         """
         asked, survey = self._asked, self.survey
         try:

@@ -31,7 +31,7 @@ _MOST_TURNED, _LEAST_SPREAD = 64, 1e-3  # Beams that tell of space; of their way
 
 
 class OtherFrame(ValueError):
-    """A message is in a frame of which nothing says where it is; what is said of all such of its topic."""
+    """A message is in a frame without a known place; what is said of all such messages of its topic."""
 
     def __init__(self, message: str, of_all: str) -> None:
         super().__init__(message)
@@ -143,7 +143,8 @@ class MessageReader:
         sigmas = None if sigma is None else np.full(len(ends), sigma)
         dim = self._plan.dim
         turned = (beams.points, ends, origins) if place.observer is None else None
-        if turned and dim == 2 and origins.ndim == 2:
+        heading = heading_of(*turned) if turned and dim == 2 else None
+        if turned and dim == 2 and heading is None and origins.ndim == 2:
             turn = turn_during(*turned)
             if turn > _SPUN:
                 self._tell(one, _SPINS, f"{math.degrees(turn):.0f} degrees")
@@ -153,7 +154,7 @@ class MessageReader:
             beams.returned,
             one.stamp,
             sigmas,
-            heading=heading_of(*turned) if turned and dim == 2 else None,
+            heading=heading,
             pose_covariance=self._covariance(place, one, origins),
             layers=None if beams.colors is None else {COLOR: beams.colors},
             rotation=rotation_of(*turned) if turned and dim == 3 else None,
