@@ -356,10 +356,10 @@ def test_the_heading_of_a_bag_is_that_of_its_beams():
     for yaw in (-3.1, -1.0, 0.0, 2.5, 3.14):
         c, s = math.cos(yaw), math.sin(yaw)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        heading = heading_of(local, local @ turn.T + (1, 2, 0.5), np.array([1, 2, 0.5]))
-        assert math.cos(heading - yaw) == pytest.approx(1)
-        upside_down = local @ np.diag((1, -1, -1)) @ turn.T
-        assert heading_of(local, upside_down, np.zeros(3)) is None
+        for hung in (np.eye(3), np.diag((1, -1, -1))):
+            heading = heading_of(local, local @ hung @ turn.T + (1, 2, 0.5), np.array([1, 2, 0.5]))
+            assert math.cos(heading - yaw) == pytest.approx(1)
+        assert heading_of(local, local @ np.diag((2, 1, 1)) @ turn.T, np.zeros(3)) is None
     assert heading_of(local[:0], local[:0], np.zeros(3)) is None
 
 

@@ -24,7 +24,12 @@ _BEGIN = 1_700_000_000.0  # Of the first scan [s].
 
 
 def write(
-    r: Recording, path: Path, readings: Floats, transforms: list[tuple[float, float, Floats]] | None = None
+    r: Recording,
+    path: Path,
+    readings: Floats,
+    transforms: list[tuple[float, float, Floats]] | None = None,
+    *,
+    hung: bool = False,
 ) -> Path:
     """Write a bag.
 
@@ -34,6 +39,8 @@ def write(
         As the sensor says them; r.ranges has inf for no echo.
     transforms : list of (stamp, received, pose)
         Of the robot in the frame of odometry [s]; by default those of the scans, 10 ms before each.
+    hung : bool
+        The laser hangs upside down; readings go from right to left, seen from above.
     """
     make = Messages("ros1")
 
@@ -42,7 +49,8 @@ def write(
         turn = (0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
         return make.tf(make.transform(_BEGIN + stamp, parent, child, (x, y, 0.0), turn))
 
-    poses, angles = planar(r.told), r.sensor.angles
+    poses = planar(r.told)
+    angles = -r.sensor.angles[::-1] if hung else r.sensor.angles
     if transforms is None:
         around = [(stamp + by, pose) for stamp, pose in zip(r.stamps, poses) for by in (-1e-3, 1e-3)]
         transforms = [(stamp, stamp - 0.01, pose) for stamp, pose in around]
@@ -56,7 +64,7 @@ def write(
         ("/scan", _BEGIN + stamp, make.laser(_BEGIN + stamp, "laser", readings[i], **said))
         for i, stamp in enumerate(r.stamps)
     ]
-    entries.append(("/tf_static", _BEGIN - 1.0, transform(-1.0, "base_link", "laser", np.zeros(3))))
+    entries.append(make.fixed(_BEGIN - 1.0, "base_link", "laser", (0, 0, 0), (hung, 0, 0, not hung)))
     return write_bag(path, make, sorted(entries, key=lambda entry: entry[1]))
 
 
@@ -86,13 +94,15 @@ def mapped(
     readings: Floats,
     outcome: Outcome,
     transforms: list[tuple[float, float, Floats]] | None = None,
+    *,
+    hung: bool = False,
 ) -> tuple[ndtree.OccupancyMap | None, dict[str, Any]]:
     """The map that ``ndtree map`` makes of a bag, None if it refuses, and what it chose.
 
     Doubts and refusals go to `outcome`.
     """
     with tempfile.TemporaryDirectory() as folder:
-        log = write(r, Path(folder) / "log.bag", readings, transforms)
+        log = write(r, Path(folder) / "log.bag", readings, transforms, hung=hung)
         done = run("map", log, "-o", Path(folder) / "m.ndt", "--json", Path(folder) / "f.json")
         outcome.words = done.doubts
         if done.status:

@@ -74,10 +74,13 @@ def setup_trial(case: Case) -> tuple[Recording, Outcome]:
     told = _told(true, case.fault, rng, float(r.stamps[rng.integers(1, 6)]) - 0.05)
     times = np.arange(-_STEP, r.stamps[-1] + 2 * _STEP, _STEP)
     transforms = [(float(t), float(t) - 0.01, pose) for t, pose in zip(times, told(times))]
-    readings = r.ranges[:, ::-1] if case.fault == "mirrored" else r.ranges
+    readings = r.ranges
     if case.fault == "scaled":
         readings = readings * rng.choice([0.9, 0.95, 1.05, 1.1])
-    m, chosen = bag.mapped(r, readings, outcome, transforms)
+    hung = bool(rng.random() < 0.3)
+    if hung != (case.fault == "mirrored"):
+        readings = readings[:, ::-1]
+    m, chosen = bag.mapped(r, readings, outcome, transforms, hung=hung)
     if m is None:
         return r, outcome
     truth = Truth(case.world, r, _CELL, rng)

@@ -82,8 +82,9 @@ class SetupError:
             return _MISREAD[self.kind]
         if self.kind == "mirrored":
             return "the sensor saw turns the other way round", (
-                f"it may hang upside down (of a bag: {key('mount')} with a roll of 180deg), its beams come "
-                "in the other order, or angles of poses have the other sign"
+                "it may hang upside down, or upright where its mount says upside down (of a bag: "
+                f"{key('mount')}, a roll of 180deg or of 0), its beams come in the other order, or angles of "
+                "poses have the other sign"
             )
         value = self.values[0]
         if self.kind == "unit":

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
@@ -204,20 +205,26 @@ class MessageReader:
 
 
 def heading_of(local: Points, ends: Floats, origins: Floats) -> float | None:
-    """Yaw of a sensor [rad]: how far its beams are turned in the map; None if not all are turned alike.
+    """Yaw of a sensor's x axis [rad], also upside down; None if not all beams are turned alike.
 
     `local`, `ends` (n, 3): End points in the sensor's frame and in the map [m]; a sensor that turns fast may
         turn beams apart.
     `origins` (3,) or (n, 3): Of the beams in the map [m].
     """
     ways = ends - origins
-    turns = np.arctan2(ways[:, 1], ways[:, 0]) - np.arctan2(local[:, 1], local[:, 0])
-    turns = turns[np.isfinite(turns) & (np.hypot(local[:, 0], local[:, 1]) > _LEAST_WAY)]
-    if not len(turns):
+    far = np.isfinite(ways).all(axis=1) & (np.hypot(local[:, 0], local[:, 1]) > _LEAST_WAY)
+    if not far.any():
         return None
-    middle = math.atan2(float(np.sin(turns).mean()), float(np.cos(turns).mean()))
-    apart = np.abs((turns - middle + math.pi) % (2 * math.pi) - math.pi)
-    return middle if float(apart.max()) < _TURNED_ALIKE else None
+    across, own = (np.arctan2(those[far, 1], those[far, 0]) for those in (ways, local))
+    mirrored = _spread(across + own)  # Upside down.
+    apart, middle = min(_spread(across - own), mirrored, key=itemgetter(0))
+    return middle if apart < _TURNED_ALIKE else None
+
+
+def _spread(angles: Floats) -> tuple[float, float]:
+    """How far the farthest is from the middle of angles, and the middle [rad]."""
+    middle = math.atan2(float(np.sin(angles).mean()), float(np.cos(angles).mean()))
+    return float(np.abs((angles - middle + math.pi) % (2 * math.pi) - math.pi).max()), middle
 
 
 def turn_during(local: Points, ends: Floats, origins: Floats) -> float:
