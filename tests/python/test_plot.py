@@ -169,10 +169,7 @@ def faces_of(ax: Any) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(
     "branching, azimuth, elevation", [(2, -60.0, 50.0), (2, 215.0, -30.0), (3, 35.0, 20.0), (3, 130.0, 60.0)]
 )
-def test_what_is_in_front_is_drawn_last(
-    branching: int, azimuth: float, elevation: float, monkeypatch: Any
-) -> None:
-    monkeypatch.setattr(cubes, "_PART", 1 << 30)  # All are there to be looked at.
+def test_what_is_in_front_is_drawn_last(branching: int, azimuth: float, elevation: float) -> None:
     m = with_room(ndtree.AdaptiveMap(dim=3, branching=branching, max_cell_size=0.9, min_cell_size=0.1), 30)
     region = (-5.0, 5.0) * 3
     heights = (-2.0, 2.0)
@@ -266,14 +263,20 @@ def test_many_faces_are_an_image_in_vector_graphics(solid: Any, tmp_path: Path, 
     assert sizes[1][0] < 0.5 * sizes[0][0] and [count for _, count in sizes] == [0, 1]
 
 
-def test_faces_drawn_part_by_part_make_the_same_picture(solid: Any, monkeypatch: Any) -> None:
+@pytest.mark.parametrize("dpi", [40, 250])
+def test_an_image_of_faces_shows_what_paths_show(solid: Any, monkeypatch: Any, dpi: int) -> None:
+    """Paths have smooth borders: within two pixels there is a color that is as the image's."""
     drawn = []
-    for part in (1 << 30, 100):
-        monkeypatch.setattr(cubes, "_PART", part)
-        canvas: Any = plot.occupied(solid).figure.canvas
-        canvas.draw()
-        drawn.append(np.array(canvas.buffer_rgba()))
-    np.testing.assert_array_equal(*drawn)
+    for most in (10**9, 0):
+        monkeypatch.setattr(cubes, "MAX_VECTOR_FACES", most)
+        figure: Any = plot.occupied(solid).figure
+        figure.set_dpi(dpi)
+        figure.canvas.draw()
+        drawn.append(np.array(figure.canvas.buffer_rgba())[..., :3].astype(int))
+    paths, image = drawn
+    shifts = [(i, j) for i in range(-2, 3) for j in range(-2, 3)]
+    off = np.min([abs(np.roll(paths, by, (0, 1)) - image).max(axis=2) for by in shifts], axis=0)
+    assert (paths != image).any() and np.mean(off > 30) < 0.002 and (image < 250).mean() > 0.1
 
 
 # --- Files, errors, speed ---------------------------------------------------------------------------
