@@ -89,11 +89,7 @@ def inspect(
         values["zero_is"] = Decision(INVALID if says_nothing else NO_ECHO, MEASURED, why)
     if look.limit is not None or may_be_cut_off:
         limit = [] if look.limit is None else [look.limit.at, look.limit.tolerance]
-        why = (
-            "where many ranges of a scan end, and how exactly [m]"
-            if limit
-            else "no range at which many beams end"
-        )
+        why = "where many ranges of a scan end, and how exactly [m]" if limit else "no range ends many beams"
         values["cut_off"] = Decision(limit, MEASURED, why)
     choose_sigma = choose_sigma and not look.has_own_noise
     if choose_sigma:
