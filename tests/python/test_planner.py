@@ -286,6 +286,12 @@ def test_paths_far_from_zero_are_those_near_it(seed: int) -> None:
     assert compared > 50
 
 
+def test_a_path_that_stays_where_it_is_has_a_clearance() -> None:
+    m, body = rooms(2), ndtree.Box((0.4, 0.2))
+    place, pose = m.plan([1.0, 0.0], [1.0, 0.0], body=body), m.plan([1.0, 0, 0], [1.0, 0, 0], body=body)
+    assert pose.clearance == pytest.approx(place.clearance) and 0.5 < place.clearance < 0.8
+
+
 def test_frontiers_come_in_the_order_of_the_way() -> None:
     m, body = rooms(2, "fixed"), ndtree.Sphere(0.2)
     for corner in ((-0.8, -0.8), (0.6, -0.8), (3.0, 0.9)):  # Holes: two of them near each other by air.
