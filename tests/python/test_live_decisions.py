@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -46,8 +47,23 @@ def ranges_at(place: np.ndarray, turn: float, generator: np.random.Generator) ->
     return np.where(swallowed, np.inf, ranges)
 
 
-def robot(folder: Path, kind: str, *, stands: float, first_pose: float = -0.1, rate: float = 0.1) -> Path:
-    """A laser that stands for a while and then drives on a circle; odometry may begin later."""
+def robot(
+    folder: Path,
+    kind: str,
+    *,
+    stands: float,
+    first_pose: float = -0.1,
+    rate: float = 0.1,
+    back: float = math.inf,
+) -> Path:
+    """A laser that stands for a while and then drives on a circle; odometry may begin later.
+
+    From a time `back` on, stamps are those of 20 s before.
+    """
+
+    def stamp(at: float) -> float:
+        return START + at - (1e8 if at >= back else 0.0)
+
     make, generator = Messages(kind), np.random.default_rng(4)
     content: list[tuple[str, float, Any]] = []
     content.append(make.fixed(START - 1, "base", "laser", [0.1, 0, 0.3], yaw(0.0)))
@@ -58,13 +74,11 @@ def robot(folder: Path, kind: str, *, stands: float, first_pose: float = -0.1, r
 
     for at in np.arange(first_pose, 9.0, 0.05):
         place, turn = pose(at)
-        content.append(
-            make.moved(START + at, "odom", "base", [*place, 0.0], yaw(turn), at=START + at + 0.002)
-        )
+        content.append(make.moved(stamp(at), "odom", "base", [*place, 0.0], yaw(turn), at=START + at + 0.002))
     for at in np.arange(0.0, 8.8, rate):
         place, turn = pose(at)
         sensor = place + 0.1 * np.array([math.cos(turn), math.sin(turn)])
-        message = make.laser(START + at, "laser", ranges_at(sensor, turn, generator), range_max=12.0)
+        message = make.laser(stamp(at), "laser", ranges_at(sensor, turn, generator), range_max=12.0)
         content.append(("/scan", START + at + 0.01, message))
     content.sort(key=lambda row: row[1])
     return write_bag(folder / f"robot_{kind}", make, content)
@@ -88,6 +102,33 @@ def test_walls_are_not_erased_by_what_two_seconds_say(standing: Path, tmp_path: 
     wall = np.stack([np.linspace(-2, 3, 60), np.full(60, ROOM)], axis=1)
     near = np.min([m.probability(wall + np.array([0, by])) < 0.5 for by in (-0.04, 0.0, 0.04)], axis=0)
     assert np.mean(near) < 0.1
+
+
+def test_poses_that_come_while_it_is_decided_wait_for_their_scans(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A clock that jumps back meanwhile takes no pose from the scans before."""
+    bag = robot(tmp_path, "mcap", stands=0.0, back=5.0)
+    looks, has_come, looked = threading.Event(), threading.Event(), MessagesIntake._looked
+
+    def slowly(intake: MessagesIntake, *of: Any) -> Any:
+        looks.set()
+        assert has_come.wait(PATIENCE)
+        return looked(intake, *of)
+
+    monkeypatch.setattr(MessagesIntake, "_looked", slowly)
+    options = {"range_sigma": 0.02, "no_return": "free", "sweep": "said"}
+    with open_bag(str(bag)) as opened:
+        with LiveMapper(MessagesIntake(str(bag), Config.of(**options)), queue=1000) as mapper:
+            for item in messages_of(opened):
+                mapper.put(*item)
+            assert looks.wait(PATIENCE)
+            has_come.set()
+            while not (mapper.figures.mapped or mapper.figures.left_out):
+                time.sleep(0.01)
+    assert mapper.figures.mapped == 88 and mapper.figures.is_complete
+    assert cli("map", bag, "-o", tmp_path / "map.ndt", *FIXED).exit_code == 0
+    assert mapper.snapshot().to_bytes() == (tmp_path / "map.ndt").read_bytes()
 
 
 def test_odometry_that_comes_later_is_no_standing_robot(tmp_path: Path) -> None:

@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 import math
+import sys
+from types import SimpleNamespace
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -341,3 +344,36 @@ def test_a_grid_of_far_places_that_were_forgotten_shrinks() -> None:
         part = grid.follow(m.snapshot())
     assert part is not None and part.is_whole and grid.values.size < whole / 4
     np.testing.assert_array_equal(grid.values, image_of(m, grid, height=(0.1, 0.9)))
+
+
+def test_a_listener_knows_nothing_where_heights_change_to_those_that_were_not_seen() -> None:
+    """By the sink of the nodes, with nodes and messages that stand in for those of ROS."""
+    from ndtree.live.passing import Passing
+
+    names = ("geometry_msgs", "nav_msgs", "sensor_msgs", "std_msgs", "visualization_msgs")
+    stubs = {name: mock.MagicMock() for one in names for name in (one, f"{one}.msg")}
+    value = {"grid_cell_size": 0.0, "grid_low": 0.0, "grid_high": 0.5, "grid_above": "map"}
+    value |= {"ground_slope": 0.3, "grid_wall_depth": 0.0, "grid_clear": 0.0}
+    sent: list[Any] = []
+    publisher = SimpleNamespace(publish=sent.append, listeners=lambda: 1)
+    node = SimpleNamespace(value=value.__getitem__, publisher=lambda *_, **__: publisher)
+    m, grids = ndtree.FixedMap(dim=3, cell_size=0.1), []
+    m.mark([[3.0, 7.0, 0.0], [5.0, 8.0, 0.5]], "occupied")
+    with mock.patch.dict(sys.modules, stubs):
+        from ndtree.live.ros import sinks
+
+        whole = mock.patch.object(
+            sinks.messages, "grid_message", lambda values, _, place, *__: (values, place)
+        )
+        with whole:
+            sink = sinks.GridSink(node, lambda: "map", SimpleNamespace(position=None), Passing(lambda: 0.0))
+            for low in (0.0, 4.0, 0.0):
+                value |= {"grid_low": low, "grid_high": low + 0.5}
+                sink.update(m.snapshot(), 0.0)
+                values, place = sent[-1]
+                grids.append((values.copy(), place[:2]))
+                np.testing.assert_array_equal(sink.whole()[0], values)
+                assert sink.whole()[1] == place
+    assert np.count_nonzero(grids[0][0] == 100) == 200 and (grids[1][0] == -1).all()
+    np.testing.assert_array_equal(grids[2][0], grids[0][0])
+    assert grids[0][1] == grids[1][1] == grids[2][1]

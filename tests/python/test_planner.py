@@ -247,6 +247,51 @@ def test_the_search_ends_when_its_time_is_over() -> None:
     assert np.isnan(ways[0]) and ways[1] == 1.0 and ways[2] == np.inf
 
 
+def halls(at: np.ndarray[Any, Any], seed: int) -> Any:
+    """A field of 10 m by 8 m with obstacles of a cell and more, and a place that is shut in on all sides."""
+    random, m = np.random.default_rng(seed), ndtree.FixedMap(dim=2, cell_size=0.1)
+    m.mark(np.add(at, [[0.0, 0.0], [10.0, 8.0]]), "free")
+    for lower in 0.1 * random.integers(5, [95, 75], (120, 2)):
+        m.mark(np.add(at + lower, [[0.02, 0.02], 0.1 * random.integers(1, 4, 2) - 0.02]), "occupied")
+    m.mark(np.add(at, [[8.0, 6.0], [9.5, 7.5]]), "occupied")
+    m.mark(np.add(at, [[8.3, 6.3], [9.2, 7.2]]), "free")
+    m.mark(np.add(at, [[0.0, 0.0], [0.9, 0.9]]), "free")
+    return m
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_paths_far_from_zero_are_those_near_it(seed: int) -> None:
+    """As in UTM: where gaps are narrow, where a body only just fits, and where no way leads."""
+    random, shift = np.random.default_rng(seed), np.array([499_200.0, 5_400_320.0])
+    near, far = halls(np.zeros(2), seed), halls(shift, seed)
+    c, s = np.cos(0.3), np.sin(0.3)
+    shut_in, start = np.array([8.75, 6.75]), np.array([0.45, 0.45])
+    compared = 0
+    for body in (ndtree.Sphere(0.24), ndtree.Box((0.6, 0.3), rotation=[[c, -s], [s, c]]), ndtree.Sphere(0.0)):
+        goals = random.uniform(0.5, [9.5, 7.5], (25, 2))
+        goals = goals[~near.collides(body, np.c_[goals, np.zeros(len(goals))], unknown="occupied")]
+        for unknown in ("blocked", "free"):
+            planners = [ndtree.Planner(m, body, unknown=unknown) for m in (near, far)]
+            expected, ways = (
+                one.ways(at + start, [*(at + goals), at + shut_in], max_seconds=10.0)
+                for one, at in zip(planners, (0.0, shift))
+            )
+            np.testing.assert_allclose(ways, expected, rtol=0.1)  # Of ways alike, another may be taken.
+            assert ways[-1] == np.inf
+            for goal in goals:
+                one, other = planners[0].plan(start, goal), planners[1].plan(start + shift, goal + shift)
+                assert one.status == other.status
+                np.testing.assert_allclose(other.length, one.length, rtol=0.1)
+                compared += bool(one)
+    assert compared > 50
+
+
+def test_a_path_that_stays_where_it_is_has_a_clearance() -> None:
+    m, body = rooms(2), ndtree.Box((0.4, 0.2))
+    place, pose = m.plan([1.0, 0.0], [1.0, 0.0], body=body), m.plan([1.0, 0, 0], [1.0, 0, 0], body=body)
+    assert pose.clearance == pytest.approx(place.clearance) and 0.5 < place.clearance < 0.8
+
+
 def test_frontiers_come_in_the_order_of_the_way() -> None:
     m, body = rooms(2, "fixed"), ndtree.Sphere(0.2)
     for corner in ((-0.8, -0.8), (0.6, -0.8), (3.0, 0.9)):  # Holes: two of them near each other by air.

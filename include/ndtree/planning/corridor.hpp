@@ -61,7 +61,7 @@ class CorridorCell {
         SweepDistance<D> distance(sweep, box);
         while (distance.refine()) {
         }
-        nearest.push_back({distance.least(), distance.nearest() - distance.point(), &box});
+        nearest.push_back({distance.least(), distance.way(), &box});
       }
       std::stable_sort(nearest.begin(), nearest.end(),
                        [](const Obstacle& a, const Obstacle& b) { return a.squared < b.squared; });

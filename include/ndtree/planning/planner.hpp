@@ -69,7 +69,6 @@ class Planner {
                                   describe_number(reach_ + options_.clearance) + " m: with cells of " +
                                   describe_number(unit()) + " m at most " + describe_number(most) +
                                   " m can be planned for");
-    asked_ = {Vector<D>::Constant(0.0), Vector<D>::Constant(0.0)};
     rebuild(around(seen_));
   }
 
@@ -194,7 +193,7 @@ class Planner {
   void include(const Vector<D>& point) {
     if (unknown() == UnknownSpace::occupied) return;
     if (around_.encloses(Box<D>{point, point}.inflated(4.0 * unit()))) return;
-    asked_ = {asked_.lower.cwiseMin(point), asked_.upper.cwiseMax(point)};
+    asked_ = around_both(asked_, Box<D>{point, point});
     rebuild(around(seen_));
   }
   /// @throws std::invalid_argument naming the first point that is not finite, or beyond all cells that a map
@@ -268,16 +267,18 @@ class Planner {
   /// outwards to many cells, so that few changes of the map move it.
   [[nodiscard]] Box<D> around(const Map& map) const {
     Box<D> box = asked_;
-    if (const std::optional<Box<D>> known = bounds(map)) {
-      const Box<D> all = known->inflated(reach_ + options_.clearance);
-      box = {box.lower.cwiseMin(all.lower), box.upper.cwiseMax(all.upper)};
-    }
+    if (const std::optional<Box<D>> known = bounds(map))
+      box = around_both(box, known->inflated(reach_ + options_.clearance));
+    if (!(box.lower[0] <= box.upper[0])) box = {Vector<D>::Zero(), Vector<D>::Zero()};
     const double step = 128.0 * unit();
     for (int a = 0; a < D; ++a) {
       box.lower[a] = step * std::floor((box.lower[a] - 4.0 * unit()) / step);
       box.upper[a] = step * std::ceil((box.upper[a] + 4.0 * unit()) / step);
     }
     return box;
+  }
+  [[nodiscard]] static Box<D> around_both(const Box<D>& one, const Box<D>& other) {
+    return {one.lower.cwiseMin(other.lower), one.upper.cwiseMax(other.upper)};
   }
   void rebuild(const Box<D>& around) {
     around_ = around;
@@ -421,7 +422,9 @@ class Planner {
   Body<D> kept_away_;  // And its clearance.
   Body<D> tested_;     // A little more, so that the same test, rounded in another way, agrees.
   double reach_ = 0.0;
-  Box<D> asked_{};   // Around all ends of paths that were not in it.
+  /// Around all ends of paths that were not in it; at first around none.
+  Box<D> asked_{Vector<D>::Constant(std::numeric_limits<double>::infinity()),
+                Vector<D>::Constant(-std::numeric_limits<double>::infinity())};
   Box<D> around_{};  // All places of interest.
   std::unique_ptr<FreeSpace<Map>> space_;
   std::unique_ptr<FreeSpace<Map>> possible_;  // And all places where the body may be free.

@@ -68,7 +68,11 @@ template <int D>
 template <int D>
 class SweepDistance {
  public:
-  SweepDistance(const Sweep<D>& sweep, const Box<D>& box) : sweep_(sweep), box_(box), point_(sweep.center) {}
+  SweepDistance(const Sweep<D>& sweep, const Box<D>& box)
+      : sweep_(sweep),
+        center_(sweep.center - 0.5 * (box.lower + box.upper)),
+        half_(0.5 * (box.upper - box.lower)),
+        point_(center_) {}
 
   /// Moves on by one round. @returns whether the bounds are still apart, and another round may help.
   bool refine() {
@@ -83,10 +87,9 @@ class SweepDistance {
       for (std::size_t k = 0; k < kSegments; ++k) along[k] = at_[k] - before[k];
       slide(along);
     }
-    const Vector<D> nearest = this->nearest();
-    const Vector<D> away = point_ - nearest;
+    const Vector<D> away = point_ - nearest();
     most_ = away.squaredNorm();
-    double gap = away.dot(sweep_.center - nearest);
+    double gap = away.dot(center_ - nearest());
     for (int k = 0; k < sweep_.count; ++k)
       gap -= std::abs(away.dot(sweep_.ends[static_cast<std::size_t>(k)]));
     if (gap > 0.0) least_ = std::max(least_, gap * gap / most_);
@@ -95,14 +98,14 @@ class SweepDistance {
   /// Bounds of the squared distance.
   [[nodiscard]] double least() const { return least_; }
   [[nodiscard]] double most() const { return most_; }
-  /// Of the zonotope, and the point of the box that is nearest to it.
-  [[nodiscard]] const Vector<D>& point() const { return point_; }
-  [[nodiscard]] Vector<D> nearest() const { return point_.cwiseMax(box_.lower).cwiseMin(box_.upper); }
+  /// The shortest way from the zonotope to the box.
+  [[nodiscard]] Vector<D> way() const { return nearest() - point_; }
 
  private:
   static constexpr auto kSegments = std::size_t{D} + 1;
   static constexpr int kMostRounds = 64;
 
+  [[nodiscard]] Vector<D> nearest() const { return point_.cwiseMax(-half_).cwiseMin(half_); }
   /// Moves along a direction, given by steps on all segments, to where the distance to the box is least: half
   /// its slope is linear between the planes of the box.
   void slide(const std::array<double, kSegments>& along) {
@@ -121,7 +124,7 @@ class SweepDistance {
     if (!(low < high) || !std::isfinite(low) || !std::isfinite(high)) return;
     const double t = least_on(way, low, high);
     for (std::size_t i = 0; i < kSegments; ++i) at_[i] = std::clamp(at_[i] + t * along[i], -1.0, 1.0);
-    point_ = sweep_.center;
+    point_ = center_;
     for (int k = 0; k < sweep_.count; ++k)
       point_ += at_[static_cast<std::size_t>(k)] * sweep_.ends[static_cast<std::size_t>(k)];
   }
@@ -130,14 +133,14 @@ class SweepDistance {
       double sum = 0.0;
       for (int a = 0; a < D; ++a) {
         const double x = point_[a] + t * way[a];
-        sum += way[a] * (x < box_.lower[a] ? x - box_.lower[a] : x > box_.upper[a] ? x - box_.upper[a] : 0.0);
+        sum += way[a] * (x - std::clamp(x, -half_[a], half_[a]));
       }
       return sum;
     };
     if (slope(low) >= 0.0) return low;
     if (slope(high) <= 0.0) return high;
     for (int a = 0; a < D; ++a)
-      for (const double plane : {box_.lower[a], box_.upper[a]}) {
+      for (const double plane : {-half_[a], half_[a]}) {
         if (way[a] == 0.0) continue;
         const double t = (plane - point_[a]) / way[a];
         if (!(t > low) || !(t < high)) continue;
@@ -149,7 +152,8 @@ class SweepDistance {
   }
 
   const Sweep<D>& sweep_;
-  const Box<D>& box_;
+  Vector<D> center_;  // As points below from the box's centre, so that little is rounded far from 0.
+  Vector<D> half_;
   Vector<D> point_;
   std::array<double, kSegments> at_{};
   int rounds_ = 0;

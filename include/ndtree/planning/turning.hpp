@@ -350,9 +350,9 @@ class TurningSearch {
     const UnknownSpace unknown = layers_.front().planner->unknown();
     path.length = 0.0;
     path.clearance = std::numeric_limits<double>::infinity();
-    for (std::size_t i = 0; i + 1 < path.points.size(); ++i) {
+    for (std::size_t i = 0; i == 0 || i + 1 < path.points.size(); ++i) {
       const Vector<3>& a = path.points[i];
-      const Vector<3>& b = path.points[i + 1];
+      const Vector<3>& b = path.points[std::min(i + 1, path.points.size() - 1)];  // One alone is a segment.
       const bool turns = a[2] != b[2];
       if (motion_collides(map_, kept_away_, a, b, turns ? Motion::turns : Motion::moves, unknown))
         throw std::logic_error("a segment of the path collides: please report this map");

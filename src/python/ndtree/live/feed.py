@@ -119,6 +119,16 @@ class Feed:
         with self._changed:
             return [*self._kept, *self._queue.entries()]
 
+    def poses(self) -> list[Entry]:
+        """Poses that wait."""
+        with self._changed:
+            return [Entry(item, received, 0.0) for item, received in self._poses]
+
+    def give_back(self, poses: list[tuple[Any, float]]) -> None:
+        """Let poses that were taken wait before the others."""
+        with self._changed:
+            self._poses.extendleft(reversed(poses))
+
     def begin(self) -> None:
         """It is decided how to map: what waits may wait longer."""
         with self._changed:

@@ -73,11 +73,15 @@ class Intake(ABC):
     def decide(self, waiting: Sequence[Entry], everything: bool = False) -> bool:
         """Decide how to map; whether that is another way than before.
 
-        `waiting`: Measurements that wait or were kept.
+        `waiting`: Measurements that wait or were kept, and poses that wait.
         `everything`: Nothing more comes.
         Raises ValueError if what came does not tell, and more may.
         """
         raise ValueError(f"{type(self).__name__}: expected its config to be given")
+
+    def too_early(self) -> list[tuple[Any, float]]:
+        """Poses that were taken to decide, to be taken again when a scan needs them, and when they came."""
+        return []
 
     def motion(self) -> Motion | None:
         """Where the sensor of the last scan was; None where nothing moves, or poses are of the map alone."""

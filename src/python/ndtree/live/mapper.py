@@ -229,13 +229,14 @@ class LiveMapper:
             self._feed.starve()
             return False
         self._target.undecided = ""
+        self._feed.give_back(self.intake.too_early())
         self._feed.begin()
         return True
 
     def _revise(self, closing: bool) -> None:
         """Decide anew by all that has come; if that is another way, map all of it so."""
-        self._take_poses(math.inf)
-        if self.intake.decide(self._feed.entries(), closing):
+        if self.intake.decide([*self._feed.poses(), *self._feed.entries()], closing):
+            self._feed.give_back(self.intake.too_early())
             if self._target.may_begin_again:
                 self._again_until = self._feed.begin_again()
                 self._target.begin_again()

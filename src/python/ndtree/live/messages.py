@@ -116,6 +116,9 @@ class MessagesIntake(PosedIntake):
         self._early: deque[Raw] = deque(maxlen=MOST_EARLY)
         self._until = math.inf
         self._step = look
+        #: What the log knows of poses [s], and poses that came later, to be taken when a scan needs them.
+        self._known_until = -math.inf
+        self._later: list[Raw] = []
         self._entry: Entry | None = None
         self._measured: Measured | None = None
         self._span = 0.0, 0.0
@@ -131,18 +134,27 @@ class MessagesIntake(PosedIntake):
 
     def pose(self, item: Any, figures: LiveFigures) -> None:
         is_transforms = item.connection.type in TF
-        if self._follow and plain(item.connection.topic) == self._follow and item.connection.type == PATH:
+        if self._is_followed(item):
             self._path, self._no_path = item, ""
             self._correct()
             return
-        if self.may_revise and (self.log is None or item.connection.type not in SENSORS):
+        if self.may_revise and self._may_tell(item):
             self._keep(item)
             (self._fixed if is_transforms and is_static(item.connection.topic) else self._early).append(item)
-        if self._follower is not None:
+        if self._follower is not None and 1e-9 * item.received > self._known_until:
             self._add(item)
             figures.late_poses = self._follower.late
             if self._follows_jumps and is_transforms:
                 self._look_for_jumps()
+
+    def _is_followed(self, item: Any) -> bool:
+        connection = item.connection
+        return bool(self._follow) and plain(connection.topic) == self._follow and connection.type == PATH
+
+    def _may_tell(self, item: Any) -> bool:
+        """Whether what is no measurement may tell how to map."""
+        is_other = self.log is not None and item.connection.type in SENSORS
+        return not is_other and not self._is_followed(item)
 
     def _add(self, raw: Raw) -> None:
         """Take note of poses; what contradicts the decision is looked at at once."""
@@ -205,6 +217,10 @@ class MessagesIntake(PosedIntake):
         stamp, frame = head_of(item) or (received, "")
         return item.connection.topic, self._clock.time((item.connection.topic, frame), received, stamp)
 
+    def too_early(self) -> list[tuple[Any, float]]:
+        later, self._later = self._later, []
+        return [(raw, 1e-9 * raw.received) for raw in later]
+
     def is_decidable(self, now: float) -> bool:
         return now >= self._until
 
@@ -215,7 +231,9 @@ class MessagesIntake(PosedIntake):
     def decide(self, waiting: Sequence[Entry], everything: bool = False) -> bool:
         """As of `Intake`; of what was received until a time, so that it does not depend on threads."""
         until = math.inf if everything else self._until
-        raws = [*self._fixed, *self._early, *(entry.item for entry in waiting)]
+        new = [entry.item for entry in waiting]
+        new = [raw for raw in new if not self.is_pose(raw) or self._may_tell(raw)]
+        raws = [*self._fixed, *self._early, *new]
         raws = sorted((raw for raw in raws if 1e-9 * raw.received <= until), key=lambda raw: raw.received)
         if self.log is None:
             # If that is too little, the next time is not too soon: each look takes longer than the last.
@@ -266,9 +284,13 @@ class MessagesIntake(PosedIntake):
         self._corrections, self._jumps = [], Jumps()
         parts = self._given.parts(log.dim)
         self._selected = OneByOne(Selection(log.dim, **parts), self._name) if parts else None
-        for raw in (*self._fixed, *self._early):
-            if 1e-9 * raw.received > until:
-                self._add(raw)
+        self._known_until = until
+        came = sorted((*self._fixed, *self._early), key=lambda raw: raw.received)
+        self._later = [raw for raw in came if 1e-9 * raw.received > until]
+        for kept in (self._fixed, self._early):
+            known = [raw for raw in kept if 1e-9 * raw.received <= until]
+            kept.clear()
+            kept.extend(known)
         self._correct()
         if self._follows_jumps:
             self._look_for_jumps(everywhere=True)

@@ -23,7 +23,7 @@ from ndtree.live.ros import messages
 from ndtree.live.ros.middleware import Middleware, Publisher
 from ndtree.live.ros.parameters import Layer
 from ndtree.live.way import Robot
-from ndtree.maps.ground import FREE
+from ndtree.maps.ground import FREE, UNKNOWN
 from ndtree.maps.writers.rosbag import octomap_nodes
 
 #: Updates that a subscriber may be behind.
@@ -124,9 +124,13 @@ class GridSink(NodeSink):
                 self._grid, self._z = GridFollower(cell_size, height, depth), height[0] if height else 0.0
         assert self._grid is not None
         part = self._grid.follow(m)
-        if self._grid.values is None:
-            return part
-        before, radius, places = self._values, value("grid_clear"), self._passing.places()
+        before = self._values
+        if self._grid.values is None:  # Nothing is known between these heights: nor is what was shown.
+            if before is None or (before == UNKNOWN).all():
+                return None
+            before[:] = UNKNOWN
+            return GridPart(0, 0, before, True)
+        radius, places = value("grid_clear"), self._passing.places()
         is_whole = before is None or is_new or (part is not None and part.is_whole)
         if not (is_whole or radius or len(places) or self._differs):
             if part is not None:
@@ -159,7 +163,7 @@ class GridSink(NodeSink):
 
     def _message(self) -> OccupancyGrid:
         assert self._grid is not None and self._values is not None
-        place = (*self._grid.origin, self._z)
+        place = (*self._origin, self._z)
         return messages.grid_message(self._values, self._grid.cell_size, place, self._frame(), self._stamp)
 
     def welcome(self) -> None:
