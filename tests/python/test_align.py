@@ -109,15 +109,15 @@ def test_poses_without_odometry_are_found(office):
     assert after.max() < 0.7 and np.median(after) < 0.07
 
 
-def seen_in(walls, poses, reach=8.0, beams=361, noise=0.01, seed=0):
-    """Scans of wall segments (n, 2, 2) from poses."""
+def seen_in(walls, poses, reach=8.0, beams=361, noise=0.01, seed=0, order=1):
+    """Scans of wall segments (n, 2, 2) from poses; `order` -1: beams are told in the other one."""
     bearings = np.linspace(-np.pi, np.pi, beams, endpoint=False)
     rng = np.random.default_rng(seed)
     for i, pose in enumerate(poses):
         ranges = ranges_to(walls, pose, bearings)
         returned = ranges < reach
         ranges = np.where(returned, ranges + rng.normal(0, noise, beams), reach)
-        ends = pose[:2] + ranges[:, None] * rays(bearings + pose[2])
+        ends = pose[:2] + ranges[:, None] * rays(order * bearings + pose[2])
         yield ndtree.Scan(ends, pose[:2], returned=returned, stamp=0.1 * i, heading=pose[2])
 
 
@@ -411,3 +411,12 @@ def test_odometry_that_fails_costs_nothing_in_a_hall(kind):
     assert errors(found.poses, truth).max() < 0.06
     if kind == "is backwards":  # It is learned: then nothing contradicts it.
         assert found.odometry_scale == pytest.approx(-1.0, abs=0.05) and len(found.against) < 10
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_beams_in_the_other_order_contradict_the_turns_of_odometry(order):
+    truth = in_a_hall(0.06)
+    scans = seen_in(HALL, truth, reach=9.0, beams=300, order=order)
+    found = ndtree.align(Drifting(list(scans), truth))
+    assert found.turn_scale == pytest.approx(order, abs=0.1)
+    assert any("turns" in doubt for doubt in found.doubts) == (order < 0)

@@ -161,6 +161,17 @@ def test_numbers_count_not_the_order_of_names(tmp_path: Path) -> None:
     assert [scan.stamp for scan in scans] == [1.0, 4.5, 5.0]
 
 
+@pytest.mark.parametrize("poses", [3, 4, 5])
+def test_poses_before_or_behind_the_numbers_of_files_are_told_of(poses: int, tmp_path: Path) -> None:
+    for i in (1, 3):
+        BINARY(tmp_path / f"{i}", cloud(i))
+    (tmp_path / "poses.txt").write_text(kitti_lines(poses + 1))
+    log = read(tmp_path)
+    check(log, [1, 3])
+    more = {3: "1 pose more, as number 0", 4: "2 poses more, as number 0", 5: "3 poses more, as number 0"}
+    assert any(more[poses] in note and "numbers 1 to 3" in note for note in log.notes)
+
+
 def test_names_without_numbers_are_taken_in_their_order(tmp_path: Path) -> None:
     for i, name in enumerate(("hall", "kitchen", "stairs")):
         BINARY(tmp_path / name, cloud(i))

@@ -186,3 +186,24 @@ def test_a_base_that_nothing_is_said_of_is_refused(tmp_path: Path) -> None:
     (tmp_path / "cloud").mkdir()
     with pytest.raises(ValueError, match=r"base_frame = x: .*, or it as one of base_link$"):
         log_of(tmp_path / "cloud", moved("odom", "base_link"), clouds("odom"), base_frame="x")
+
+
+LEAPS = {
+    "smooth": ("", lambda i, t: place(t), None),
+    "once": ("jump by up to 0.5", lambda i, t: place(t) + np.array([0.5 * (t > 1), 0, 0]), None),
+    "two nodes": ("jump back and forth by up to", lambda i, t: place(t + 0.3 * (i % 2)), None),
+    "fixed, too": ("are fixed in /tf_static", lambda i, t: place(t), (0, 0, 0)),
+}
+
+
+@pytest.mark.parametrize("name", LEAPS)
+def test_transforms_that_leap_or_disagree_are_told_of(name: str, tmp_path: Path) -> None:
+    """Also a robot that brakes and turns back, which is no leap: the way there and back takes a second."""
+    said, where, other = LEAPS[name]
+    times = np.arange(0, 2, 0.02)
+    rows = [MAKE.moved(START + t, "map", "odom", where(i, t), LEVEL) for i, t in enumerate(times)]
+    rows += [MAKE.moved(START + t, "odom", "base_link", [0.3 * np.sin(6 * t), 0, 0], LEVEL) for t in times]
+    rows += [MAKE.fixed(START, "map", "odom", other, LEVEL)] if other else []
+    log = log_of(tmp_path, rows, fixed("base_link", "laser"), scans("laser"))
+    told = [note for note in log.notes if note.startswith("transforms from")]
+    assert len(told) == bool(said) and all(said in note and "map to odom" in note for note in told)

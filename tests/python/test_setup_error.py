@@ -6,14 +6,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+
+pytest.importorskip("rosbags")
+
+from bags import START, Messages, write_bag
 from planes import box, ranges_to, rays
 
 from ndtree.alignment.planar import Floats, between, composed, placed
 from ndtree.base.scan import Scan
 from ndtree.evaluation.sampling import spread
+from ndtree.logs import read
+from ndtree.tuning.first_look import first_look
 from ndtree.tuning.pairs import false_jump, pairs_of
 from ndtree.tuning.setup import setup_error
 from ndtree.tuning.setup_error import APART, SetupError
@@ -117,9 +124,11 @@ def test_without_times_no_late_clock_is_taken_for_a_mount() -> None:
     assert found_in([replace(scan, stamp=0.0) for scan in late]) is None
 
 
+@pytest.mark.parametrize("has_times", [True, False])
 @pytest.mark.parametrize("place", [[0.25, 0.0], [-0.1, 0.2], [0.0, -0.3]])
-def test_a_moved_mount(place: list[float]) -> None:
-    found = found_in(log_of(mounted([*place, 0.0])))
+def test_a_moved_mount(place: list[float], has_times: bool) -> None:
+    scans = log_of(mounted([*place, 0.0]))
+    found = found_in(scans if has_times else [replace(scan, stamp=0.0) for scan in scans])
     assert found is not None and found.kind == "place"
     assert np.linalg.norm(np.array(found.values) - place) < 0.3 * np.linalg.norm(place)
 
@@ -209,3 +218,30 @@ def test_what_tells_too_little_says_nothing() -> None:
     assert found_in([scans[0]] * 40) is None
     without = [Scan(scan.endpoints, scan.origin, stamp=scan.stamp) for scan in log_of(mounted([0, 0, 0.2]))]
     assert found_in(without) is None, "mounts are of headings"
+
+
+@pytest.mark.parametrize("wrong", ["", "/front", "/rear"])
+def test_of_several_lasers_the_one_is_named_that_is_turned(wrong: str, tmp_path: Path) -> None:
+    make, rng = Messages("mcap"), np.random.default_rng(4)
+    sides = {"/front": (0.3, 0.0), "/rear": (-0.3, math.pi)}
+    rows = []
+    for name, (x, yaw) in sides.items():
+        told = yaw + (0.2 if name == wrong else 0.0)
+        turn = (0, 0, math.sin(told / 2), math.cos(told / 2))
+        rows.append(make.fixed(START, "base_link", name[1:], (x, 0, 0), turn))
+    for stamp in EVERY * np.arange(120):
+        (pose,) = drive(np.array([stamp]))
+        turn = (0, 0, math.sin(pose[2] / 2), math.cos(pose[2] / 2))
+        rows.append(make.moved(START + stamp, "odom", "base_link", (*pose[:2], 0), turn))
+        for name, (x, yaw) in sides.items():
+            readings = ranges_to(WALLS, composed(pose, np.array([x, 0, yaw])), ANGLES)
+            readings = readings + rng.normal(0, 0.01, len(ANGLES))
+            angles = {"angle_min": ANGLES[0], "angle_increment": ANGLES[1] - ANGLES[0]}
+            rows.append((name, START + stamp, make.laser(START + stamp, name[1:], readings, **angles)))
+    bag = write_bag(tmp_path / "bag", make, sorted(rows, key=lambda row: row[1]))
+    found = first_look(read(bag, topic=list(sides)), with_sigma=False).setup
+    if not wrong:
+        assert found is None
+        return
+    assert found is not None and found.kind == "yaw" and f"scans of {wrong} in {wrong[1:]}." in str(found)
+    assert found.values[0] == pytest.approx(-0.2, rel=0.25)

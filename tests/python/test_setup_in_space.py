@@ -149,6 +149,14 @@ def test_a_wrong_clock(drive: tuple[Poses, list[Floats]], seconds: float) -> Non
     assert found.values[0] == pytest.approx(seconds, rel=0.3) and "time_offset" in str(found)
 
 
+def test_points_that_were_moved_into_the_map_before(drive: tuple[Poses, list[Floats]]) -> None:
+    """They are seen from the poses, which are not where their frame begins."""
+    told = drive[0](TIMES)
+    moved = [points @ T[:3, :3].T + T[:3, 3] for points, T in zip(drive[1], told)]
+    found = found_in(told, moved)
+    assert found is not None and found.kind == "moved" and "points_in" in str(found)
+
+
 @pytest.mark.parametrize("share", [0.9, 1.08])
 def test_a_wrong_scale(drive: tuple[Poses, list[Floats]], share: float) -> None:
     found = found_in(drive[0](TIMES), [share * points for points in drive[1]])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ndtree.alignment.loops import Loop
-from ndtree.alignment.planar import Floats, between, composed, in_space, placed
+from ndtree.alignment.planar import Floats, between, composed, in_space, placed, wrapped
 from ndtree.alignment.sensor_scans import AlignedLog, SensorScan, Step
 from ndtree.alignment.writing import compared, draw_before_and_after, verdict, write_trajectory
 from ndtree.base.words import number_of
@@ -23,6 +23,7 @@ MOST_CONTRADICTED = 0.1  # and of loops that others may contradict.
 _MOST_UNFIXED = 1.0  # Way without anything that tells it: of 10 % of it, the error is two cells [m].
 _STANDS = 0.5  # Poses within this may be those of a corridor that looks the same everywhere [m].
 _SCALES = (0.7, 1.4)  # Of odometry.
+_TURN, _LEAST_TURNS = 0.1, 5  # Of a turn between key scans that tells [rad], and how many must.
 _MOST_THROUGH = 0.15  # Fraction of a scan's points.
 _THICKER = 1.1  # Cells of walls, by chance.
 _FAR = 20.0  # End points that are drawn [m].
@@ -84,6 +85,13 @@ class Alignment:
     _scans: list[SensorScan] = field(default_factory=list)
 
     @property
+    def turn_scale(self) -> float:
+        """How far a turn went for what odometry says, in the median; 1 where it says of few."""
+        told, seen = (wrapped(np.diff(poses[self.key_scans, 2])) for poses in (self.odometry, self.poses))
+        tells = np.abs(told) > _TURN
+        return float(np.median(seen[tells] / told[tells])) if np.sum(tells) >= _LEAST_TURNS else 1.0
+
+    @property
     def log(self) -> AlignedLog:
         """AlignedLog: the log with these poses, as any other; ValueError if there is none."""
         if self.source is None:
@@ -135,6 +143,9 @@ class Alignment:
         low, high = _SCALES
         if not low < abs(self.odometry_scale) < high:
             doubts.append(f"scans say {self.odometry_scale:.2f} times the distance that odometry says")
+        if self.has_odometry and not low < self.turn_scale < high:
+            why = " (beams in the other order, as of a laser upside down?)" if self.turn_scale < 0 else ""
+            doubts.append(f"scans say {self.turn_scale:.2f} times the turns that odometry says{why}")
         broken = np.flatnonzero((self.through > _MOST_THROUGH) & ~is_in_loop[self.key_scans])
         if len(broken):
             doubts.append(
@@ -184,6 +195,7 @@ class Alignment:
             "unfixed_way": float(self.unfixed.sum()),
             "seen_through": float(self.through.max()),
             "odometry_scale": self.odometry_scale,
+            "turn_scale": self.turn_scale,
             "cells": {"before": before, "after": after},
             "doubts": self.doubts,
             "seconds": self.seconds,

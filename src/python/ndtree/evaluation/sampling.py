@@ -46,6 +46,7 @@ def spread(
     scans: Iterable[Scan],
     progress: Callable[[int], None] | None = None,
     keep: Callable[[Scan], Kept] = some_of,
+    sensors: int = 1,
 ) -> tuple[list[list[Kept]], int, int]:
     """Runs of scans, evenly over a log.
 
@@ -55,20 +56,21 @@ def spread(
 
     `progress`: Called with the number of scans so far.
     `keep`: Makes what is kept of a scan.
-    Returns runs list of list of that: 40 to 80 runs of four scans; fewer only of a short log. Of long scans
-    every second, third, ... beam, and none that ends farther than 1e9 m from the map's origin; scans, beams
-    int: How many the log has.
+    `sensors`: Of how many the scans are; each has its part of a run.
+    Returns runs list of list of that: 40 to 80 runs of four scans of each sensor; fewer only of a short log.
+    Of long scans every second, third, ... beam, and none that ends farther than 1e9 m from the map's origin;
+    scans, beams int: How many the log has.
     """
     runs: list[list[Kept]] = []
     step = 1
     number = beams = 0
     for scan in scans:
         beams += len(scan)
-        run, place = divmod(number, RUN)
+        run, place = divmod(number, RUN * sensors)
         number += 1
         if progress is not None:
             progress(number)
-        if place == 0 and (wider := _core.sample_step(number)) != step:
+        if place == 0 and (wider := _core.sample_step(-(-number // sensors))) != step:
             runs, step = runs[:: wider // step], wider
         if run % step:
             continue

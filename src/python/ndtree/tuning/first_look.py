@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -194,7 +194,6 @@ def first_look(log: Log, *, with_sigma: bool = True, progress: Progress | None =
         quadratic = 0.0
     quadratic = _rounded(quadratic)
     said = judge(sample)
-    matched = pairs_of(runs if log.dim == 2 else ())
     limit = math.inf
     if said.choice == "free" and said.share > 0 and longest > 0:
         limit = _rounded(BELIEVED * longest)
@@ -215,12 +214,26 @@ def first_look(log: Log, *, with_sigma: bool = True, progress: Progress | None =
         limit=looked.limit,
         unsure_end=looked.unsure_end,
         zeros=round(looked.times * looked.zeros),
-        disagreement=disagreement(matched),
-        drift=drift(runs) if log.dim == 2 else None,
-        heading_drift=heading_drift(matched),
-        setup=setup_error(looked.clouds),
-        jump=false_jump(matched),
+        **_doubts(looked, log.dim == 2),
     )
+
+
+def _doubts(looked: _Looked, is_planar: bool) -> dict[str, Any]:
+    """What speaks against the poses, of each kind what the first sensor tells, as `FirstLook` has it."""
+    found: dict[str, Any] = {}
+    for sensor, runs, clouds in looked.views():
+        runs = runs if is_planar else []
+        matched = pairs_of(runs)
+        setup = setup_error(clouds)
+        told = {
+            "disagreement": disagreement(matched),
+            "drift": drift(runs),
+            "heading_drift": heading_drift(matched),
+            "setup": setup and replace(setup, sensor=sensor),
+            "jump": false_jump(matched),
+        }
+        found = {name: found.get(name) or one for name, one in told.items()}
+    return found
 
 
 class _Looked:
@@ -240,20 +253,21 @@ class _Looked:
                     search.add(scan)
                 yield scan
 
-        def keep(scan: Scan) -> tuple[Scan, Cloud | None]:
-            return some_of(scan) if search is None else scan, Cloud.of(scan)
+        def keep(scan: Scan) -> tuple[Scan, Cloud | None, str]:
+            return some_of(scan) if search is None else scan, Cloud.of(scan), source.sensor
 
         found, self.scans, self.beams = spread(
-            scans(), lambda done: report("looking at the log", done, total), keep
+            scans(), lambda done: report("looking at the log", done, total), keep, log.sensors_read
         )
-        self.runs = [[scan for scan, _ in run] for run in found]
-        self.clouds = [[cloud for _, cloud in run if cloud is not None] for run in found]
+        self.runs = [[scan for scan, _, _ in run] for run in found]
+        self._clouds = [[cloud for _, cloud, _ in run] for run in found]
+        self._sensors = [[sensor for _, _, sensor in run] for run in found]
         self.zeros, self.limit = source.zeros, log.limit() if search is None else search.found()
         if search is not None:
             limit = self.limit
             cut = (lambda scan: scan) if limit is None else limit.applied
             self.runs = [[some_of(cut(scan)) for scan in run] for run in self.runs]
-            self.clouds = [[cloud.cut(cut) for cloud in run] for run in self.clouds]
+            self._clouds = [[cloud and cloud.cut(cut) for cloud in run] for run in self._clouds]
         self.cut_off = log.cut_off if search is None else None if self.limit is None else self.limit.at
         self.unsure_end: str | None = None
         is_open = self.limit is None and log.rules.cut_off is UNSEARCHED
@@ -261,11 +275,21 @@ class _Looked:
         if end is not None and end.is_empty:
             self.limit, self.cut_off = end.limit, end.limit.at
             self.runs = [[end.limit.applied(scan) for scan in run] for run in self.runs]
-            self.clouds = [[cloud.cut(end.limit.applied) for cloud in run] for run in self.clouds]
+            self._clouds = [[cloud and cloud.cut(end.limit.applied) for cloud in run] for run in self._clouds]
         elif end is not None:
             self.unsure_end = str(end)
         #: Of the scans, how many times as many there are as were decoded.
         self.times = self.scans / decoded if decoded else 1.0
+
+    def views(self) -> Iterator[tuple[str, list[list[Scan]], list[list[Cloud]]]]:
+        """Of each sensor its name, "" where there is one, and its runs of scans and of clouds."""
+        names = sorted({name for run in self._sensors for name in run})
+        for name in names:
+            own = [[i for i, of in enumerate(run) if of == name] for run in self._sensors]
+            runs = [[run[i] for i in which] for run, which in zip(self.runs, own)]
+            clouds = [[run[i] for i in which] for run, which in zip(self._clouds, own)]
+            seen = [[one for one in run if one is not None] for run in clouds]
+            yield name if len(names) > 1 else "", runs, seen
 
 
 def _rounded(value: float) -> float:

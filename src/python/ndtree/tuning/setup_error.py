@@ -39,6 +39,10 @@ UNITS = {0.001: "mm", 0.01: "cm", 0.0254: "inches", 1000.0: "mm", 100.0: "cm", 1
 _DEGREE = math.radians(1.0)
 
 _MISREAD = {
+    "moved": (
+        "points were in the frame of the map already",
+        f"expected them in the sensor's frame, or of a folder {key('points_in')} map",
+    ),
     "inverted": (
         "poses were inverted",
         "expected the pose of the robot in the map, not that of the map as the robot sees it",
@@ -58,8 +62,9 @@ class SetupError:
     """What is wrong all along a log, from `ndtree.tuning.setup.setup_error`.
 
     `kind`: "yaw", "place" or both of the "mount", its "tilt", "clock", "scale" of distances between poses,
-        "turns", "mirrored", or poses that are "inverted", have the other "signs" of turns, are in the
-        "axes" of a camera, have quaternions in the order "wxyz", yaws in "degrees", or another "unit".
+        "turns", "mirrored", points that were "moved" into the map before, or poses that are "inverted", have
+        the other "signs" of turns, are in the "axes" of a camera, have quaternions in the order "wxyz", yaws
+        in "degrees", or another "unit".
     `values`: To be added: [rad], along the sensor's x axis and to the left of that, seen from above [m], roll
         and pitch [rad], [s], a fraction, or what positions are to be
         multiplied by for the unit of points; none of misread poses.
@@ -69,13 +74,15 @@ class SetupError:
     kind: str
     values: tuple[float, ...]
     apart: float | None
+    sensor: str = ""  # Of several the one that tells.
 
     def __str__(self) -> str:
         """What was found and what helps, in one line."""
         found, helps = self._words()
         if self.apart is not None:
             found += f" (walls 5 m away would be up to {min(self.apart, 10.0):.2g} m double)"
-        return Text(f"poses do not fit the scans. It is as if {found}: {helps}")
+        of = f" of {self.sensor}" if self.sensor else ""
+        return Text(f"poses do not fit the scans{of}. It is as if {found}: {helps}")
 
     def _words(self) -> tuple[str, str]:
         if self.kind in _MISREAD:

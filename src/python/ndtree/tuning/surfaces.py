@@ -33,6 +33,7 @@ _SLANT = math.sqrt(_FLAT)  # What is flat enough may be turned by that [rad].
 _FREEDOM = 2.0  # Of Student's t.
 _START = np.array([1.0, 1.0, 1.0, 0.35, 0.35, 0.35])  # How far patches are from their places [m, rad].
 _BESIDE = 0.1  # Of its plane, a patch is on it [m].
+_BEHIND = 1.5  # Times as far, a point is behind another.
 _BEAMS = 180  # The next beam of a scan of 180 shows how a surface is turned.
 _CUBES = 2048  # On each side of the sensor.
 _NONE = 1e-4  # Information that is none [1/m², 1/rad²].
@@ -133,6 +134,10 @@ class Cloud:
         pose[:3, 3] *= scale
         return Cloud(replace(scan, endpoints=scan.endpoints * scale, origin=scan.origin * scale), pose)
 
+    def at(self, stamp: float) -> Cloud:
+        """With another time."""
+        return replace(self, scan=replace(self.scan, stamp=stamp))
+
     def cut(self, rule: Callable[[Scan], Scan]) -> Cloud:
         """With beams as a rule has them, by which some have not returned."""
         return replace(self, scan=rule(self.scan))
@@ -148,14 +153,38 @@ class Cloud:
         return lengths[self.scan.hits()]
 
     @cached_property
-    def patches(self) -> _Patches:
+    def _points(self) -> Floats:
         """In the sensor's frame; at the largest range may be beams without echo."""
         dim = self.scan.dim
         ways = self.scan.endpoints[self.scan.did_return].astype(np.float64) - self.pose[:dim, 3]
         ways = ways[np.isfinite(ways).all(axis=1)]
         ranges = np.linalg.norm(ways, axis=1)
-        points = ways[ranges < ranges.max(initial=0.0) - _SHELL] @ self.pose[:dim, :3]
-        return _Patches.of(_sides(points) if dim == 2 else [points], dim == 2)
+        points: Floats = ways[ranges < ranges.max(initial=0.0) - _SHELL] @ self.pose[:dim, :3]
+        return points
+
+    @cached_property
+    def patches(self) -> _Patches:
+        """In the sensor's frame."""
+        is_planar = self.scan.dim == 2
+        return _Patches.of(_sides(self._points) if is_planar else [self._points], is_planar)
+
+    def hidden_less(self) -> float:
+        """How much less of the points is far behind others if they are seen from the pose's place in their
+        own frame, as those that are in the map already; 0 if that is farther from them.
+        """
+        shares, usual = [], []
+        for eye in (np.zeros(3), self.pose[:3, 3]):
+            ways = self._points - eye
+            ranges = np.linalg.norm(ways, axis=1).clip(1e-9)
+            up, around = np.arcsin(ways[:, 2] / ranges), np.arctan2(ways[:, 1], ways[:, 0])
+            _, which = np.unique(
+                np.rint(np.degrees(up)) + 1000 * np.rint(np.degrees(around)), return_inverse=True
+            )
+            nearest = np.full(len(ranges), np.inf)
+            np.minimum.at(nearest, which, ranges)
+            shares.append(float(np.mean(ranges > _BEHIND * nearest[which])) if len(ranges) else 0.0)
+            usual.append(float(np.median(ranges)) if len(ranges) else 0.0)
+        return shares[0] - shares[1] if usual[1] <= usual[0] else 0.0
 
     def agreement(self, other: Cloud, motion: Floats) -> float:
         """Which part of another's patches lies on planes of this one, with its pose as seen from here."""

@@ -50,9 +50,9 @@ def require_log(log: object) -> None:
         raise TypeError(f"log = {name!r}: expected a Log, as of:\n  ndtree.read({name!r})")
 
 
-def is_sampled(number: int) -> bool:
+def is_sampled(number: int, sensors: int = 1) -> bool:
     """Whether `spread` looks at a scan, of those from 0 on, before it knows how many there are."""
-    run = number // _core.sample_run
+    run = number // (_core.sample_run * sensors)
     return run % _core.sample_step(run * _core.sample_run + 1) == 0
 
 
@@ -80,6 +80,10 @@ class Log(ABC):
         Whether the scans may say of beams that nothing was hit.
     is_depth_camera : bool
         Whether ranges are from structured light or stereo, whose noise grows with the squared range.
+    sensors_read : int
+        How many sensors its scans are of.
+    sensor : str
+        Which of several the last loop's last scan is of.
     may_be_zero : bool
         Whether the format can tell such beams, and their directions.
     zeros : int
@@ -102,6 +106,8 @@ class Log(ABC):
     hint: str = ""
     knows_no_returns = True
     is_depth_camera = False
+    sensors_read = 1
+    sensor = ""
     may_be_padded = True
     may_be_zero = False
     may_be_cut_off = False
@@ -150,7 +156,7 @@ class Log(ABC):
 
     def _passed_over(self) -> Scan | None:
         """What stands for the next scan if it need not be decoded."""
-        if not self._is_sampled or is_sampled(self._done):
+        if not self._is_sampled or is_sampled(self._done, self.sensors_read):
             return None
         return Scan(np.empty((0, self.dim)), np.zeros(self.dim))
 
@@ -445,6 +451,7 @@ class DerivedLog(Log):
     cut_off = property(attrgetter("_log.cut_off"))
     spans = property(attrgetter("_log.spans"))
     share_read = property(attrgetter("_log.share_read"))
+    sensors_read, sensor = property(attrgetter("_log.sensors_read")), property(attrgetter("_log.sensor"))
     skipped = property(attrgetter("_log.skipped"), lambda self, _: None)
     zeros = property(attrgetter("_log.zeros"), lambda self, _: None)
 

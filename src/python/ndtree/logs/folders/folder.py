@@ -78,6 +78,8 @@ class FolderLog(SizedLog):
                 continue
             self.file = self._files[i]
             yield self._scan(i, points, T_map_sensor)
+        unused = self._poses.unused() if self._poses is not None else ""
+        self._seen += [unused] if unused else []
 
     def _search(self) -> CutOff | None:
         """From some of the files, evenly spread: they may be large."""
@@ -176,6 +178,17 @@ class PosesOfFiles:
             return False
         times = [self.stamp(i) + self._time_offset for i in range(len(self._files))]
         return bool(trajectory.stamps[0] <= min(times) and max(times) <= trajectory.stamps[-1])
+
+    def unused(self) -> str:
+        """What is said of poses whose numbers are before or behind those of all files; "" without any."""
+        if not self._trajectory.is_numbered or not self._are_known:
+            return ""
+        first, last = min(self._lines), max(self._lines)
+        left = sorted(number for number in self._known if not first <= number <= last)
+        if not left:
+            return ""
+        more = f"{number_of(len(left), 'pose')} more, as number {left[0]:.0f}"
+        return f"files have numbers {first} to {last}, and {self._path} has {more}: do both count alike?"
 
     def stamp(self, i: int) -> float:
         """Time of file i [s]; 0 where there is none."""

@@ -73,7 +73,6 @@ class PointCloudLog(FolderLog):
         super().__init__(source.path, scans.files)
         self._stamps = stamps_in([stem_of(file) for file in self._files])
         self._beside: tuple[str | None, ...] = ()
-        self._trajectory: PosesOfFiles | None = None
         if self._kind.note is not None:
             with contextlib.suppress(ValueError, OSError):  # Reading says it.
                 said = self._kind.note(self._files[0])
@@ -82,7 +81,7 @@ class PointCloudLog(FolderLog):
             self.may_be_cut_off = unplaced.origin is not None
             return
         if trajectory is not None:
-            self._trajectory = self._poses_in(trajectory, scans, time_offset)
+            self._poses = self._poses_in(trajectory, scans, time_offset)
         else:
             self._find_poses(source, scans, time_offset)
 
@@ -103,7 +102,7 @@ class PointCloudLog(FolderLog):
         if found.trajectory is not None:
             poses = self._poses_in(found.trajectory, scans, time_offset)
             others = _misfit(poses, found.trajectory, is_above) if must_fit else ""
-            self._trajectory, found = (None, FoundPoses()) if others else (poses, found)
+            self._poses, found = (None, FoundPoses()) if others else (poses, found)
         if not found and not self._have_viewpoints():
             raise without_sensor(
                 source.path, self._said(), more=self._more(others or scan_folder.unread_poses(scans))
@@ -155,8 +154,8 @@ class PointCloudLog(FolderLog):
         return ways
 
     def _pose(self, i: int) -> Pose:
-        if self._trajectory is not None:
-            return self._trajectory.pose(i)
+        if self._poses is not None:
+            return self._poses.pose(i)
         if self._unplaced:
             return Pose.identity()
         if not self._beside:
@@ -188,7 +187,7 @@ class PointCloudLog(FolderLog):
         return super()._scan(i, points, T_map_sensor)
 
     def _stamp(self, i: int) -> float:
-        return self._trajectory.stamp(i) if self._trajectory else self._stamps[i] or 0.0
+        return self._poses.stamp(i) if self._poses else self._stamps[i] or 0.0
 
     def _in_map(self, points: Points, T_map_sensor: Pose) -> Points:
         return T_map_sensor.apply(points) if self._points_in == "sensor" else without_zeros(points)

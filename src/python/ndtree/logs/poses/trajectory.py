@@ -26,6 +26,10 @@ STAMP_TOLERANCE = 0.01
 GAP_SECONDS, GAP_TIMES = 1.0, 10.0
 #: the pose is unknown if it changed by more than this [m], [rad] meanwhile.
 GAP_DISTANCE, GAP_TURN = 0.1, 0.1
+#: A leap makes surfaces double [m], and is a motion that takes more than gravity [m/s²].
+LEAP, GRAVITY = 0.12, 9.81
+#: Poses that leap there and back are of another writer if there are several.
+SEVERAL = 3
 
 
 class Trajectory:
@@ -131,6 +135,31 @@ class Trajectory:
         start, end = self.positions[before], self.positions[after]
         positions = start + share[:, None] * (end - start)
         return positions, slerp(self.quaternions[before], self.quaternions[after], share)
+
+    def leaps(self) -> str | None:
+        """What is said of positions that leap; None where none do.
+
+        Some lie far beside the way from the pose before to the one behind, or a step is much faster than
+        both the one before and the one behind.
+        """
+        times, steps = np.diff(self.stamps), np.linalg.norm(np.diff(self.positions, axis=0), axis=1)
+        across = np.linalg.norm(self.positions[2:] - self.positions[:-2], axis=1)
+        beside = (steps[:-1] + steps[1:] - across) / 2
+        found = beside > LEAP + GRAVITY * (times[:-1] + times[1:]) ** 2
+        if np.count_nonzero(found) >= SEVERAL:
+            said, sizes = "jump back and forth", beside
+            why = "two nodes seem to publish them, expected one"
+        else:
+            fast = np.pad(steps / times, 1)
+            sizes = steps - np.maximum(fast[:-2], fast[2:]) * times
+            found = sizes > LEAP + GRAVITY * times**2
+            said, why = "jump", "surfaces seen before and after may lie apart"
+        if not found.any():
+            return None
+        count, first = int(np.count_nonzero(found)), self.stamps[1 + int(found.argmax())]
+        often = "once" if count == 1 else f"{count} times, first"
+        name = self.name.replace("transform", "transforms", 1)
+        return f"{name} {said} by up to {sizes[found].max():.2f} m ({often} at {first:.3f} s): {why}"
 
     def _found_gaps(self) -> Bools | None:
         """Which of the intervals between poses are gaps; None if there are none."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ndtree.logs.core.arrays import Floats
 from ndtree.logs.poses.pose import Pose, matrices_of, multiplied, rotated, unit_quaternions
-from ndtree.logs.poses.trajectory import Trajectory
+from ndtree.logs.poses.trajectory import LEAP, Trajectory
 
 #: The latest of transforms that come in any order is among this many.
 NEWEST = 100
@@ -158,6 +158,19 @@ class TransformTree:
             stamps = self._trajectory(edge).stamps
             first, last = max(first, float(stamps[0])), min(last, float(stamps[-1]))
         return first, last
+
+    def leaps(self, target: str, source: str) -> list[str]:
+        """What is said of transforms between connected frames that leap, or are fixed and others, too."""
+        said = [self._trajectory(edge).leaps() for edge in self.moving(target, source)]
+        for parent, child in self._way(target, source):
+            fixed, rows = self._fixed.get((parent, child)), np.array(self._rows.get((parent, child), ()))
+            if fixed is not None and len(rows) and (parent, child) not in self._taken_for_fixed:
+                turned = np.abs(matrices_of(rows[:, 4:]) - fixed.rotation).max()
+                moved = np.linalg.norm(rows[:, 1:4] - fixed.position, axis=1).max()
+                if moved > LEAP or turned > LEAP:
+                    what = f"transforms from {parent} to {child} are fixed in /tf_static, which counts"
+                    said.append(f"{what}, and others in /tf, up to {moved:.2f} m away: expected one of both")
+        return [one for one in said if one]
 
     def fix_constant(self, target: str, source: str) -> list[str]:
         """Take transforms between frames that never changed for fixed; which, as "a to b"."""

@@ -89,6 +89,7 @@ def planned(bag: Bag, options: BagOptions, dim: int | None, *, so_far: bool, in_
     if left:
         notes.append(f"{key('topic')} would take another sensor than {used[0].name}: {listed(left)}")
     notes += [sensor.note for sensor in sensors if sensor.note]
+    notes += dict.fromkeys(said for one in places.values() for said in one.leaps())
     spans = _spans(sensors, place)
     bodies = {name: body.frame_of(one, options.base_frame) for name, one in places.items() if body}
     return BagPlan(

@@ -58,6 +58,7 @@ class RosbagLog(SizedLog):
             self.plan = plan = planned(opened, options, dim, so_far=so_far, in_memory=bag is not None)
         super().__init__(path, dim=plan.dim)
         self.sensors, self.fixed_frame = plan.sensors, plan.place.fixed_frame
+        self.sensors_read = len(self.sensors)
         cameras = [sensor.camera_topic for sensor in self.sensors if sensor.camera_topic]
         self.uses = (
             " and ".join(sensor.description for sensor in self.sensors)
@@ -116,7 +117,7 @@ class RosbagLog(SizedLog):
             except NoPose as error:
                 self._leave_out_unposed(error)
                 continue
-            self.zeros = reader.zeros
+            self.zeros, self.sensor = reader.zeros, f"{measured.topic} in {measured.frame}"
             yield scan
 
 

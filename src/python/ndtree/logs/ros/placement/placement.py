@@ -58,6 +58,10 @@ class Placement:
         """The transforms between the sensor and the map that change over time: parents and children."""
         return self.tree.moving(self.fixed_frame, self.observer or self.frame)
 
+    def leaps(self) -> list[str]:
+        """What is said of those that leap."""
+        return self.tree.leaps(self.fixed_frame, self.observer or self.frame)
+
     def in_map(self, frame: str, beams: Beams, stamp: float) -> tuple[Floats, Floats]:
         """As `ndtree.logs.ros.messages.sweep.in_map`, of a message in a frame."""
         if self.observer is None:
