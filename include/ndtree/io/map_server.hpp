@@ -154,7 +154,9 @@ template <class Map>
     high = std::max(high, y1);
   });
   if (left == kMost)
-    throw std::invalid_argument(options.height ? "height: nothing is known of what is there"
+    throw std::invalid_argument(options.height ? "height " + describe_number(options.height->first) + " to " +
+                                                     describe_number(options.height->second) +
+                                                     " m: no cell was observed there"
                                                : "the map is empty: there is nothing to draw");
   if (static_cast<double>(right - left) * static_cast<double>(high - low) > 0x1p30)
     throw std::invalid_argument("an image of " + std::to_string(right - left) + " x " +
