@@ -165,7 +165,7 @@ class Finder:
                 )
             )
         if body == frame != child and asked.poses is not None and asked.mount is None:
-            said = f"{origin} is taken for the poses of the sensor itself"
+            said = f"{origin} is taken as the poses of the sensor itself"
             notes.append(f"{said}; where it is on its body: {HOW_TO_MOUNT}")
         # Messages of a sensor that is the body itself may call it by any name.
         return Placement(tree, fixed, sensor, body != frame and self.is_said, origin, tuple(notes))
@@ -211,7 +211,7 @@ class Finder:
             constant = tree.fix_constant(fixed, sensor)
             if constant:
                 which = ", ".join(constant)
-                notes = (f"/tf says little of {which}, but never changes it: it is taken for fixed",)
+                notes = (f"/tf says little of {which}, but never changes it: it is taken as fixed",)
                 fixed = self._fixed_frame(sensor)
         if asked.fixed_frame is None and fixed in USUAL:
             for better in USUAL[: USUAL.index(fixed)]:
