@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import posixpath
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -276,7 +277,9 @@ class Finder:
             return NowhereKnown(f"{what}, expected one of:{ways}\nthe frames of /tf are {some_of(frames)}")
         none = "" if self.sources else ", nor any other poses"
         sources = [f"{one}, and {MOUNT} unless the poses are those of the sensor" for one in self.sources]
-        ways = typed(*sources, _TRAJECTORY, _STILL)
+        found = [f"ndtree align {self.path} -o poses.txt, to find poses by the scans alone"]
+        is_bag = not sources and os.path.exists(self.path)
+        ways = typed(*sources, _TRAJECTORY, _STILL, *(found if is_bag else ()))
         return NowhereKnown(f"{what}: there is no /tf{none}, expected one of:{ways}")
 
     def _share_known(self, fixed: str, sensor: str) -> float:
