@@ -177,8 +177,7 @@ _ELSEWHERE = {
 
 def _absent(self: _core.OccupancyMap, name: str) -> Any:
     """AttributeError, which says what a method of other libraries is called here."""
-    meant = _ELSEWHERE.get(name.replace("_", "").lower())
-    if meant:
+    if meant := _ELSEWHERE.get(name.replace("_", "").lower()):
         raise AttributeError(f"{type(self).__name__} has no {name}: did you mean {meant}?")
     return object.__getattribute__(self, name)
 

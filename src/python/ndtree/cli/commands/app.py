@@ -131,7 +131,7 @@ def guarded(name: str, arguments: dict[str, Any]) -> Iterator[None]:
     try:
         with np.errstate(all="ignore"), warnings.catch_warnings(), silenced(quiet), replacing_all(force):
             warnings.filterwarnings("ignore", r"beam \d+ is ")
-            warnings.showwarning = _show_warning
+            warnings.showwarning = _show_warning  # type: ignore[assignment]
             check_outputs(name, arguments)
             yield
     except (BrokenPipeError, typer.Exit):
@@ -157,11 +157,10 @@ def print_error(message: Union[str, Exception], has_flags: bool = True) -> None:
     print(laid_out(message, has_flags), file=heard(sys.stderr))
 
 
-def _show_warning(message: Union[str, Warning], *_: Any) -> None:
+def _show_warning(message: Any, *_: Any) -> None:
     from ndtree.cli.commands.messages import laid_out  # Not for the help alone.
 
-    said = message.args[0] if isinstance(message, Warning) and message.args else message
-    print(laid_out(said if isinstance(said, str) else str(said)), file=sys.stderr)
+    print(laid_out(message.args[0] if message.args else message), file=sys.stderr)
 
 
 def _end(message: Union[str, Exception], status: int, has_flags: bool) -> None:
