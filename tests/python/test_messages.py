@@ -68,7 +68,7 @@ CALLS: tuple[tuple[str, int, str], ...] = (
     ("convert office.ndt a.yaml --resolution 1", 2, "no such option: did you mean --cell-size?"),
     ("plan office.ndt --start 1,2", 2, "--start: no such option: did you mean --from?"),
     ("plan office.ndt --radius 1", 2, "--radius: no such option: did you mean --body?"),
-    ("convert rooms.ndt a.yaml --height 50 60", 2, "--height 50 to 60 m: no cell was observed there"),
+    ("convert rooms.ndt a.yaml --height 50 60", 2, "--height 50 to 60 m: must be heights of observed cells"),
     ("clean office.npz -o x.txt", 2, "x.txt: expected .npz, .ply, .pcd"),
     ("live office.npz --rate -1", 2, "--rate -1: must be a number >= 0"),
     ("live office.npz --rate inf", 2, "--rate inf: must be a number >= 0"),
