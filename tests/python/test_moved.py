@@ -192,7 +192,7 @@ def test_what_is_disputed_is_where_something_moved(office, tmp_path):
     assert np.isnan(empty.disputed) and np.isnan(fixed.disputed)
     fixed.save(tmp_path / "f.ndt")
     result = run("info", tmp_path / "f.ndt", "--json", tmp_path / "f.json")
-    assert "disputed" not in result.output
+    assert "disputed (" not in result.output
     assert json.loads((tmp_path / "f.json").read_text())["disputed"] is None
 
 
