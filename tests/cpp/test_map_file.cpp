@@ -196,6 +196,7 @@ TEST_F(MapFileOnDisk, FailuresNameTheFileAndLeaveNothing) {
   std::ofstream(folder_ / "text.ndt") << "not a map";
   expect_refused<std::runtime_error>([&] { static_cast<void>(load<PaperMap<2, 3>>(folder_ / "text.ndt")); },
                                      "text.ndt: not an ndtree map");
+  expect_refused<std::invalid_argument>([&] { save(map, folder_ / "hall.bt"); }, "hall.bt: another format");
 }
 
 TEST(Crc32, IsThatOfIso3309) {

@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 import pickle
+import re
+import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +15,7 @@ import pytest
 
 import ndtree
 from ndtree._native import _core
+from ndtree._native._methods import _ELSEWHERE
 
 POINTS, ORIGIN = np.ones((3, 2)), np.zeros(2)
 M = ndtree.AdaptiveMap(dim=2)
@@ -40,6 +44,8 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     "one text for several": (lambda: ndtree.AdaptiveMap(dim=2).leaves(states="free"),
         "leaves(): states = 'free': must be several texts, as ['...', '...']"),
     "no integer": (lambda: ndtree.AdaptiveMap(dim=2.5), "AdaptiveMap(): dim = 2.5: must be an integer"),
+    "no constructor": (lambda: ndtree.OccupancyMap(dim=2),
+        "OccupancyMap(): has no constructor, expected AdaptiveMap or FixedMap"),
     "no path": (lambda: M.save(3), "save(): path = 3: must be a path"),
     "no bytes": (lambda: ndtree.from_bytes("x"), "from_bytes(): bytes = 'x': must be bytes"),
     "no text": (lambda: ndtree.AdaptiveMap(dim=2, refinement=1),
@@ -107,3 +113,28 @@ def test_functions_keep_their_names_and_words() -> None:
     m = ndtree.AdaptiveMap(dim=2)
     assert m.insert(points=POINTS, origin=ORIGIN).returned == 3
     assert m.insert.__doc__ == ndtree.AdaptiveMap.insert.__doc__
+
+
+def test_names_of_other_libraries_are_answered_with_ours() -> None:
+    for name, meant in {"insertPointCloud": "insert", "cast_ray": "cast_rays", "size": "stats"}.items():
+        with pytest.raises(AttributeError, match=f"^AdaptiveMap has no {name}: did you mean {meant}"):
+            getattr(M, name)
+    with pytest.raises(AttributeError, match="has no attribute 'qwertz'"):
+        _ = M.qwertz  # type: ignore[attr-defined]
+    assert all(hasattr(M, re.split(r"\W", meant)[0]) for meant in _ELSEWHERE.values())
+
+
+def test_odd_values_that_may_be_meant_are_warned_of(tmp_path: Path) -> None:
+    with pytest.warns(
+        UserWarning, match="^range_sigma = 20: is more than the largest cells, 1.6 m: expected"
+    ):
+        ndtree.AdaptiveMap(dim=2, range_sigma=20)
+    rooms = ndtree.AdaptiveMap(dim=3)
+    rooms.insert(np.ones((1, 3)), np.zeros(3))
+    with pytest.warns(UserWarning, match="^height is not given: cells at all heights are drawn"):
+        rooms.save(tmp_path / "rooms.yaml")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ndtree.AdaptiveMap(dim=2, range_sigma=1.6)
+        ndtree.FixedMap(dim=2, range_sigma=20)
+        ndtree.convert(rooms, tmp_path / "rooms.yaml", height=(0.0, 2.0))

@@ -131,7 +131,7 @@ def test_degrees_are_refused_and_what_cannot_be_degrees_is_doubted(tmp_path: Pat
     with pytest.raises(ValueError, match=r"a\.las: coordinates are degrees .* expected metres, as of UTM"):
         list(ndtree.read(las(tmp_path / "a.las", points, wkt=DEGREES), points_only=True))
     log = ndtree.read(las(tmp_path / "a.las", POINTS, wkt=DEGREES), points_only=True)
-    assert len(list(log)) == 1 and any("are taken for metres" in note for note in log.notes)
+    assert len(list(log)) == 1 and any("are taken as metres" in note for note in log.notes)
 
 
 @pytest.mark.parametrize(
@@ -141,7 +141,7 @@ def test_steps_as_of_degrees_are_doubted(steps: tuple[float, ...], doubted: bool
     points = np.array([[-89.7, 30.35, 10], [-89.69, 30.36, 12]])
     log = ndtree.read(las(tmp_path / "a.las", points, steps=steps), points_only=True)
     assert len(list(log)) == 1
-    assert [note for note in log.notes if "as of degrees" in note and "taken for metres" in note] == (
+    assert [note for note in log.notes if "as of degrees" in note and "taken as metres" in note] == (
         log.notes if doubted else []
     )
     far = ndtree.read(las(tmp_path / "b.las", points + 1000, steps=steps), points_only=True)
@@ -152,5 +152,5 @@ def test_a_system_that_is_not_known_is_named(tmp_path: Path) -> None:
     keys = np.array([1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 2263], "<u2").tobytes()
     log = ndtree.read(las(tmp_path / "a.las", POINTS, keys=keys), points_only=True)
     assert log.notes == [
-        "coordinate system EPSG:2263 does not say the unit of its coordinates: they are taken for metres"
+        "coordinate system EPSG:2263 does not say the unit of its coordinates: they are taken as metres"
     ]

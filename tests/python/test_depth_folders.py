@@ -134,9 +134,9 @@ def test_tum_images_get_the_pose_of_their_time(tmp_path: Path, offset: float) ->
 def test_what_is_assumed_of_a_camera_is_said(make: Make, scale: int, tmp_path: Path) -> None:
     folder = make(tmp_path)
     (note,) = read(folder).notes
-    assert note.startswith("the camera is taken for") and f",{scale}; " in note
+    assert note.startswith("the camera is taken as") and f",{scale}; " in note
     (note,) = read(folder, camera="500,500,3,2").notes
-    assert note.startswith(f"depths are taken for {scale} a metre")
+    assert note.startswith(f"depths are taken as {scale} a metre")
     assert not read(folder, camera="500,500,3,2,1000").notes
 
 

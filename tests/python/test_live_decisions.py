@@ -135,7 +135,7 @@ def test_odometry_that_comes_later_is_no_standing_robot(tmp_path: Path) -> None:
     """Laser first, odometry 1.2 s later while the robot stands, and it drives after 2.6 s."""
     bag = robot(tmp_path, "mcap", stands=2.6, first_pose=1.2)
     said = same_as_map(bag, tmp_path, *FIXED).stdout
-    assert "12 left out (before the first pose)" in said and "taken for fixed" not in said
+    assert "12 left out (before the first pose)" in said and "taken as fixed" not in said
     intake = MessagesIntake(str(bag), Config.of(range_sigma=0.02, no_return="free", sweep="said"))
     with open_bag(str(bag)) as opened:
         items = list(messages_of(opened))

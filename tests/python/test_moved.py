@@ -183,14 +183,16 @@ def test_what_is_disputed_is_where_something_moved(office, tmp_path):
     m.save(tmp_path / "m.ndt")
     result = run("info", tmp_path / "m.ndt", "--json", tmp_path / "f.json")
     assert result.exit_code == 0
-    assert f"disputed: {100 * m.disputed:.2g} % of the observed area" in result.output
+    assert (
+        f"disputed (inconsistent over time): {100 * m.disputed:.2g} % of the observed area" in result.output
+    )
     assert json.loads((tmp_path / "f.json").read_text())["disputed"] == m.disputed
     empty, fixed = ndtree.AdaptiveMap(dim=3), ndtree.FixedMap(dim=2)
     scan.insert_into(fixed)
     assert np.isnan(empty.disputed) and np.isnan(fixed.disputed)
     fixed.save(tmp_path / "f.ndt")
     result = run("info", tmp_path / "f.ndt", "--json", tmp_path / "f.json")
-    assert "disputed:" not in result.output
+    assert "disputed (" not in result.output
     assert json.loads((tmp_path / "f.json").read_text())["disputed"] is None
 
 

@@ -79,7 +79,7 @@ SAID = {
     "ros1_scan_tf_hrp_rplidar/mylaserdata3.bag": "--base-frame base_link --mount X,Y,Z,ROLL,PITCH,YAW",
     "ros2_scan_only_db3/mydata": "expected one of: --trajectory FILE --still, if the sensor does not move",
     "ros1_pointcloud2_embag/array_test.bag": "found /array_test (Arrays)",
-    "ros1_multiecho_cartographer/b0-2014-07-21-12-42-53-short.bag": "nor any other poses",
+    "ros1_multiecho_cartographer/b0-2014-07-21-12-42-53-short.bag": "-o poses.txt, to find poses by",
     "mcap_pointcloud2_pointcloudset/test.mcap": "--fixed-frame FRAME, of os1_imu, os1_lidar, os1_sensor",
 }
 

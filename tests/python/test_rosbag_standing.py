@@ -128,7 +128,7 @@ def bag(path: Path, way: Any, transforms: bool) -> Path:
 
 @pytest.mark.parametrize(
     "options, said",
-    [(["--still"], "is taken for standing still"), ([], "never moves in odom by /tf")],
+    [(["--still"], "is taken as standing still"), ([], "never moves in odom by /tf")],
     ids=["--still", "odometry that says nothing"],
 )
 def test_commands_warn_of_a_sensor_that_moves(options: list[str], said: str, tmp_path: Path) -> None:

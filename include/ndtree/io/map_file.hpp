@@ -275,9 +275,15 @@ template <class Map>
   }
 }
 
-/// Writes a map's file; it appears whole or not at all. @throws std::runtime_error naming file and reason.
+/// Writes a map's file; it appears whole or not at all. @throws std::runtime_error naming file and reason,
+/// std::invalid_argument if the name ends as those of formats that other functions of io/ write.
 template <class Map>
 void save(const Map& map, const std::filesystem::path& path) {
+  for (const char* const ending : {".bt", ".ot", ".yaml", ".pgm", ".ply"})
+    if (path.extension() == ending)
+      throw std::invalid_argument(path.string() +
+                                  ": another format's ending, expected .ndt; see save_octomap(), "
+                                  "save_map_server() and save_ply()");
   write_file(path, to_bytes(map));
 }
 

@@ -112,13 +112,15 @@ template <class Map>
   const CellsAlong axis(unit, 0.0, pixel);
   double bottom = -std::numeric_limits<double>::infinity();
   double top = std::numeric_limits<double>::infinity();
+  const auto wrong_height = [&](const char* expected) {
+    return OptionError(
+        "height",
+        describe_number(options.height->first) + " to " + describe_number(options.height->second) + " m",
+        expected);
+  };
   if (options.height) {
     if (D != 3) throw OptionError("height", "", "a map in the plane has none");
-    if (!(options.height->first < options.height->second))
-      throw OptionError(
-          "height",
-          describe_number(options.height->first) + " to " + describe_number(options.height->second) + " m",
-          "from low to high");
+    if (!(options.height->first < options.height->second)) throw wrong_height("from low to high");
     bottom = CellsAlong::whole(options.height->first / unit);
     top = CellsAlong::whole(options.height->second / unit);
   }
@@ -153,9 +155,8 @@ template <class Map>
     low = std::min(low, y0);
     high = std::max(high, y1);
   });
-  if (left == kMost)
-    throw std::invalid_argument(options.height ? "height: nothing is known of what is there"
-                                               : "the map is empty: there is nothing to draw");
+  if (left == kMost && options.height) throw wrong_height("heights of observed cells");
+  if (left == kMost) throw std::invalid_argument("the map is empty: there is nothing to draw");
   if (static_cast<double>(right - left) * static_cast<double>(high - low) > 0x1p30)
     throw std::invalid_argument("an image of " + std::to_string(right - left) + " x " +
                                 std::to_string(high - low) +

@@ -65,8 +65,8 @@ DoubleArray as_points(const py::object& object, const char* name, int dim) {
 }
 
 DoubleArray as_corners(const py::object& object, const char* name, int dim) {
-  DoubleArray corners = as_points(object, name, dim);
-  if (corners.shape(0) != 2)
+  DoubleArray corners = as_doubles(object, name);
+  if (corners.ndim() != 2 || corners.shape(0) != 2 || corners.shape(1) != dim)
     throw py::value_error(std::string(name) + " has shape " + shape_text(corners) + ": must be (2, " +
                           std::to_string(dim) + "), the lower and the upper corner");
   return corners;

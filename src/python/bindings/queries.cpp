@@ -214,8 +214,8 @@ PythonShape capsule(const py::object& a, const py::object& b, double radius) {
 PythonShape box_shape(const py::object& size, const py::object& center, const py::object& rotation) {
   AnyShapePart part;
   part.is_box = true;
-  part.a = as_vector(center, "center");
   part.b = as_vector(size, "size");
+  part.a = as_vector(center, "center");
   if (part.b.empty()) throw py::value_error("size: must be an edge length for each axis");
   if (!part.a.empty() && part.a.size() != part.b.size())
     throw py::value_error("center: has another dimension than size");

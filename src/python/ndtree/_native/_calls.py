@@ -10,11 +10,12 @@ import math
 import operator
 import os
 import re
+import warnings
 from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
 
-from ndtree._errors import WrongOption, key
+from ndtree._errors import Text, WrongOption, key
 from ndtree._native import _core
 from ndtree._native._kinds import shown, words_for
 
@@ -162,6 +163,13 @@ def require_options(name: str, keywords: Mapping[str, Any], known: Collection[st
         if name == "AdaptiveMap" and refinement in ("evidence", "paper") and refinement not in readers:
             said = f"{name}(): the refinement {refinement!r} does not read {key(option)}"
             raise WrongOption.unread(said, option, refinement)
+
+
+def warn_of_noise(sigma: object, largest: object) -> None:
+    """Warn of a noise that is given and larger than the largest cells: it was hardly meant in metres."""
+    if isinstance(sigma, (int, float)) and isinstance(largest, (int, float)) and sigma > largest:
+        said = f"{key('range_sigma')} = {sigma:g}: is more than the largest cells, {largest:g} m: "
+        warnings.warn(Text(f"{said}expected metres"), stacklevel=3)
 
 
 #: Words that constructors take and that are no options: another name, and constants of older files.

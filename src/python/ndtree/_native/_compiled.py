@@ -17,7 +17,7 @@ from typing import Any
 from ndtree import _lazy
 from ndtree._native import _core, results
 from ndtree._native._arguments import TAKEN, flattened, refuse_masked, shaped
-from ndtree._native._calls import error_of, refused, require_options, signature_of, text_of
+from ndtree._native._calls import error_of, refused, require_options, signature_of, text_of, warn_of_noise
 
 #: By the compiled type of a result: the one that takes its place.
 RESULTS: dict[type, type] = {
@@ -48,12 +48,24 @@ def complete(module: types.ModuleType) -> None:
                 is_own = member == "__init__" or not member.startswith("__")
                 if is_own and _is_compiled(method):
                     keywords = options.get(name) if member == "__init__" else None
-                    setattr(held, member, _wrapped(method, f"{name}.{member}", keywords, is_method=True))
+                    made = _wrapped(method, f"{name}.{member}", keywords, is_method=True)
+                    has_none = member == "__init__" and signature_of(method.__doc__) is None
+                    setattr(held, member, _refusing(name, held) if has_none else made)
         elif _is_compiled(held) and not name.startswith("__"):
             setattr(module, name, _wrapped(held, name, None, is_method=False))
     for name, held in vars(module).items():
         if isinstance(held, (type, types.FunctionType)) and name not in INTERNAL:
             held.__module__ = "ndtree"
+
+
+def _refusing(name: str, held: type) -> Callable[..., None]:
+    """The constructor of a class that has none."""
+
+    def init(self: Any, *_: Any, **__: Any) -> None:
+        kinds = " or ".join(one.__name__ for one in held.__subclasses__()) or "what calls give"
+        raise TypeError(f"{name}(): has no constructor, expected {kinds}")
+
+    return init
 
 
 def _reduce(self: Any, protocol: int) -> Any:
@@ -104,6 +116,8 @@ def _wrapped(
             _lazy.method("require_kind")(given["path"])
         if options is not None:
             require_options(class_name, keywords, names)
+            largest = keywords.get("max_cell_size", options.get("max_cell_size"))
+            warn_of_noise(keywords.get("range_sigma"), largest)
             if asks_for_dim and "dim" not in keywords and len(arguments) == 1:
                 raise TypeError(f"{class_name}(): dim is missing, expected dim=2 or dim=3, as the points are")
         leading = None

@@ -162,6 +162,26 @@ def _disputed(self: _core.OccupancyMap) -> float:
     return float(rows[:, 4] @ volume) / float(rows[:, 1] @ volume)
 
 
+#: What OctoMap and wavemap call methods, in small letters, and what does that here.
+_ELSEWHERE = {
+    **dict.fromkeys(("insertpointcloud", "insertray", "integratepointcloud"), "insert(points, origin)"),
+    **dict.fromkeys(("search", "isnodeoccupied", "isoccupied", "getcellvalue"), "state(points)"),
+    **dict.fromkeys(("updatenode", "setnodevalue", "setcellvalue"), "mark(box, 'occupied')"),
+    **dict.fromkeys(("castray", "getrayintersection"), "cast_rays(origin, directions)"),
+    **dict.fromkeys(("write", "writebinary", "store"), "save(path)"),
+    **dict.fromkeys(("getresolution", "resolution", "voxelsize"), "min_cell_size"),
+    **dict.fromkeys(("getnumleafnodes", "memoryusage", "size"), "stats()"),
+    "prune": "compress(...); equal cells are merged while mapping",
+}
+
+
+def _absent(self: _core.OccupancyMap, name: str) -> Any:
+    """AttributeError, which says what a method of other libraries is called here."""
+    if meant := _ELSEWHERE.get(name.replace("_", "").lower()):
+        raise AttributeError(f"{type(self).__name__} has no {name}: did you mean {meant}?")
+    return object.__getattribute__(self, name)
+
+
 _adaptive_text = _core.AdaptiveMap.__repr__
 
 
@@ -229,6 +249,7 @@ def _given(type_: type, name: str, function: Any) -> None:
 
 
 _given(_core.OccupancyMap, "save", save)
+_core.OccupancyMap.__getattr__ = _absent  # type: ignore[attr-defined]
 _given(_core.Planner, "by_way", by_way)
 _core.OccupancyMap.min_cell_size = property(_min_cell_size)  # type: ignore[assignment, method-assign]
 _core.OccupancyMap.max_cell_size = property(_max_cell_size)  # type: ignore[assignment, method-assign]

@@ -125,7 +125,7 @@ class LiveFigures:
             f"{number_of(self.late_poses, 'pose')} came too late": self.late_poses,
             f"{self.moved:,} moved by {number_of(self.corrections, 'correction')}": self.corrections,
             f"{self.frozen} frozen": self.frozen,
-            f"lost during {self.lost}": self.lost,
+            f"without a place in the map: {self.lost}": self.lost,
             f"{self.again} mapped again": self.again,
         }
         counts = f"{self.mapped:,} mapped{unsure}, {self.dropped:,} dropped{left}"

@@ -53,7 +53,7 @@ __all__ = [
     "simulate",
 ]
 
-#: The table of formats, tried in this order: a format that others could be taken for comes late.
+#: The table of formats, tried in this order: a format that others could be taken as comes late.
 _TABLE: tuple[Format, ...] = (
     CARMEN, NPZ, ROSBAG, E57, VELODYNE, PTX, SEVEN_SCENES, TUM_RGBD, KITTI, KITTI_RAW, DEPTH_FOLDER,
     THREE_DTK, COLMAP, BUNDLER, BAL, OCTOMAP_GRAPH, POINT_CLOUDS, TEXT,

@@ -28,7 +28,7 @@ LARGE = 99
 #: The steepest ground [m/m]: 17 degrees, more than robots on wheels drive.
 SLOPE: float = default_of("ground_slope")
 #: How far a column may be from ground that is seen [m]: tables and cars are twice as wide, at most, or their
-#: middle is taken for ground, with obstacles all around it.
+#: middle is taken as ground, with obstacles all around it.
 REACH = 1.0
 
 

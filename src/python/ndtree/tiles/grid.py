@@ -82,7 +82,7 @@ Floats = NDArray[np.float64]
 #: A tile has at least this many of the coarsest cells along an edge, unless its size is given.
 CUBES = 16
 _STEP = 0.25  # Of a tile: how far apart beams are looked at.
-_GRAIN = 0.125  # Of a tile: ends that are nearer than this are taken for one.
+_GRAIN = 0.125  # Of a tile: ends that are nearer than this are taken as one.
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ class FirstLook:
     sample : list of Scan
         That was looked at.
     cut_off : float or None
-        The log's largest range, where readings are taken for beams without return [m].
+        The log's largest range, where readings are taken as beams without return [m].
     limit : CutOff or None
         The same with its tolerance; None of a join of several logs, as each has its own.
     unsure_end : str or None

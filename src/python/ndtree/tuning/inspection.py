@@ -85,7 +85,7 @@ def inspect(
     if decides:
         says_nothing = look.no_returns.choice == "ignore" or not zeros
         word = "invalid" if says_nothing else "no echo"
-        why = f"{percent(zeros)} of the ranges are 0, taken for {word}" if zeros else "no range is 0"
+        why = f"{percent(zeros)} of the ranges are 0, taken as {word}" if zeros else "no range is 0"
         values["zero_is"] = Decision(INVALID if says_nothing else NO_ECHO, MEASURED, why)
     if look.limit is not None or may_be_cut_off:
         limit = [] if look.limit is None else [look.limit.at, look.limit.tolerance]
@@ -118,7 +118,7 @@ def _said(
     if zeros >= _FEW_ZEROS:
         word, other = ("no echo", INVALID) if means == NO_ECHO else ("invalid", NO_ECHO)
         lines.append(
-            f"{100 * zeros:.0f} % of the ranges are 0, taken for {word}; "
+            f"{100 * zeros:.0f} % of the ranges are 0, taken as {word}; "
             f"if that is wrong: {key('zero_is')} {other}"
         )
     if look.cut_off is not None:

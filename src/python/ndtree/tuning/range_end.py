@@ -44,7 +44,7 @@ class RangeEnd:
     def __str__(self) -> str:
         least = self.limit.at - self.limit.tolerance
         return Text(
-            f"readings from {least:.4g} to {self.limit.at:.4g} m, the log's largest range, are taken for "
+            f"readings from {least:.4g} to {self.limit.at:.4g} m, the log's largest range, are taken as "
             "surfaces: its poses cannot tell whether something is there. If nothing is: "
             f"{key('max_range')} {least:.3g}"
         )

@@ -66,7 +66,7 @@ def align_(log: GivenLog, call: Call, given: Config) -> None:
     if not is_stdout(call.json_file):
         print_alignment(source, found)
         files = listed([path for path in (call.output, call.map_file, call.picture) if path])
-        print(f"in {found.seconds:.3f} s; wrote {files}")
+        print(f"in {found.seconds:.3f} s; wrote {files} (poses: t x y z qx qy qz qw)")
     write_json({"log": source.name, "format": source.format, **found.figures()}, call.json_file)
     warn_of_skipped(found.source)
 

@@ -131,6 +131,7 @@ def guarded(name: str, arguments: dict[str, Any]) -> Iterator[None]:
     try:
         with np.errstate(all="ignore"), warnings.catch_warnings(), silenced(quiet), replacing_all(force):
             warnings.filterwarnings("ignore", r"beam \d+ is ")
+            warnings.showwarning = _show_warning  # type: ignore[assignment]
             check_outputs(name, arguments)
             yield
     except (BrokenPipeError, typer.Exit):
@@ -154,6 +155,12 @@ def print_error(message: Union[str, Exception], has_flags: bool = True) -> None:
     from ndtree.cli.commands.messages import laid_out  # Not for the help alone.
 
     print(laid_out(message, has_flags), file=heard(sys.stderr))
+
+
+def _show_warning(message: Any, *_: Any) -> None:
+    from ndtree.cli.commands.messages import laid_out  # Not for the help alone.
+
+    print(laid_out(message.args[0] if message.args else message), file=sys.stderr)
 
 
 def _end(message: Union[str, Exception], status: int, has_flags: bool) -> None:

@@ -37,7 +37,7 @@ def convert_(
     given["states"] = None if call.states is None else call.states.split(",")
     given["faces"] = call.faces or None
     options = {name: value for name, value in given.items() if value is not None}
-    chosen = made(lambda: format_of(output, call.format, options))
+    made(lambda: format_of(output, call.format, options))
     require_no_input(output, [source])
     placed = placed_map(source, is_moved=call.cell_size is None)
     try:
@@ -45,5 +45,3 @@ def convert_(
     except ValueError as error:
         raise naming(error, "cell_size", "height") from None
     print(f"{source}: wrote {output}")
-    if placed.map.dim == 3 and "height" in chosen.options and call.height is None:
-        print("  cells at all heights are drawn, the floor's too; --height LOW HIGH draws a range of heights")

@@ -65,7 +65,8 @@ def print_map(figures: dict[str, Any]) -> None:
             f"to {point(figures['observed_bounds']['upper'])} m"
         )
     if figures["disputed"] is not None:
-        print(f"  disputed: {percent(figures['disputed'])} of the observed {_SPACES[figures['dim']]}")
+        space = _SPACES[figures["dim"]]
+        print(f"  disputed (inconsistent over time): {percent(figures['disputed'])} of the observed {space}")
     for row in figures["cell_sizes"]:
         print(f"  cells of {row['size']:g} m: {row['observed']:,}")
 

@@ -104,7 +104,8 @@ def report_places(
                 file.write(f"{one.stamp:.9f} {' '.join(f'{x:.9g}' for x in numbers)}\n")
     if not is_stdout(json_file):
         _print_head(mapper, name)
-        lost = f"lost {number_of(localizer.times_lost, 'time')}" if localizer.times_lost else "never lost"
+        times = localizer.times_lost
+        lost = f"lost {number_of(times, 'time')}" if times else "never lost once found"
         counts = f"{len(known)} of {len(found)} scans localized, {lost}"
         print(f"{counts}; {_delays(mapper, 'pose')}{_wrote(output)}")
     said = {"found": len(known), "times_lost": localizer.times_lost, "is_lost": localizer.is_lost}

@@ -127,6 +127,9 @@ def map_(logs: GivenLogs, call: Call, given: Config) -> None:
     wanted = _Wanted(given, call.static, call.align, call.write_config)
     if call.align and call.merge:
         raise WrongCall("--align: makes a frame for each log, expected no --merge")
+    for name in logs[1:] if output is None else ():
+        if name.suffix in (".ndt", ".bt", ".ot", ".yaml", ".pgm"):
+            raise WrongCall(f"{name}: expected a log; to write the map there:\n  -o {name}")
     of_one = {"--picture": call.picture, "--record": call.record, "--watch": call.watch or None}
     of_one |= {"--foxglove": call.foxglove, "--rerun": call.rerun}
     of_tiles = {"--max-resident": call.max_resident, "--tile-size": call.tile_size}

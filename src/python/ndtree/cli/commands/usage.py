@@ -24,6 +24,10 @@ _ELSEWHERE = (
     ("output", "--png"),
     ("pose", "--poses"),
     ("frame", "--fixed-frame"),
+    ("resolution", "--cell-size"),
+    ("start", "--from"),
+    ("goal", "--to"),
+    ("radius", "--body"),
     ("verbose", "--json"),
 )
 

@@ -223,7 +223,7 @@ class Log(ABC):
 
     @property
     def cut_off(self) -> float | None:
-        """The log's largest range [m], if readings there are taken for beams that met nothing."""
+        """The log's largest range [m], if readings there are taken as beams that met nothing."""
         limit = self.limit()
         return None if limit is None else limit.at
 

@@ -44,7 +44,7 @@ class Units:
         """What a user should know, in one line; empty where all are metres."""
         if self.unknown:
             taken = _name(self.across)
-            return f"{self.unknown} does not say the unit of its coordinates: they are taken for {taken}"
+            return f"{self.unknown} does not say the unit of its coordinates: they are taken as {taken}"
         names = [_name(self.across), _name(self.height)]
         if names == ["metres", "metres"]:
             return ""

@@ -70,10 +70,10 @@ class DepthLog(FolderLog):
         self._camera = found or known
         if found is None:
             numbers = f"{known.fx:g},{known.fy:g},{known.cx:g},{known.cy:g},{known.scale:g}"
-            said = f"the camera is taken for {self.whose}: {numbers}"
+            said = f"the camera is taken as {self.whose}: {numbers}"
             self._decided.append(f"{said}; {key('camera')} sets another")
         elif camera is not None and camera.count(",") < 4:
-            said = f"depths are taken for {known.scale:g} a metre"
+            said = f"depths are taken as {known.scale:g} a metre"
             self._decided.append(f"{said}; a fifth number in {key('camera')} sets another")
 
     def _points(self, i: int) -> Points:

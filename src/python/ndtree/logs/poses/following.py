@@ -42,7 +42,7 @@ class FollowedTree:
 
     `late`: Transforms that came after a pose at their time, or at a later one, was asked for.
     `fallen`: How often the clock of a transform has begun again.
-    `released`: Transforms that were taken for fixed until they changed.
+    `released`: Transforms that were taken as fixed until they changed.
     """
 
     def __init__(self, tree: TransformTree) -> None:

@@ -205,7 +205,7 @@ def mount_of(text: str) -> Pose:
     `text`: ``"x,y,z,roll,pitch,yaw"``, or in the plane ``"x,y,yaw"``: metres, and radians or degrees with
         "deg" behind the number. As in URDF the sensor is turned about the base's x axis (roll), then about
         its y, then about its z axis.
-    Raises ValueError if it is something else. An angle in radians of more than one turn is taken for a
+    Raises ValueError if it is something else. An angle in radians of more than one turn is taken as a
     mistake.
     """
     fields = text.split(",")

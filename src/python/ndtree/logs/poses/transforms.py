@@ -184,7 +184,7 @@ class TransformTree:
         return fixed
 
     def release(self, edge: tuple[str, str], position: ArrayLike, quaternion: ArrayLike) -> bool:
-        """Let a transform that was taken for fixed move if it is another one now; whether that is so."""
+        """Let a transform that was taken as fixed move if it is another one now; whether that is so."""
         if edge not in self._taken_for_fixed:
             return False
         fixed, now = self._fixed[edge], Pose.from_quaternion(position, quaternion)

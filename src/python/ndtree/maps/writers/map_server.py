@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import tempfile
+import warnings
 from pathlib import Path
 
+from ndtree._errors import Text, key
 from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import replaced_together, require_kind
@@ -34,6 +36,9 @@ def write(
     `wall_depth`: Left out, `noise_depth`.
     """
     wall_depth = noise_depth(m) if wall_depth is None else wall_depth
+    if m.dim == 3 and height is None:
+        said = f"{key('height')} is not given: cells at all heights are drawn, the floor's too"
+        warnings.warn(Text(said), stacklevel=4)
     yaml = path.with_suffix(".yaml")
     if path.suffix != ".png":
         require_kind(path.with_suffix(".pgm"))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import posixpath
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -169,7 +170,7 @@ class Finder:
                 )
             )
         if body == frame != child and asked.poses is not None and asked.mount is None:
-            said = f"{origin} is taken for the poses of the sensor itself"
+            said = f"{origin} is taken as the poses of the sensor itself"
             notes.append(f"{said}; where it is on its body: {HOW_TO_MOUNT}")
         # Messages of a sensor that is the body itself may call it by any name.
         return Placement(tree, fixed, sensor, body != frame and self.is_said, origin, tuple(notes))
@@ -215,7 +216,7 @@ class Finder:
             constant = tree.fix_constant(fixed, sensor)
             if constant:
                 which = ", ".join(constant)
-                notes = (f"/tf says little of {which}, but never changes it: it is taken for fixed",)
+                notes = (f"/tf says little of {which}, but never changes it: it is taken as fixed",)
                 fixed = self._fixed_frame(sensor)
         if asked.fixed_frame is None and fixed in USUAL:
             for better in USUAL[: USUAL.index(fixed)]:
@@ -280,7 +281,9 @@ class Finder:
             return NowhereKnown(f"{what}, expected one of:{ways}\nthe frames of /tf are {some_of(frames)}")
         none = "" if self.sources else ", nor any other poses"
         sources = [f"{one}, and {MOUNT} unless the poses are those of the sensor" for one in self.sources]
-        ways = typed(*sources, _TRAJECTORY, _STILL)
+        found = [f"ndtree align {self.path} -o poses.txt, to find poses by the scans alone"]
+        is_bag = not sources and os.path.exists(self.path)
+        ways = typed(*sources, _TRAJECTORY, _STILL, *(found if is_bag else ()))
         return NowhereKnown(f"{what}: there is no /tf{none}, expected one of:{ways}")
 
     def _share_known(self, fixed: str, sensor: str) -> float:

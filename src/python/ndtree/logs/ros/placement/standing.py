@@ -79,7 +79,7 @@ class Standing:
         if share < MOVES:
             return None
         if place.origin == STILL:
-            said, ask = "is taken for standing still", f"from {key('trajectory')} FILE"
+            said, ask = "is taken as standing still", f"from {key('trajectory')} FILE"
         else:
             said = f"never moves in {place.fixed_frame} by {place.origin}"
             ask = f"in another {key('fixed_frame')}, or from {key('trajectory')} FILE"
