@@ -53,9 +53,20 @@ def test_growth_is_found_as_it_is(office: list[Scan], degrees: float, seed: int)
     growth = math.radians(degrees) ** 2
     noise = np.random.default_rng(seed).normal(0.0, np.sqrt(growth * ways(office)))
     found = heading_drift(pairs_of(spread(turned(office, noise, together=True))[0]))
-    assert found is not None and found.least <= found.growth
-    assert growth / 3 < found.growth < 2 * growth
+    assert found is not None and found.least <= found.turned
+    # By chance more to one side than to the other.
+    assert 0.55 < found.turned / math.sqrt(growth * found.way) < 4
     assert "degrees over the 150 m" in str(found).replace("149", "150") and "align" in str(found)
+
+
+@pytest.mark.parametrize("degrees", [-1.2, 0.4, 2.5])
+def test_headings_that_drift_to_one_side_are_told_of(office: list[Scan], degrees: float) -> None:
+    """By the same angle a metre, as with wheels of unlike size."""
+    side = math.radians(degrees) * ways(office)
+    noise = np.random.default_rng(1).normal(0.0, math.radians(0.3), len(office))
+    found = heading_drift(pairs_of(spread(turned(turned(office, side, True), noise, together=False))[0]))
+    assert found is not None and found.least <= found.turned
+    assert 0.6 < math.degrees(found.turned) / (abs(degrees) * found.way) < 1.5
 
 
 @pytest.mark.parametrize("degrees, seed", [(0.0, 0), (0.3, 1), (0.3, 2), (0.6, 1), (0.6, 2)])
