@@ -522,7 +522,7 @@ def far_away() -> ndtree.FixedMap:
         ("a.bt", {"cell_size": -1}, "cell_size = -1"),
         ("a.npy", {"cell_size": 0}, "cell_size = 0"),
         ("a.png", {"height": (1, 0)}, "from low to high"),
-        ("a.mcap", {"height": (50, 60)}, "nothing is known"),
+        ("a.mcap", {"height": (50, 60)}, "heights of observed cells"),
     ],
 )  # fmt: skip
 def test_wrong_calls_are_refused_and_write_nothing(

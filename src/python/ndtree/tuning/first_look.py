@@ -23,6 +23,7 @@ from ndtree.logs.core.rules import UNSEARCHED
 from ndtree.logs.core.silence import CutOff, CutOffSearch
 from ndtree.tuning.agreement import Disagreement, disagreement
 from ndtree.tuning.calibration import range_noise
+from ndtree.tuning.contradiction import Contradiction, contradiction
 from ndtree.tuning.heading import HeadingDrift, heading_drift
 from ndtree.tuning.pairs import Jump, false_jump, pairs_of
 from ndtree.tuning.range_end import range_end
@@ -82,6 +83,8 @@ class FirstLook:
         What is wrong with the mount, the clock, the scale or the poses of a log, if something is.
     jump : Jump or None
         A pose of a 2-D log that jumps while the laser sees the same.
+    contradiction : Contradiction or None
+        How much of what scans of a 2-D log see lies where others saw free space, if that is much.
     """
 
     dim: int
@@ -105,11 +108,20 @@ class FirstLook:
     heading_drift: HeadingDrift | None = None
     setup: SetupError | None = None
     jump: Jump | None = None
+    contradiction: Contradiction | None = None
 
     @property
     def doubt(self) -> str | None:
         """Why the poses cannot be right, in one line; None where nothing says so."""
-        found = self.setup or self.disagreement or self.drift or self.heading_drift or self.jump
+        causes = (
+            self.setup,
+            self.disagreement,
+            self.drift,
+            self.heading_drift,
+            self.jump,
+            self.contradiction,
+        )
+        found = next(filter(None, causes), None)
         return None if found is None else str(found)
 
     @property
@@ -134,6 +146,7 @@ class FirstLook:
             "drift": None if self.drift is None else self.drift.error,
             "setup": None if self.setup is None else asdict(self.setup),
             "jump": None if self.jump is None else asdict(self.jump),
+            "contradiction": None if self.contradiction is None else self.contradiction.share,
             "doubt": self.doubt,
         }
 
@@ -231,6 +244,7 @@ def _doubts(looked: _Looked, is_planar: bool) -> dict[str, Any]:
             "heading_drift": heading_drift(matched),
             "setup": setup and replace(setup, sensor=sensor),
             "jump": false_jump(matched),
+            "contradiction": contradiction(matched),
         }
         found = {name: found.get(name) or one for name, one in told.items()}
     return found

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Robots that were carried, and places that look otherwise when they are visited again, are told of."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ndtree
+from ndtree.alignment.planar import between, composed, placed, seen_from
+from ndtree.base.scan import Scan
+from ndtree.evaluation.sampling import spread
+from ndtree.tuning.contradiction import Contradiction, contradiction
+from ndtree.tuning.pairs import pairs_of
+
+
+@pytest.fixture(scope="module")
+def office() -> list[Scan]:
+    """A drive of 150 m, with a scan each 0.1 m and 0.1 s."""
+    return [replace(scan, stamp=0.1 * i) for i, scan in enumerate(ndtree.simulate("office", scans=1500))]
+
+
+def pose_of(scan: Scan) -> np.ndarray:
+    return np.array([*scan.origin, scan.heading or 0.0])
+
+
+def told_at(scan: Scan, pose: np.ndarray) -> Scan:
+    """What was seen, as if from another pose."""
+    points = placed(pose, seen_from(pose_of(scan), scan.endpoints))
+    return replace(scan, endpoints=points, origin=pose[:2], heading=float(pose[2]))
+
+
+def found_in(scans: list[Scan]) -> Contradiction | None:
+    return contradiction(pairs_of(spread(scans)[0]))
+
+
+@pytest.mark.parametrize(("at", "to"), [(300, 900), (585, 472), (750, 1200)])
+def test_a_robot_that_is_carried_is_told_of(office: list[Scan], at: int, to: int) -> None:
+    """Its poses go on as if it had not been."""
+    way = [between(pose_of(office[to]), pose_of(scan)) for scan in office[to : to + 120]]
+    after = [told_at(scan, composed(pose_of(office[at]), by)) for scan, by in zip(office[to:], way)]
+    after = [replace(scan, stamp=old.stamp) for scan, old in zip(after, office[at:])]
+    found = found_in([*office[at - 60 : at], *after])
+    assert found is not None and found.share > 0.2
+    assert found.since == pytest.approx(office[at].stamp - office[at - 60].stamp, abs=1.0)
+    assert "was the robot carried?" in str(found) and "of what is seen" in str(found)
+
+
+def test_places_that_look_otherwise_are_told_of(office: list[Scan]) -> None:
+    elsewhere = [told_at(scan, pose_of(at)) for scan, at in zip(office[900:1140], office)]
+    found = found_in([*office[:240], *office[600:780], *elsewhere])
+    assert found is not None and math.isnan(found.since) and "where the robot returns" in str(found)
+    assert found_in([*office[:240], *office[600:780], *office[:240]]) is None
+
+
+@pytest.mark.parametrize("every", [1, 2])
+def test_right_poses_do_not_contradict(office: list[Scan], every: int) -> None:
+    rng = np.random.default_rng(every)
+    noisy = [told_at(scan, pose_of(scan) + rng.normal(0, [0.05, 0.05, 0.01])) for scan in office[::every]]
+    assert found_in(noisy) is None and found_in(noisy[:210]) is None
+    short = [replace(scan, endpoints=scan.endpoints[:1], returned=None) for scan in noisy[:40]]
+    assert all(found_in(few) is None for few in ([], noisy[:1], noisy[:9], short))
