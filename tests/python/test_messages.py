@@ -64,6 +64,7 @@ CALLS: tuple[tuple[str, int, str], ...] = (
     ("map office.npz -o o.ndt --branching 7", 2, "--branching 7"),
     ("map office.npz -o o.ndt --resolution 0.1", 2,
         "--resolution: no such option: did you mean --min-cell-size?"),
+    ("map office.npz -o o.ndt --max-memory 9000", 1, "more than --max-memory 9000 bytes: expected shorter"),
     ("map office.npz new.ndt", 2, "new.ndt: expected a log; to write the map there: -o new.ndt"),
     ("convert office.ndt a.yaml --resolution 1", 2, "no such option: did you mean --cell-size?"),
     ("plan office.ndt --start 1,2", 2, "--start: no such option: did you mean --from?"),

@@ -153,8 +153,9 @@ class Passage:
                 named = naming(error, "max_range", "min_cell_size", "range_sigma")
                 self.log.skip("scans that cannot be mapped", located(name, named))
                 continue
-            except MemoryError:
-                raise ValueError(f"{name}: {BEYOND_MEMORY}") from None
+            except MemoryError as error:
+                said = ValueError(str(error) if "max_memory" in str(error) else BEYOND_MEMORY)
+                raise located(name, naming(said, "max_range", "min_cell_size", "max_memory")) from None
             self.scans += 1
             yield scan, one
 
