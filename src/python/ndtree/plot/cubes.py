@@ -196,14 +196,11 @@ class _Faces(PolyCollection):
     def __init__(self, corners: Floats, fill: Floats) -> None:
         self._is_image = len(corners) > MAX_VECTOR_FACES
         self._corners, self._fill = corners, fill
-        first, one, two = np.moveaxis(corners[: MAX_VECTOR_FACES + 1], 1, 0)
-        super().__init__(
-            [] if self._is_image else list(np.stack([first, one, one + two - first, two], axis=1)),
-            linewidths=_LINEWIDTH,
-            facecolor=fill,
-            edgecolor=_OUTLINE * fill,
-            rasterized=self._is_image,
-        )
+        super().__init__([], linewidths=_LINEWIDTH, rasterized=self._is_image)
+        if not self._is_image:
+            first, one, two = np.moveaxis(corners, 1, 0)
+            self.set_verts(np.stack([first, one, one + two - first, two], axis=1))
+            self.set(facecolor=fill, edgecolor=_OUTLINE * fill)
 
     @allow_rasterization
     def draw(self, renderer: Any) -> None:
