@@ -3,8 +3,8 @@
 
 Strategy: of two scans whose poses are near each other, what one measured on surfaces lies on those of the
 other, or in the free space before them; what lies behind them says nothing. People and doors make some of it
-lie in free space, of some pairs. Of wrong poses much of it does, of most pairs: of those with one scan before
-and one after a robot was carried without its poses' notice, or of those of places that it visits again.
+lie in free space, of some pairs. Where poses are wrong, much of it does, of most pairs: one scan before and
+one after a robot was carried without its poses' notice, or two of a place that it visits again.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def contradiction(log: Pairs) -> Contradiction | None:
 
     Returns: None where they do not, or too little tells; what looks alike elsewhere does not contradict.
     """
-    scans = [run[0] for run in log.runs]
+    scans = [_View(run[0]) for run in log.runs]
     poses = np.array([scan.pose for scan in scans]).reshape(-1, 3)
     following, again = [], []
     for j in range(len(scans)):
@@ -92,29 +92,34 @@ def contradiction(log: Pairs) -> Contradiction | None:
     return Contradiction(float(np.median(shares)), math.nan)
 
 
-def _seen_through(one: SensorScan, other: SensorScan) -> float | None:
+class _View:
+    """What a scan sees: its end points by their angles, and the ones that lie on surfaces."""
+
+    def __init__(self, scan: SensorScan) -> None:
+        self.pose, self.stamp = scan.pose, scan.stamp
+        far, angle = np.hypot(*scan.points.T), np.arctan2(scan.points[:, 1], scan.points[:, 0])
+        order = np.argsort(angle)
+        self._far, self._angle = far[order], angle[order]
+        gaps = np.hypot(*np.diff(scan.points, axis=0).T) < _ON_SURFACE
+        self._on_surfaces = scan.points[1:-1][gaps[1:] & gaps[:-1]]
+
+    def counts(self, other: _View) -> Floats:
+        """(2,) end points of another scan in what this one sees free, and on what it sees."""
+        if len(self._angle) < 2:
+            return np.zeros(2)
+        x, y = placed(between(self.pose, other.pose), other._on_surfaces).T
+        far, angle = np.hypot(x, y), np.arctan2(y, x)
+        after = np.searchsorted(self._angle, angle).clip(1, len(self._angle) - 1)
+        low, high = self._angle[after - 1], self._angle[after]
+        is_between = (low <= angle) & (angle <= high) & (high - low < _DENSE)
+        margin = _MARGIN + _GROWS * far
+        beyond = np.stack([self._far[after - 1], self._far[after]]) - far
+        free = (beyond > margin).all(axis=0)
+        on = ~free & (beyond > -margin).any(axis=0)
+        return np.array([np.count_nonzero(which & is_between) for which in (free, on)], dtype=np.float64)
+
+
+def _seen_through(one: _View, other: _View) -> float | None:
     """Share of what two scans see of surfaces that is in what the other sees free; None of too few points."""
-    counts = _counts(one, other) + _counts(other, one)
+    counts = one.counts(other) + other.counts(one)
     return counts[0] / counts.sum() if counts.sum() >= _FEWEST else None
-
-
-def _counts(seen: SensorScan, scan: SensorScan) -> Floats:
-    """(2,) end points of a scan in what another sees free, and on what it sees."""
-    if len(seen.points) < 2:
-        return np.zeros(2)
-    far = np.hypot(seen.points[:, 0], seen.points[:, 1])
-    angle = np.arctan2(seen.points[:, 1], seen.points[:, 0])
-    order = np.argsort(angle)
-    far, angle = far[order], angle[order]
-    gaps = np.hypot(*np.diff(scan.points, axis=0).T) < _ON_SURFACE
-    x, y = placed(between(seen.pose, scan.pose), scan.points[1:-1][gaps[1:] & gaps[:-1]]).T
-    after = np.searchsorted(angle, np.arctan2(y, x)).clip(1, len(angle) - 1)
-    margin = _MARGIN + _GROWS * np.hypot(x, y)
-    beyond = np.stack([far[after - 1], far[after]]) - np.hypot(x, y)
-    is_between = (angle[after - 1] <= np.arctan2(y, x)) & (np.arctan2(y, x) <= angle[after])
-    is_between &= angle[after] - angle[after - 1] < _DENSE
-    free = (beyond > margin).all(axis=0)
-    on = ~free & (beyond > -margin).any(axis=0)
-    return np.array(
-        [np.count_nonzero(free & is_between), np.count_nonzero(on & is_between)], dtype=np.float64
-    )
