@@ -169,8 +169,8 @@ class Cloud:
         return _Patches.of(_sides(self._points) if is_planar else [self._points], is_planar)
 
     def hidden_less(self) -> float:
-        """How much less of the points is far behind others if they are seen from the pose's place in their
-        own frame, as those that are in the map already; 0 if that is farther from them.
+        """How much less of the points is far behind others if the eye is at the pose's place in their own
+        frame, as it is for points in the map's frame; 0 if that is farther from them.
         """
         shares, usual = [], []
         for eye in (np.zeros(3), self.pose[:3, 3]):

@@ -60,7 +60,7 @@ class Placement:
         return self.tree.moving(self.fixed_frame, self.observer or self.frame)
 
     def leaps(self) -> list[str]:
-        """What is said of those that leap."""
+        """What is said of leaps in these transforms."""
         return self.tree.leaps(self.fixed_frame, self.observer or self.frame)
 
     def in_map(self, frame: str, beams: Beams, stamp: float) -> tuple[Floats, Floats]:
