@@ -264,7 +264,8 @@ def test_no_ground_is_needed(drive: tuple[Poses, list[Floats]]) -> None:
 
 
 def test_without_rotations_nothing_is_told() -> None:
-    assert Cloud.of(Scan(np.zeros((3, 3)), np.zeros(3))) is None
+    cloud = Cloud.of(Scan(np.zeros((3, 3)), np.zeros(3)))
+    assert cloud is not None and not cloud.is_turned and setup_error([[cloud] * 40]) is None
     assert Cloud.of(Scan(np.zeros((0, 3)), np.zeros((0, 3)), rotation=np.eye(3))) is None
     assert setup_error([]) is None
     assert Cloud.of(Scan(np.zeros((3, 3)), np.zeros(3), rotation=np.full((3, 3), np.nan))) is None

@@ -97,6 +97,12 @@ CAPABILITIES = {
         ),
         (0, 1, 3, 4, 5, 8, 9, 10, 11, 12, 13, 34, 35, 44),
     ),
+    "poses_in_space": Capability(
+        setup_in_space.setup_trial,
+        ("street", "chamber", "bend", "shelves", "ramp", "railing"),
+        ("none", "noisy", "shuffled", "jump", "carried", "seconds_late"),
+        (0, 1, 2, 3, 4, 5, 6),
+    ),
     "align": Capability(poses.align_trial, _PLANAR, _ODOMETRY, (0, 15, 32, 36, 38, 39, 53, 61, 64, 67)),
     "slam": Capability(poses.slam_trial, _PLANAR, _ODOMETRY, (1, 6, 9, 32, 43, 44, 57, 58, 60, 65)),
     "match": Capability(poses.match_trial, _PLANAR, ("near", "far"), (0, 4, 12, 29, 33, 34, 39, 44, 50, 54)),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Judge of what is said of a robot with a lidar of many rings that is set up wrongly."""
+"""Judge of what is said of a robot with a lidar of many rings whose setup or poses are wrong."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 import ndtree
 from ndtree import Scan
 from ndtree.evaluation.sampling import spread
+from ndtree.tuning.mismatch import Mismatch, mismatch
 from ndtree.tuning.setup import setup_error
 from ndtree.tuning.setup_error import SetupError
 from ndtree.tuning.surfaces import Cloud
@@ -43,6 +44,9 @@ _SAID = {
     "millimetres": {"unit"},
     "degrees": {"degrees"},
 }
+
+#: Of poses that are wrong here and there, no cause is known.
+_WRONG_POSES = ("shuffled", "jump", "carried", "seconds_late")
 
 Poses = Callable[[Floats], Floats]  # Of times: (n, 4, 4).
 
@@ -148,6 +152,34 @@ def _told(true: Poses, fault: str, rng: Random) -> Poses:
     return told.get(fault, true)
 
 
+def _true_and_told(drive: Poses, fault: str, rng: Random) -> tuple[Poses, Poses]:
+    """Poses of the robot, and those that are told of it, wrong from some time on or all along."""
+    begin, by = rng.uniform(1.5, 4.0), rng.uniform(1.5, 3.0)
+    turn = _turned(*rng.normal(0, 0.02, 2), rng.choice([-1, 1]) * rng.uniform(0.2, 1.5))
+    leap = turn.copy()
+    leap[:3, 3] = *rng.uniform(-1.5, 1.5, 2), rng.choice([0.0, rng.uniform(0.5, 2.0)])
+    before, behind = drive(np.array([begin, begin + by]))
+
+    def leaping(times: Floats) -> Floats:
+        poses = drive(times)
+        poses[times > begin] = before @ leap @ np.linalg.inv(before) @ poses[times > begin]
+        return poses
+
+    def set_down(times: Floats) -> Floats:
+        """Farther on along its way, and turned."""
+        poses = drive(times + by * (times > begin))
+        poses[times > begin] = behind @ turn @ np.linalg.inv(behind) @ poses[times > begin]
+        return poses
+
+    def going_on(times: Floats) -> Floats:
+        poses = set_down(times)
+        poses[times > begin] = before @ np.linalg.inv(behind @ turn) @ poses[times > begin]
+        return poses
+
+    told = {"jump": leaping, "carried": going_on, "seconds_late": lambda times: drive(times + by)}
+    return set_down if fault == "carried" else drive, told.get(fault, drive)
+
+
 def setup_trial(case: Case) -> tuple[Recording, Outcome]:
     """Whether the map of a bag is said to be doubtful where surfaces lie beside their places in it."""
     rng, outcome, scene = case.rng, Outcome(), case.world.scene
@@ -155,6 +187,9 @@ def setup_trial(case: Case) -> tuple[Recording, Outcome]:
     while sensor.name == "rings 128":
         sensor = rings(rng)
     true, mount = driven(case.world, rng), _mount(case.fault, rng)
+    told = None
+    if case.fault in _WRONG_POSES:
+        true, told = _true_and_told(true, case.fault, rng)
     stamps = _EVERY * np.arange(_SCANS)
     # A sweep begins at its stamp.
     around = np.arctan2(sensor.directions[:, 1], sensor.directions[:, 0]) % (2 * np.pi)
@@ -168,7 +203,7 @@ def setup_trial(case: Case) -> tuple[Recording, Outcome]:
         exact[i] = scene.cast(poses[:, :3, 3], directions)
     exact[exact > sensor.max_range] = np.inf
     noisy = np.maximum(exact + rng.normal(0, sensor.sigma, exact.shape), 1e-3)
-    told = _told(true, case.fault, rng)
+    told = told or _told(true, case.fault, rng)
     still = np.zeros(exact.shape, bool)
     r = Recording(sensor, true(stamps) @ mount, told(stamps), noisy, exact, still, stamps)
     times = np.arange(-2 * _STEP, stamps[-1] + 2 * _STEP, _STEP)
@@ -179,7 +214,8 @@ def setup_trial(case: Case) -> tuple[Recording, Outcome]:
     transforms = list(zip(times.tolist(), poses[:, :3, 3], quaternions))
     by = rng.choice([0.3048, 0.97, 1.03, 0.9, 1.1]) if case.fault == "scaled" else 1.0
     flip = np.array([1.0, -1.0 if case.fault == "mirrored" else 1.0, 1.0])
-    clouds = [(float(stamp), by * r.points(i) * flip) for i, stamp in enumerate(stamps)]
+    order = rng.permutation(_SCANS) if case.fault == "shuffled" else np.arange(_SCANS)
+    clouds = [(float(stamp), by * r.points(i) * flip) for i, stamp in zip(order, stamps)]
     with tempfile.TemporaryDirectory() as folder:
         log = ndtree.read(bag.write_clouds(Path(folder) / "log.bag", clouds, transforms))
         scans = list(log.ruled(cut_off=None))
@@ -196,17 +232,17 @@ def setup_trial(case: Case) -> tuple[Recording, Outcome]:
         away = _aligned(ends, scene, r.true @ np.linalg.inv(r.told))
         away = away > limit("beside a surface") * _CELL + 3 * sensor.sigma
         outcome.expect("displaced walls", 100 * float(away.mean()))
-    outcome.may_doubt = case.fault in _SAID
-    if case.fault in _SAID and said and said.kind not in _SAID[case.fault]:
+    outcome.may_doubt = case.fault in (*_SAID, *_WRONG_POSES)
+    if case.fault in _SAID and isinstance(said, SetupError) and said.kind not in _SAID[case.fault]:
         outcome.faults.append(f"said to be {said.kind}")
         outcome.words = []
     return r, outcome
 
 
-def found_in(scans: Iterable[Scan]) -> SetupError | None:
-    """What `ndtree.first_look` says of the setup, without all else that it looks at."""
-    runs = spread(scans, None, Cloud.of)[0]
-    return setup_error([[one for one in run if one is not None] for run in runs])
+def found_in(scans: Iterable[Scan]) -> SetupError | Mismatch | None:
+    """What `ndtree.first_look` says of the setup and the poses, without all else that it looks at."""
+    runs = [[one for one in run if one is not None] for run in spread(scans, None, Cloud.of)[0]]
+    return setup_error(runs) or mismatch(runs)
 
 
 def _quaternions(rotations: Floats) -> Floats:

@@ -25,6 +25,7 @@ from ndtree.tuning.agreement import Disagreement, disagreement
 from ndtree.tuning.calibration import range_noise
 from ndtree.tuning.contradiction import Contradiction, contradiction
 from ndtree.tuning.heading import HeadingDrift, heading_drift
+from ndtree.tuning.mismatch import Mismatch, mismatch
 from ndtree.tuning.pairs import Jump, false_jump, pairs_of
 from ndtree.tuning.range_end import range_end
 from ndtree.tuning.revisits import Drift, drift
@@ -85,6 +86,8 @@ class FirstLook:
         A pose of a 2-D log that jumps while the laser sees the same.
     contradiction : Contradiction or None
         How much of what scans of a 2-D log see lies where others saw free space, if that is much.
+    mismatch : Mismatch or None
+        Where poses of a 3-D log do not fit its clouds, if they do not.
     """
 
     dim: int
@@ -109,6 +112,7 @@ class FirstLook:
     setup: SetupError | None = None
     jump: Jump | None = None
     contradiction: Contradiction | None = None
+    mismatch: Mismatch | None = None
 
     @property
     def doubt(self) -> str | None:
@@ -120,6 +124,7 @@ class FirstLook:
             self.heading_drift,
             self.jump,
             self.contradiction,
+            self.mismatch,
         )
         found = next(filter(None, causes), None)
         return None if found is None else str(found)
@@ -144,9 +149,10 @@ class FirstLook:
             "no_return_expected": self.no_returns.expected,
             "max_range": self.max_range if math.isfinite(self.max_range) else None,
             "drift": None if self.drift is None else self.drift.error,
-            "setup": None if self.setup is None else asdict(self.setup),
-            "jump": None if self.jump is None else asdict(self.jump),
+            "setup": _figures(self.setup),
+            "jump": _figures(self.jump),
             "contradiction": None if self.contradiction is None else self.contradiction.share,
+            "mismatch": _figures(self.mismatch),
             "doubt": self.doubt,
         }
 
@@ -231,6 +237,13 @@ def first_look(log: Log, *, with_sigma: bool = True, progress: Progress | None =
     )
 
 
+def _figures(found: Any) -> dict[str, Any] | None:
+    """Of what was found, as JSON has them: None for a time that is not known."""
+    if found is None:
+        return None
+    return {name: None if value != value else value for name, value in asdict(found).items()}
+
+
 def _doubts(looked: _Looked, is_planar: bool) -> dict[str, Any]:
     """What speaks against the poses, of each kind what the first sensor tells, as `FirstLook` has it."""
     found: dict[str, Any] = {}
@@ -245,6 +258,7 @@ def _doubts(looked: _Looked, is_planar: bool) -> dict[str, Any]:
             "setup": setup and replace(setup, sensor=sensor),
             "jump": false_jump(matched),
             "contradiction": contradiction(matched),
+            "mismatch": None if is_planar or setup else mismatch(clouds),
         }
         found = {name: found.get(name) or one for name, one in told.items()}
     return found

@@ -29,6 +29,15 @@ import numpy as np
 
 from ndtree.alignment.planar import Floats, yaw_of
 from ndtree.logs.poses.pose import about_axes, matrices_of, quaternions_of
+from ndtree.tuning.motions import (
+    errors_of,
+    has_moved,
+    motions_of,
+    moved_by,
+    pose_noise,
+    rigid,
+    vector_of,
+)
 from ndtree.tuning.setup_error import (
     BOTH,
     GAIN,
@@ -43,7 +52,7 @@ from ndtree.tuning.setup_error import (
     likelihood,
     said_of,
 )
-from ndtree.tuning.surfaces import Cloud, turn_of, turned_by, unit_of
+from ndtree.tuning.surfaces import FITS, Cloud, turn_of, turned_by, unit_of
 
 _FOLLOWS = 1.5  # Usual steps: a cloud that comes no later is the next.
 _MOST_PAIRS, _MOST_NEAR = 48, 16  # For the time that they take.
@@ -54,11 +63,8 @@ _FARTHEST = 6.0  # Most of the way to the next, if that is farther [m].
 _FRESH = (0.1, 0.06)  # From one to the next, so that a cloud is in few pairs [m, rad].
 #: Of points in the frame of a sensor up to 1 % are hidden, at edges; moved into the map, 6 to 45 %.
 _HIDDEN = 0.03
-_FITS = 0.3  # Of the patches, in clouds that fit each other.
 _AS_WELL = 0.02  # A match fits no better.
 _SAME = 0.03  # Motions that differ by less lead to one match [m, rad].
-#: What poses err, each by itself: place [m] and turn [rad].
-_POSES = np.array([0.02, 0.02, 0.03, 0.0123, 0.0123, 0.0123])
 #: What may be wrong, and its columns of `_Log.slopes`.
 _KINDS = {
     "yaw": [0], "scale": [1], "way": [0, 1], "place": [2, 3], "clock": [4], "turns": [5], "mount": [0, 2, 3],
@@ -85,7 +91,7 @@ def _other_signs(pose: Floats) -> Floats:
 
 
 def _aside(motions: Floats, angle: float) -> Floats:
-    turn = _rigid(turned_by(np.array([0.0, 0.0, angle])))
+    turn = rigid(turned_by(np.array([0.0, 0.0, angle])))
     result: Floats = turn.T @ motions @ turn
     return result
 
@@ -93,12 +99,6 @@ def _aside(motions: Floats, angle: float) -> Floats:
 def _times(motions: Floats, scale: float) -> Floats:
     result = motions.copy()
     result[:, :3, 3] *= scale
-    return result
-
-
-def _rigid(rotation: Floats) -> Floats:
-    result = np.eye(4)
-    result[:3, :3] = rotation
     return result
 
 
@@ -137,7 +137,7 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     `runs`: Clouds that follow each other.
     Returns: None where nothing is, or too little tells.
     """
-    log = _Log(runs)
+    log = _Log([[one for one in run if one.is_turned] for run in runs])
     if log.are_moved():
         return SetupError("moved", (), None)
     pairs, is_far = log.pairs()
@@ -159,7 +159,7 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
         pairs, is_far = pairs[use], is_far[use]
         readings = {kind: motions[use] for kind, motions in readings.items()}
     at, seen, covariances = log.matched(pairs, [readings[kind] for kind in kinds])
-    covariances = (covariances + _noise(readings[""][at]))[:, log.freedoms][:, :, log.freedoms]
+    covariances = (covariances + pose_noise(readings[""][at]))[:, log.freedoms][:, :, log.freedoms]
     whitening = np.linalg.inv(np.linalg.cholesky(covariances))
     if len(at) >= LEAST_PAIRS:
         left = {
@@ -168,7 +168,7 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
             if kind in (*kinds, "times 0.0", *_UNITS)  # Of ways next to none, told ones fit as well.
         }
         if "degrees" in kinds:
-            others = [_errors(seen, readings[kind][at])[:, 3:] for kind in left]
+            others = [errors_of(seen, readings[kind][at])[:, 3:] for kind in left]
             of_z = [
                 np.array([turn_of(one)[2] for one in some[:, :3, :3]]) for some in (readings[""][at], seen)
             ]
@@ -280,7 +280,7 @@ class _Log:
         level = np.array([turned_by(np.array([0.0, 0.0, one])) for one in headings]).reshape(-1, 3, 3)
         u, _, v = np.linalg.svd(np.einsum("nji,njk->ik", level, rotations))
         #: From the sensor's frame into the robot's.
-        self.seat = _rigid(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v)
+        self.seat = rigid(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v)
         self.poses = np.array([one.pose @ self.seat.T for one in self.clouds]).reshape(-1, 4, 4)
         moving = [run for run in runs if len(run) > 1]
         stamps = np.array([one.stamp for run in moving for one in run])
@@ -299,26 +299,28 @@ class _Log:
 
     def _velocity(self, one: Cloud, other: Cloud) -> Floats:
         motion = self.seat @ np.linalg.inv(one.pose) @ other.pose @ self.seat.T
-        return _vector(motion) / (other.stamp - one.stamp)
+        return vector_of(motion) / (other.stamp - one.stamp)
 
     def _by_others(self, at: int) -> Floats:
         poses, _, stamps = self.trail
         before, behind = at - 1, at + 1
         part = (stamps[at] - stamps[before]) / (stamps[behind] - stamps[before])
-        result: Floats = poses[before] @ _moved(part * _vector(np.linalg.inv(poses[before]) @ poses[behind]))
+        result: Floats = poses[before] @ moved_by(
+            part * vector_of(np.linalg.inv(poses[before]) @ poses[behind])
+        )
         return result
 
     def motions(self, pairs: Floats, kind: str = "", values: Floats | None = None) -> Floats:
         """(n, 4, 4) of the robot by its poses, of a sensor that is tilted or late by some values."""
         poses = self.poses
         if kind == "tilt" and values is not None:
-            poses = poses @ _rigid(_tilted(values))
+            poses = poses @ rigid(_tilted(values))
         if kind == "clock" and values is not None:
             times = np.array([one.stamp for one in self.clouds]) + values
             at = np.abs(times[:, None] - self.trail[2]).argmin(axis=1)
             by = (times - self.trail[2][at])[:, None] * self.trail[1][at]
-            poses = self.trail[0][at] @ np.array([_moved(one) for one in by])
-        return _between(poses, pairs)
+            poses = self.trail[0][at] @ np.array([moved_by(one) for one in by])
+        return motions_of(poses, pairs)
 
     def readings(self, pairs: Floats) -> dict[str, Floats]:
         """Motions (n, 4, 4) of the robot as they are told, and as other readings have them."""
@@ -328,7 +330,7 @@ class _Log:
             if kind in (("wxyz", "axes") if self.is_planar else ("signs",)):
                 continue
             poses = np.array([read(one.pose) for one in self.clouds]).reshape(-1, 4, 4)
-            readings[kind] = self.seat @ _between(poses, pairs) @ self.seat.T
+            readings[kind] = self.seat @ motions_of(poses, pairs) @ self.seat.T
         motions = {**_MOTIONS, **_LENGTHS} if self.is_planar else _MOTIONS
         return {**readings, **{kind: read(told) for kind, read in motions.items()}}
 
@@ -357,11 +359,11 @@ class _Log:
             way = turn = 0.0
             ones: list[int] = []
             for k in range(i + 1, len(self.poses)):
-                step = _vector(np.linalg.inv(self.poses[k - 1]) @ self.poses[k])
+                step = vector_of(np.linalg.inv(self.poses[k - 1]) @ self.poses[k])
                 way, turn = way + float(np.linalg.norm(step[:3])), turn + float(np.linalg.norm(step[3:]))
                 if turn > _MOST_TURN or way > (_FAR if ones else _FARTHEST):
                     break
-                if _has_moved(self.poses[i], self.poses[k], _LEAST_MOTION):
+                if has_moved(self.poses[i], self.poses[k], _LEAST_MOTION):
                     ones.append(k)
             if ones:
                 far = min(reversed(ones[len(ones) // 2 :]), key=lambda k: used[k])
@@ -390,7 +392,7 @@ class _Log:
         turn = np.kron(np.eye(2), self.seat[:3, :3])
         starts = [self._of_sensor(motions) for motions in starts]
         for i, (one, two) in enumerate(pairs):
-            fits, best, covariance = _FITS, None, np.eye(6)
+            fits, best, covariance = FITS, None, np.eye(6)
             for number, motions in enumerate(starts):
                 if any(np.abs(motions[i] - before[i]).max() < _SAME for before in starts[:number]):
                     continue
@@ -420,7 +422,7 @@ class _Log:
         the other way; on a level floor, so is the tilt.
         """
         place, rotation = told[:, :3, 3], told[:, :3, :3]
-        others = _between(self.by_others, pairs)
+        others = motions_of(self.by_others, pairs)
         way = others[:, :3, 3]
         turn = np.array([turn_of(one) for one in rotation]).reshape(-1, 3)
         slopes = np.zeros((len(told), 6, 8))
@@ -441,7 +443,7 @@ class _Log:
 
     def errors(self, seen: Floats, told: Floats) -> Floats:
         """(n, d) what is seen minus what is told."""
-        return _errors(seen, told)[:, self.freedoms]
+        return errors_of(seen, told)[:, self.freedoms]
 
 
 def _joined(runs: Sequence[Sequence[Cloud]]) -> list[list[Cloud]]:
@@ -464,25 +466,11 @@ def _numbered(runs: Sequence[Sequence[Cloud]]) -> list[list[Cloud]]:
 
 def _fresh(clouds: list[Cloud]) -> list[Cloud]:
     """Clouds between which the robot moves, so that each is in few pairs."""
-    fresh = clouds[:1]
+    found = clouds[:1]
     for one in clouds:
-        if _has_moved(fresh[-1].pose, one.pose, _FRESH):
-            fresh.append(one)
-    return fresh
-
-
-def _between(poses: Floats, pairs: Floats) -> Floats:
-    result: Floats = np.linalg.inv(poses[pairs[:, 0]]) @ poses[pairs[:, 1]]
-    return result
-
-
-def _noise(told: Floats) -> Floats:
-    """(n, 6, 6) covariance of motions by what poses err: the first one's turn moves where the second is."""
-    arm = np.tile(np.eye(6), (len(told), 1, 1))
-    x, y, z = told[:, :3, 3].T
-    arm[:, [0, 1, 2, 2, 0, 1], [4, 5, 3, 4, 5, 3]] = np.stack([-z, -x, -y, x, y, z], axis=1)
-    noise: Floats = np.diag(_POSES**2) + arm * _POSES**2 @ arm.transpose(0, 2, 1)
-    return noise
+        if has_moved(found[-1].pose, one.pose, _FRESH):
+            found.append(one)
+    return found
 
 
 def _heading(rotation: Floats, first: Floats) -> float:
@@ -490,27 +478,3 @@ def _heading(rotation: Floats, first: Floats) -> float:
     since = rotation @ first.T
     turn = math.atan2(since[1, 0] - since[0, 1], since[0, 0] + since[1, 1])
     return yaw_of(first) + turn
-
-
-def _moved(vector: Floats) -> Floats:
-    """A small motion of a place and a turn."""
-    result = _rigid(turned_by(vector[3:]))
-    result[:3, 3] = turned_by(0.5 * vector[3:]) @ vector[:3]
-    return result
-
-
-def _vector(motion: Floats) -> Floats:
-    """(6,) place and turn."""
-    return np.append(motion[:3, 3], turn_of(motion[:3, :3]))
-
-
-def _errors(seen: Floats, told: Floats) -> Floats:
-    """(n, 6) what is seen minus what is told: place, and turn on the left."""
-    turns = [turn_of(one @ other.T) for one, other in zip(seen[:, :3, :3], told[:, :3, :3])]
-    return np.hstack((seen[:, :3, 3] - told[:, :3, 3], np.array(turns).reshape(-1, 3)))
-
-
-def _has_moved(pose: Floats, other: Floats, motion: tuple[float, float]) -> bool:
-    """Whether another pose is farther away, or turned more."""
-    off = _vector(np.linalg.inv(pose) @ other)
-    return bool(np.linalg.norm(off[:3]) > motion[0] or np.linalg.norm(off[3:]) > motion[1])

@@ -27,6 +27,7 @@ _SIZES = (0.25, 0.5, 1.0, 2.0)  # Edges of cubes [m]; the first of scans in the 
 _ROUNDS, _STILL = 8, 1e-3  # Of each; until nothing is moved farther [m, rad].
 _LEAST_POINTS, _LEAST_BEAMS = 6, 4  # Of a patch in space and in the plane.
 _FLAT, _WIDE = 0.02, 0.1  # Variances of a plane: the least to the middle one; its root to the edge.
+FITS = 0.3  # Of the patches, in clouds that fit each other.
 _PARALLEL = 0.9  # Cosine of normals of the same surface.
 _ERROR = 0.02  # Of a patch, beside half of its thickness [m].
 _SLANT = math.sqrt(_FLAT)  # What is flat enough may be turned by that [rad].
@@ -114,12 +115,15 @@ class Cloud:
 
     @classmethod
     def of(cls, scan: Scan) -> Cloud | None:
-        """Beams of all rings; None if a scan's log does not say where it is and how it is turned."""
+        """Beams of all rings, in the map's axes where a scan's log does not say how the sensor is turned.
+
+        None of points without a sensor, or where it is nowhere.
+        """
         origins = np.atleast_2d(scan.origin)
-        rotation = scan.rotation
+        rotation = scan.rotation if scan.rotation is not None else np.eye(3)
         if scan.dim == 2 and scan.heading is not None:
             rotation = turned_by(np.array([0.0, 0.0, scan.heading]))
-        if rotation is None or scan.points_only or not len(origins):
+        if scan.points_only or not len(origins):
             return None
         pose = np.eye(4)
         pose[:3, :3], pose[: scan.dim, 3] = rotation, origins.mean(axis=0, dtype=np.float64)
@@ -147,13 +151,18 @@ class Cloud:
         return self.scan.stamp
 
     @property
+    def is_turned(self) -> bool:
+        """Whether the log says how the sensor is turned."""
+        return (self.scan.rotation if self.scan.dim == 3 else self.scan.heading) is not None
+
+    @property
     def ranges(self) -> Floats:
         """Of the beams that met something [m]."""
         lengths: Floats = np.linalg.norm(self.scan.endpoints - self.scan.origin, axis=1)
         return lengths[self.scan.hits()]
 
     @cached_property
-    def _points(self) -> Floats:
+    def points(self) -> Floats:
         """In the sensor's frame; at the largest range may be beams without echo."""
         dim = self.scan.dim
         ways = self.scan.endpoints[self.scan.did_return].astype(np.float64) - self.pose[:dim, 3]
@@ -166,7 +175,7 @@ class Cloud:
     def patches(self) -> _Patches:
         """In the sensor's frame."""
         is_planar = self.scan.dim == 2
-        return _Patches.of(_sides(self._points) if is_planar else [self._points], is_planar)
+        return _Patches.of(_sides(self.points) if is_planar else [self.points], is_planar)
 
     def hidden_less(self) -> float:
         """How much less of the points is far behind others if the eye is at the pose's place in their own
@@ -174,7 +183,7 @@ class Cloud:
         """
         shares, usual = [], []
         for eye in (np.zeros(3), self.pose[:3, 3]):
-            ways = self._points - eye
+            ways = self.points - eye
             ranges = np.linalg.norm(ways, axis=1).clip(1e-9)
             up, around = np.arcsin(ways[:, 2] / ranges), np.arctan2(ways[:, 1], ways[:, 0])
             _, which = np.unique(
