@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -104,13 +105,10 @@ class SetupError:
             )
         more = "more" if value > 0 else "less"
         mount = f"check the sensor's place on the robot (of a bag: /tf, {key('mount')})"
-        if self.kind == "yaw":
+        if self.kind in ("yaw", "mount"):
             side = "left" if value > 0 else "right"
-            return f"the sensor looked {math.degrees(abs(value)):.0f} degrees further to the {side}", mount
-        if self.kind == "mount":
-            angle, x, y = self.values
-            words = f"the sensor looked {math.degrees(angle):.0f} degrees further to the left and sat"
-            return f"{words} {_moved(x, y)}", mount
+            words = f"the sensor looked {math.degrees(abs(value)):.0f} degrees further to the {side}"
+            return words + (f" and sat {_moved(*self.values[1:])}" if self.kind == "mount" else ""), mount
         if self.kind == "tilt":
             roll, pitch = map(math.degrees, self.values)
             return "the sensor were tilted on the robot", (
@@ -206,16 +204,18 @@ def are_degrees(told: Floats, seen: Floats, others: Sequence[Floats], sigma: Flo
     `others`: Errors (n, 3) of turns as other readings have them.
 
     Whole turns of the degrees are lost, so that they tell all but multiples of 6 degrees: what fits hardly
-    better than 3 degrees aside fits by chance.
+    better than 3 degrees aside fits by chance. Turns that are less than this fit many readings.
     """
+    turned = np.abs(seen) > math.pi * _DEGREE
 
-    def likely(aside: float) -> float:
+    def likely(aside: float, which: Any = slice(None)) -> float:
         off = wrapped((seen - aside) / _DEGREE - told) * _DEGREE / sigma
-        return likelihood(off[:, None])
+        return likelihood(off[which, None])
 
-    beside = [likely(math.pi * _DEGREE)]
-    beside += [likelihood(np.linalg.norm(one, axis=1, keepdims=True) / sigma[:, None]) for one in others]
-    return likely(0.0) >= max(beside) + GAIN
+    aside = math.pi * _DEGREE
+    beside = [likelihood(np.linalg.norm(one, axis=1, keepdims=True) / sigma[:, None]) for one in others]
+    gain = likely(0.0, turned) - likely(aside, turned)
+    return likely(0.0) >= max(likely(aside), *beside) + GAIN and gain >= max(CLEAR, np.count_nonzero(turned))
 
 
 def _size(errors: Floats) -> Floats:
