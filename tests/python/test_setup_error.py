@@ -21,7 +21,7 @@ from ndtree.base.scan import Scan
 from ndtree.evaluation.sampling import spread
 from ndtree.logs import read
 from ndtree.tuning.first_look import first_look
-from ndtree.tuning.pairs import false_jump, pairs_of
+from ndtree.tuning.mismatch import Mismatch, mismatch
 from ndtree.tuning.setup import setup_error
 from ndtree.tuning.setup_error import APART, SetupError
 from ndtree.tuning.surfaces import Cloud
@@ -61,6 +61,10 @@ def log_of(
 def found_in(scans: list[Scan]) -> SetupError | None:
     runs = spread(scans, None, Cloud.of)[0]
     return setup_error([[one for one in run if one is not None] for run in runs])
+
+
+def mismatch_in(scans: list[Scan]) -> Mismatch | None:
+    return mismatch(spread(scans, keep=Cloud.of)[0])
 
 
 def mounted(mount: list[float]) -> Callable[[Floats], Floats]:
@@ -197,17 +201,17 @@ def test_a_pose_that_jumps_is_told_of_with_the_time() -> None:
     def told(times: Floats) -> Floats:
         return np.where((times < 0.25)[:, None], [-7.0, 2.0, 0.0], drive(times))
 
-    found = false_jump(pairs_of(spread(log_of(told))[0]))
-    assert found is not None and found.after == pytest.approx(0.3) and found.length > 7
+    found = mismatch_in(log_of(told))
+    assert found is not None and found.kind == "jump" and found.since == pytest.approx(0.3)
 
     def turned(times: Floats) -> Floats:
         return np.where((times < 0.25)[:, None], drive(times) * [1, 1, 0] + [0, 0, 2.0], drive(times))
 
-    found = false_jump(pairs_of(spread(log_of(turned))[0]))
-    assert found is not None and found.after == pytest.approx(0.3) and found.turn > 1 and found.length < 0.5
-    assert false_jump(pairs_of(spread(log_of())[0])) is None
+    found = mismatch_in(log_of(turned))
+    assert found is not None and found.kind == "jump" and found.since == pytest.approx(0.3)
+    assert mismatch_in(log_of()) is None
     slow = [scan for i, scan in enumerate(log_of()) if i % 10 == 0 or i > 60]
-    assert false_jump(pairs_of(spread(slow)[0])) is None, "the robot did move"
+    assert mismatch_in(slow) is None, "the robot did move"
 
 
 def test_what_tells_too_little_says_nothing() -> None:

@@ -23,10 +23,9 @@ from ndtree.logs.core.rules import UNSEARCHED
 from ndtree.logs.core.silence import CutOff, CutOffSearch
 from ndtree.tuning.agreement import Disagreement, disagreement
 from ndtree.tuning.calibration import range_noise
-from ndtree.tuning.contradiction import Contradiction, contradiction
 from ndtree.tuning.heading import HeadingDrift, heading_drift
 from ndtree.tuning.mismatch import Mismatch, mismatch
-from ndtree.tuning.pairs import Jump, false_jump, pairs_of
+from ndtree.tuning.pairs import pairs_of
 from ndtree.tuning.range_end import range_end
 from ndtree.tuning.revisits import Drift, drift
 from ndtree.tuning.setup import setup_error
@@ -82,12 +81,8 @@ class FirstLook:
         How fast headings of a 2-D log drift, if they do.
     setup : SetupError or None
         What is wrong with the mount, the clock, the scale or the poses of a log, if something is.
-    jump : Jump or None
-        A pose of a 2-D log that jumps while the laser sees the same.
-    contradiction : Contradiction or None
-        How much of what scans of a 2-D log see lies where others saw free space, if that is much.
     mismatch : Mismatch or None
-        Where poses of a 3-D log do not fit its clouds, if they do not.
+        Where poses do not fit what is seen, if they do not.
     """
 
     dim: int
@@ -110,8 +105,6 @@ class FirstLook:
     drift: Drift | None = None
     heading_drift: HeadingDrift | None = None
     setup: SetupError | None = None
-    jump: Jump | None = None
-    contradiction: Contradiction | None = None
     mismatch: Mismatch | None = None
 
     @property
@@ -122,8 +115,6 @@ class FirstLook:
             self.disagreement,
             self.drift,
             self.heading_drift,
-            self.jump,
-            self.contradiction,
             self.mismatch,
         )
         found = next(filter(None, causes), None)
@@ -150,8 +141,6 @@ class FirstLook:
             "max_range": self.max_range if math.isfinite(self.max_range) else None,
             "drift": None if self.drift is None else self.drift.error,
             "setup": _figures(self.setup),
-            "jump": _figures(self.jump),
-            "contradiction": None if self.contradiction is None else self.contradiction.share,
             "mismatch": _figures(self.mismatch),
             "doubt": self.doubt,
         }
@@ -256,9 +245,7 @@ def _doubts(looked: _Looked, is_planar: bool) -> dict[str, Any]:
             "drift": drift(runs),
             "heading_drift": heading_drift(matched),
             "setup": setup and replace(setup, sensor=sensor),
-            "jump": false_jump(matched),
-            "contradiction": contradiction(matched),
-            "mismatch": None if is_planar or setup else mismatch(clouds),
+            "mismatch": None if setup else mismatch(clouds),
         }
         found = {name: found.get(name) or one for name, one in told.items()}
     return found

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether a sensor in space moved as its poses say, whatever the cause if it did not.
+"""Whether a lidar, a depth camera or a planar laser moved as its poses say, whatever the cause if it did not.
 
 Strategy: pairs of clouds are matched from where their poses have them. They do not fit where the match is far
 off, for what matches and poses err, or where none is found and one cloud lies much in what the other saw
@@ -30,6 +30,7 @@ _THROUGH = 0.1
 _LEAST, _SOME = 3, 0.1  # Pairs that do not fit, at least, and of those that tell.
 _MOST = 24  # Pairs of a kind, for the time that they take.
 _ACROSS, _ALL = 3, 0.75  # Clouds before and after a step, and how many of their pairs do not fit, at least.
+_FOLLOWS = 1.5  # Usual steps in time: what comes no later is next.
 _STANDS = (0.1, 0.06)  # Less is no motion [m, rad].
 _RETURNED, _WAY = 1.5, 6.0  # Distance of poses at a place where the sensor returns after a way [m].
 
@@ -72,17 +73,14 @@ class Mismatch:
 
 
 def mismatch(runs: Sequence[Sequence[Cloud]]) -> Mismatch | None:
-    """Find whether poses of a 3-D log fit its clouds.
+    """Find whether poses of a log fit what is seen.
 
     `runs`: Clouds that follow each other.
     Returns: None where they do, or too little tells.
     """
-    ends = [run[:1] + run[1:][-1:] for run in map(list, runs)]
-    first = np.cumsum([0, *map(len, ends)]).tolist()
-    follows = [(at, at + 1) for at, run in zip(first, ends) if len(run) == 2]
-    log = _Pairs([one for run in ends for one in run])
+    log = _Pairs(runs)
     return (
-        log.told("steps", log.do_fit(_some(follows), may_stand=True))
+        log.told("steps", log.do_fit(_some(log.steps()), may_stand=True))
         or log.jump()
         or log.told("returns", log.do_fit(_some(log.returns())))
     )
@@ -100,10 +98,17 @@ def _some(pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
 class _Pairs:
     """Clouds of a log in their order, and whether two of them fit each other where their poses are."""
 
-    def __init__(self, clouds: list[Cloud]) -> None:
-        self._clouds = clouds
-        self._poses = np.array([one.pose for one in clouds]).reshape(-1, 4, 4)
+    def __init__(self, runs: Sequence[Sequence[Cloud]]) -> None:
+        self._clouds = [one for run in runs for one in run]
+        self._poses = np.array([one.pose for one in self._clouds]).reshape(-1, 4, 4)
         self._views: dict[int, _View] = {}
+        behind = np.cumsum([len(run) for run in runs if run], dtype=int).tolist()
+        #: First and last cloud of each run.
+        self._runs = [(first, end - 1) for first, end in zip([0, *behind], behind)]
+
+    def steps(self) -> list[tuple[int, int]]:
+        """Of each run the first and the last cloud."""
+        return [run for run in self._runs if run[0] < run[1]]
 
     def since(self, cloud: int) -> float:
         """Time of a cloud."""
@@ -149,39 +154,61 @@ class _Pairs:
         return Mismatch(kind, len(wrong), known, self.since(wrong[0][1]))
 
     def jump(self) -> Mismatch | None:
-        """A step from which on clouds do not fit those before, while these and those fit each other."""
-        number = len(self._clouds)
-        steps = motions_of(
-            self._poses, np.array([(i, i + 1) for i in range(number - 1)], dtype=int).reshape(-1, 2)
-        )
-        fit = [self._clouds[i].agreement(self._clouds[i + 1], step) for i, step in enumerate(steps)]
-        if not fit:
+        """A step from which on clouds do not fit those before, while these or those fit each other."""
+        ends = self._ends()
+        if len(ends) < 2:
             return None
-        at = int(np.argmin(fit)) + 1
-        before, after = range(max(0, at - _ACROSS), at), range(at, min(number, at + _ACROSS))
-        across = list(self.do_fit([(i, k) for i in before for k in after]).values())
-        beside = self.do_fit([*zip(before, before[1:]), *zip(after, after[1:])]).values()
+        worst = self._worst(ends)
+        beside = range(max(0, worst - _ACROSS), min(len(ends), worst + _ACROSS))
+        near = list(range(ends[beside[0]], ends[beside[-1]] + 1))
+        at = near[self._worst(near)]
+        before, after = range(max(0, at - _ACROSS), at), range(at, min(len(self._clouds), at + _ACROSS))
+        pairs = [(i, k) for i in before for k in after]
+        across = list(self.do_fit(pairs, may_stand=self._follows(at)).values())
+        is_one = [all(self.do_fit(zip(some, some[1:])).values()) for some in (before, after)]
         known = sum(fits is not None for fits in across)
         wrong = across.count(False)
-        if known < 2 * _LEAST or wrong < _ALL * known or not all(beside):
+        if wrong < max(_LEAST, _ALL * known) or not any(is_one):
             return None
         return Mismatch("jump", wrong, known, self.since(at))
 
+    def _follows(self, cloud: int) -> bool:
+        """Whether a cloud comes at once after the one before, so that the sensor has hardly moved."""
+        if any(first < cloud <= last for first, last in self._runs):
+            return True
+        stamps = np.array([one.stamp for one in self._clouds])
+        usual = np.median([stamps[last] - stamps[first] for first, last in self.steps()] or [0.0]) / 3
+        return bool(stamps[cloud] - stamps[cloud - 1] < _FOLLOWS * usual)
+
+    def _ends(self) -> list[int]:
+        return sorted({end for run in self._runs for end in run})
+
+    def _worst(self, clouds: list[int]) -> int:
+        """The place, in a list of clouds, of the first behind the step that fits worst."""
+        steps = motions_of(self._poses[clouds], np.array([(i, i + 1) for i in range(len(clouds) - 1)]))
+        fit = [
+            self._clouds[one].agreement(self._clouds[other], step)
+            for one, other, step in zip(clouds, clouds[1:], steps)
+        ]
+        return int(np.argmin(fit)) + 1
+
     def returns(self) -> list[tuple[int, int]]:
-        """Of each cloud the nearest one that is a way before it."""
-        places = self._poses[:, :3, 3]
+        """Of the ends of runs, the nearest one that is a way before each."""
+        ends = self._ends()
+        places = self._poses[ends, :3, 3]
         way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
         found = []
         for later in range(1, len(places)):
             distance = np.linalg.norm(places[:later] - places[later], axis=1)
             distance[way[later] - way[:later] < _WAY] = math.inf
             if distance.min() < _RETURNED:
-                found.append((int(distance.argmin()), later))
+                found.append((ends[int(distance.argmin())], ends[later]))
         return found
 
 
 #: Of a view: its cells [rad], how far poses and ranges may err, and by how much more for each metre [m].
 _CELL, _MARGIN, _GROWS = math.radians(3.0), 0.2, 0.03
+_BESIDE = 0.3  # What is thinner than beams are apart is seen past [m].
 _FEWEST = 20  # Surfaces that can be compared.
 _UP, _AROUND = 62, 120
 
@@ -198,7 +225,7 @@ class _View:
         np.minimum.at(low, cells, ranges)
         np.maximum.at(high, cells, ranges)
         self._is_seen = np.isfinite(low)
-        self._surfaces = cloud.patches.mean @ cloud.pose[:3, :3].T
+        self._surfaces = _surfaces(cloud) @ cloud.pose[:3, :3].T
         self._low, self._high = _spread(low, np.minimum), _spread(high, np.maximum)
 
     def through(self, other: _View) -> float | None:
@@ -215,6 +242,14 @@ class _View:
         free = self._is_seen[cells] & (self._low[cells] - ranges > margin)
         on = self._is_seen[cells] & ~free & (ranges < self._high[cells] + margin)
         return int(free.sum()), int(free.sum() + on.sum())
+
+
+def _surfaces(cloud: Cloud) -> Floats:
+    """(n, 3) patches, or of a planar laser end points beside others on both sides: it has few patches."""
+    if cloud.scan.dim == 3:
+        return cloud.patches.mean
+    beside = np.linalg.norm(np.diff(cloud.points, axis=0), axis=1) < _BESIDE
+    return cloud.points[1:-1][beside[1:] & beside[:-1]]
 
 
 def _cells_of(points: Floats, ranges: Floats) -> NDArray[np.int64]:

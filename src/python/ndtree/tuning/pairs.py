@@ -7,13 +7,11 @@ others of their run and with runs before, once for all who ask.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ndtree._errors import Text, key
 from ndtree.alignment.planar import Floats, between, pose_of, turned, wrapped
 from ndtree.alignment.sensor_scans import SensorScan, sensor_scan
 from ndtree.base.scan import Scan
@@ -25,11 +23,6 @@ _IN_RUN, _ACROSS = ((0.6, 0.6, 0.2), 0.05), ((1.0, 1.0, 0.35), 0.1)
 #: Between two scans of different runs, or of those beside each other in one, least and most way [m] and turn
 #: [rad]: nearer ones tell no error, farther ones see others.
 _NEAREST, _FARTHEST, _MOST_TURN = 0.03, 6.0, 1.0
-#: A step of the pose is a jump if it is this many times a usual one, and the next scan comes no later than
-#: this many times the usual time; of logs with this many scans that are looked at.
-_USUAL, _FOLLOWS, _LEAST_SCANS = 4.0, 1.5, 8
-#: Of a jump: what share of it the laser may have moved, and by how much better it must fit there.
-_MOVED, _AS_WELL = 0.3, 0.9
 #: What a radian of turning counts as way [m]: half the distance of usual wheels, times two.
 _OF_TURN = 0.5
 
@@ -130,61 +123,3 @@ def _pair(
     covariance = turned(np.asarray(match.covariance, dtype=np.float64), -float(first[2]))
     at = between(first, pose_of(np.asarray(match.pose)))
     return replace(pair, seen=at, covariance=covariance, shift=moved_by(scan, *found))
-
-
-@dataclass(frozen=True)
-class Jump:
-    """A pose that jumps while the laser sees the same, from `false_jump`.
-
-    `after`: Time of the scan behind it, from the log's first scan on [s]; nan where scans have no times.
-    `length`: [m]
-    `turn`: [rad]
-    """
-
-    after: float
-    length: float
-    turn: float
-
-    def __str__(self) -> str:
-        """What was found and what helps, in one line."""
-        when = f"{self.after:.1f} s after the first scan" if math.isfinite(self.after) else "at some scan"
-        return Text(
-            f"poses do not fit the scans: {when} the pose jumps by {self.length:.2f} m and "
-            f"{math.degrees(abs(self.turn)):.0f} degrees while the laser sees "
-            f"the same as before; leave out what is before or behind it with {key('start')} or {key('stop')}"
-        )
-
-
-def false_jump(log: Pairs) -> Jump | None:
-    """Find a pose that jumps far beyond the usual steps, while the scans fit each other as if it had not.
-
-    Only scans that follow each other are asked: of a long log those within runs.
-    """
-    scans = [scan for run in log.runs for scan in run]
-    if len(scans) < _LEAST_SCANS:
-        return None
-    stamps = np.array([scan.stamp for scan in scans])
-    steps = np.array([between(one.pose, other.pose) for one, other in zip(scans, scans[1:])])
-    sizes = np.column_stack((np.hypot(steps[:, 0], steps[:, 1]), np.abs(wrapped(steps[:, 2]))))
-    times = np.diff(stamps)
-    run = np.repeat(np.arange(len(log.runs)), [len(one) for one in log.runs])
-    has_times = bool((times > 0).all())
-    follows = times <= _FOLLOWS * np.median(times) if has_times else np.diff(run) == 0
-    usual = np.median(sizes[follows], axis=0).clip(np.array(_IN_RUN[0])[1:] / _USUAL)
-    is_far = sizes > _USUAL * usual
-    for i in np.flatnonzero(follows & is_far.any(axis=1)):
-        first, second = scans[i], scans[i + 1]
-        stood = fitted([first], replace(second, pose=first.pose), *_IN_RUN)
-        if stood is None:
-            continue
-        seen = between(first.pose, pose_of(np.asarray(stood[2].pose)))
-        moved = np.array([np.hypot(*seen[:2]), abs(wrapped(seen[2:])[0])])
-        went = fitted([first], second, *_IN_RUN)
-        fits_as_told = went is not None and went[2].score >= _AS_WELL * stood[2].score
-        is_less = is_far[i] & (moved < _MOVED * sizes[i])
-        shift = moved_by(second, *stood)
-        is_seen = is_less[1] or (is_less[0] and shift is not None and shift > 0.5 * sizes[i, 0])
-        if is_seen and not fits_as_told:
-            after = float(stamps[i + 1] - log.begin) if has_times else math.nan
-            return Jump(after, float(sizes[i, 0]), float(sizes[i, 1]))
-    return None

@@ -172,8 +172,9 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
             of_z = [
                 np.array([turn_of(one)[2] for one in some[:, :3, :3]]) for some in (readings[""][at], seen)
             ]
-            if are_degrees(*of_z, others, 1 / np.linalg.norm(whitening[:, :, -1], axis=1)):
-                return SetupError("degrees", (), None)
+            may_be = are_degrees(*of_z, others, 1 / np.linalg.norm(whitening[:, :, -1], axis=1))
+            if may_be is not False:
+                return SetupError("degrees", (), None) if may_be else None
         likely = {kind: likelihood(one) for kind, one in left.items()}
         # None moves beyond what it sees between scans. Straight on, several read alike: the first of them.
         reach = max(float(one.ranges.max(initial=0.0)) for one in log.clouds)

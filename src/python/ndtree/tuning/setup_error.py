@@ -198,8 +198,8 @@ def is_gain(errors: Floats, left: Floats) -> bool:
     return gain >= GAIN and min(parts) >= -NOWHERE_LESS * gain and float(most.sum()) >= BOTH
 
 
-def are_degrees(told: Floats, seen: Floats, others: Sequence[Floats], sigma: Floats) -> bool:
-    """Whether turns (n,) that were told are those of degrees that were read as radians [rad].
+def are_degrees(told: Floats, seen: Floats, others: Sequence[Floats], sigma: Floats) -> bool | None:
+    """Whether turns (n,) that were told are those of degrees that were read as radians [rad]; None if unsure.
 
     `others`: Errors (n, 3) of turns as other readings have them.
 
@@ -214,8 +214,10 @@ def are_degrees(told: Floats, seen: Floats, others: Sequence[Floats], sigma: Flo
 
     aside = math.pi * _DEGREE
     beside = [likelihood(np.linalg.norm(one, axis=1, keepdims=True) / sigma[:, None]) for one in others]
+    if likely(0.0) < max(likely(aside), *beside) + GAIN:
+        return False
     gain = likely(0.0, turned) - likely(aside, turned)
-    return likely(0.0) >= max(likely(aside), *beside) + GAIN and gain >= max(CLEAR, np.count_nonzero(turned))
+    return True if gain >= max(CLEAR, np.count_nonzero(turned)) else None
 
 
 def _size(errors: Floats) -> Floats:
