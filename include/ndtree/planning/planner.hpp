@@ -264,13 +264,19 @@ class Planner {
 
   [[nodiscard]] double unit() const { return seen_.tree().geometry().unit(); }
   /// A shortest way stays in the convex hull of its ends and of all obstacles, as the body sees them. Rounded
-  /// outwards to many cells, so that few changes of the map move it.
+  /// outwards to many cells, so that few changes of the map move it; to the more, the farther an end is from
+  /// the map, so that cells on the way there are the larger.
   [[nodiscard]] Box<D> around(const Map& map) const {
     Box<D> box = asked_;
-    if (const std::optional<Box<D>> known = bounds(map))
-      box = around_both(box, known->inflated(reach_ + options_.clearance));
+    double step = 128.0 * unit();
+    if (const std::optional<Box<D>> known = bounds(map)) {
+      const Box<D> seen = known->inflated(reach_ + options_.clearance);
+      box = around_both(box, seen);
+      while (((seen.lower - box.lower).array() > step).any() ||
+             ((box.upper - seen.upper).array() > step).any())
+        step *= 2.0;
+    }
     if (!(box.lower[0] <= box.upper[0])) box = {Vector<D>::Zero(), Vector<D>::Zero()};
-    const double step = 128.0 * unit();
     for (int a = 0; a < D; ++a) {
       box.lower[a] = step * std::floor((box.lower[a] - 4.0 * unit()) / step);
       box.upper[a] = step * std::ceil((box.upper[a] + 4.0 * unit()) / step);
