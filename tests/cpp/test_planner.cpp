@@ -557,6 +557,36 @@ TYPED_TEST(Planning, FindsGapsThatAreHardlyWiderThanTheBody) {
     }
   EXPECT_EQ(found, D == 2 ? 16 : 4);
 }
+/// Out of a room whose door is hardly wider than the body, through unknown space that is free: the farther
+/// the goal, the larger the cells on the way.
+TYPED_TEST(Planning, FarGoalsTakeFewCells) {
+  constexpr int D = TypeParam::kDim;
+  constexpr double kCell = kUnit / 8.0;
+  TypeParam map = wall_with_gap<TypeParam>(0.0, 0.0);
+  for (int side = 0; side < 2 * D; ++side) {
+    Box<D> wall{Vector<D>::Constant(-1.0), Vector<D>::Constant(1.0)};
+    (side % 2 == 0 ? wall.upper : wall.lower)[side / 2] = side % 2 == 0 ? -1.0 + kUnit : 1.0 - kUnit;
+    map.mark(wall, CellState::occupied);
+  }
+  Box<D> door{Vector<D>::Constant(-3.0 * kCell), Vector<D>::Constant(3.0 * kCell)};
+  door.lower[0] = -1.0;
+  door.upper[0] = -0.5;
+  map.mark(door, CellState::free);
+  PlannerOptions options;
+  options.unknown_cost = 1.0;
+  Vector<D> start = Vector<D>::Zero();
+  start[0] = -0.4;
+  for (const double far : {10.0, 1e4, D == 2 ? 1e7 : 3e4})
+    for (int side = 0; side < 2 * D; ++side) {
+      Planner<TypeParam> planner(map, {Capsule<D>{start * 0.0, start * 0.0, 2.45 * kCell}}, options);
+      const Vector<D> goal = (side % 2 == 0 ? -far : far) * Vector<D>::Unit(side / 2);
+      const Path<D> path = planner.plan(start, goal);
+      ASSERT_EQ(path.status, PathStatus::found) << far << ' ' << side << ' ' << path.reason;
+      ASSERT_LT(path.expanded, D == 2 ? 2000 : 30000) << far << ' ' << side;
+      ASSERT_LT(path.length, far + 4.0);
+      ASSERT_NEAR(planner.ways(start, {goal})[0], path.length, 0.1 + 1e-3 * path.length);
+    }
+}
 /// Coarse cells are joined if some places on both sides of their face are: else a guide would call a goal
 /// unreachable that is not, or lead into walls.
 TYPED_TEST(Planning, CoarseSpaceJoinsWhatIsJoined) {

@@ -69,7 +69,16 @@ class NarrowSpace {
         tested_(tested),
         unit_(map.tree().geometry().unit()),
         reach_(reach_of(tested)),
-        unknown_(unknown) {}
+        unknown_(unknown),
+        gaps_(sure.limits()) {
+    const CellIndex<D> root = map.tree().root().index;
+    const auto reach = static_cast<std::int64_t>(reach_ / unit_) + 2;
+    for (std::size_t a = 0; a < D; ++a) {
+      gaps_.lower[a] = std::max(gaps_.lower[a], root.lower[a] - reach);
+      gaps_.upper[a] =
+          std::min(gaps_.upper[a], root.lower[a] + map.tree().geometry().edge(root.level) + reach);
+    }
+  }
 
   [[nodiscard]] std::size_t memory_bytes() const {
     return places_.memory_bytes() + points_.capacity() * sizeof(Point);
@@ -115,8 +124,8 @@ class NarrowSpace {
   [[nodiscard]] std::optional<Cell> narrow_at(const Lattice<D>& at) {
     std::uint64_t number = 0;
     for (std::size_t a = 0; a < D; ++a) {
-      const std::int64_t from_border = at[a] - sure_.limits().lower[a];
-      if (from_border < 0 || from_border >= kWidest || at[a] >= sure_.limits().upper[a]) return std::nullopt;
+      const std::int64_t from_border = at[a] - gaps_.lower[a];
+      if (from_border < 0 || from_border >= kWidest || at[a] >= gaps_.upper[a]) return std::nullopt;
       number = number * static_cast<std::uint64_t>(kWidest) + static_cast<std::uint64_t>(from_border);
     }
     number |= std::uint64_t{1} << 63;
@@ -160,7 +169,12 @@ class NarrowSpace {
   }
   /// @param all or only narrow cells.
   template <class Visit>
-  void at_face(const LatticeBox<D>& face, bool all, const Visit& visit) {
+  void at_face(LatticeBox<D> face, bool all, const Visit& visit) {
+    for (std::size_t a = 0; a < D && !all; ++a) {
+      face.lower[a] = std::max(face.lower[a], gaps_.lower[a]);
+      face.upper[a] = std::min(face.upper[a], gaps_.upper[a]);
+      if (face.lower[a] >= face.upper[a]) return;
+    }
     Lattice<D> at = face.lower;
     for (bool goes_on = true; goes_on;) {
       std::int64_t step = 1;
@@ -279,7 +293,7 @@ class NarrowSpace {
   }
 
   static constexpr std::size_t run_ = 0;
-  static constexpr std::int64_t kWidest = 1 << 21;
+  static constexpr std::int64_t kWidest = std::int64_t{1} << (D == 2 ? 31 : 21);
   static constexpr std::uint32_t kNowhere = NumberTable::kNone - 1;
   static constexpr double kEnough = 0.5;  // More room is not looked for.
   static constexpr double kLeastStep = 0.06;
@@ -291,6 +305,7 @@ class NarrowSpace {
   double unit_;
   double reach_;
   UnknownSpace unknown_;
+  LatticeBox<D> gaps_;  // No gap is farther from what was observed than the body reaches.
   NumberTable places_;
   std::vector<Point> points_;
 };
