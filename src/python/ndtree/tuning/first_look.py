@@ -240,12 +240,13 @@ def _doubts(looked: _Looked, is_planar: bool) -> dict[str, Any]:
         runs = runs if is_planar else []
         matched = pairs_of(runs)
         setup = setup_error(clouds)
+        other = None if setup else mismatch(clouds)
         told = {
             "disagreement": disagreement(matched),
             "drift": drift(runs),
             "heading_drift": heading_drift(matched),
             "setup": setup and replace(setup, sensor=sensor),
-            "mismatch": None if setup else mismatch(clouds),
+            "mismatch": other and replace(other, sensor=sensor),
         }
         found = {name: found.get(name) or one for name, one in told.items()}
     return found

@@ -45,29 +45,32 @@ class Mismatch:
     `kind`: "steps" between clouds that follow each other, one "jump", or "returns" to a place.
     `wrong`, `pairs`: How many pairs do not fit, and of how many.
     `since`: Time of the first that does not [s], from the log's first scan on; nan where scans have no times.
+    `sensor`: Of several the one that tells.
     """
 
     kind: str
     wrong: int
     pairs: int
     since: float
+    sensor: str = ""
 
     def __str__(self) -> str:
         """What was found and what helps, in one line."""
         when = f"{self.since:.1f} s" if math.isfinite(self.since) else "some scan"
         helps = f"use {key('align')} or the poses of a SLAM system"
+        found = "poses do not fit the scans" + (f" of {self.sensor}" if self.sensor else "")
         if self.kind == "returns":
             where = f"{self.wrong} of {number_of(self.pairs, 'place')} where the robot returns"
-            return Text(f"poses do not fit the scans: surfaces appear twice at {where}; {helps}")
+            return Text(f"{found}: surfaces appear twice at {where}; {helps}")
         if self.kind == "jump":
             return Text(
-                f"poses do not fit the scans: what is seen from {when} on lies elsewhere than what was seen "
+                f"{found}: what is seen from {when} on lies elsewhere than what was seen "
                 f"just before it. Did poses jump, or was the robot carried? Stop before it with "
                 f"{key('stop')}, or use {key('align')}"
             )
         share = percent(self.wrong / self.pairs)
         return Text(
-            f"poses do not fit the scans: the robot did not move as they say, first at {when}, and in "
+            f"{found}: the robot did not move as they say, first at {when}, and in "
             f"{share} of the steps looked at; check the order of scans and poses and their clocks, or {helps}"
         )
 

@@ -43,7 +43,7 @@ SENSOR_NAMES = (
 SENSELESS = "the times of beams make no sense, and all beams count as measured at the stamp"
 UNLIMITED = "the largest range makes no sense, and counts as not given"
 OTHER_NUMBER = "angles are for another number of ranges: angle_max does not count"
-BEYOND = "all ranges are beyond the largest one, and are left out"
+BEYOND = "most ranges are beyond the largest one, and are left out"
 SWAPPED = "is_bigendian contradicts the data, which are read in the other order"
 
 

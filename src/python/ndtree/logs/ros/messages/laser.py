@@ -28,6 +28,8 @@ FULL_TURN = math.radians(350)
 _MOST_TURNS = 4
 #: Ranges by which drivers miscount their own, and the share of them that does not matter.
 _MISCOUNTED, _OTHER_SHARE = 2, 0.01
+#: Of the largest range: ranges beyond it that differ less are one value, which says that nothing was hit.
+_ONE_VALUE = 0.1
 
 
 class NoiseAtLimit:
@@ -186,8 +188,9 @@ def _measured(
     if np.count_nonzero(cut_off) >= least_cut_off:  # What is measured does not come twice to the last bit.
         silent |= cut_off & np.isfinite(ranges)
     returned = (ranges >= nearest) & (ranges <= farthest) & np.isfinite(ranges) & ~silent
-    said = ""
-    if not returned.any() and len(beyond := ranges[np.isfinite(ranges) & (ranges > farthest) & ~silent]):
+    said, count = "", np.count_nonzero(returned)
+    beyond = ranges[np.isfinite(ranges) & (ranges > farthest) & ~silent]
+    if len(beyond) > count and (not count or np.ptp(beyond) > _ONE_VALUE * farthest):
         said = f"{beyond.min():,.1f} to {beyond.max():,.1f} m, expected up to {farthest:g} m"
     length = np.where(returned, ranges, np.nan).astype(np.float64)
     limit = farthest if 0 < farthest < np.inf else no_return_range
