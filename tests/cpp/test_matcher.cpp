@@ -394,6 +394,22 @@ TEST(Matcher, ACorridorIsNotUnique) {
   EXPECT_LT(known.covariance(0, 0), 1.1e-4);
 }
 
+TEST(Matcher, AnotherPlaceThatFitsAsWellWidensTheCovariance) {
+  constexpr double kApart = 0.8;
+  Points<2> surface(2, 520), points(2, 110);
+  for (int i = 0; i < 500; ++i) surface.col(i) << 0.02 * i - 5.0, 1.0;
+  for (int i = 0; i < 20; ++i) surface.col(500 + i) << (i % 2) * kApart, 0.02 * (i / 2);  // Two posts.
+  for (int i = 0; i < 100; ++i) points.col(i) << 0.02 * i - 1.0, 1.0;
+  for (int i = 0; i < 10; ++i) points.col(100 + i) << 0.0, 0.02 * i;  // One of them.
+  MatchWindow<2> window;
+  window.half << 1.2, 0.2, 0.1;
+  const Match<2> match = Matcher<2>(surface).match(points, Pose<2>{}, window);
+  // Half of the posterior is so far away.
+  EXPECT_NEAR(match.covariance(0, 0), 0.5 * kApart * kApart, 0.1 * kApart * kApart);
+  EXPECT_GT(match.covariance(1, 1), 0.0);
+  EXPECT_LT(match.covariance(1, 1), 0.01);
+}
+
 TEST(Matcher, FindsScansInAMap) {
   Random random(41);
   MapOptions map_options = spelled_out_options(0.05, 0.8);

@@ -74,7 +74,7 @@ def test_units_of_wkt(case: str) -> None:
     assert (found.across, found.height) == pytest.approx((right.across, right.height), rel=1e-9)
 
 
-@pytest.mark.parametrize("text", ["", "NAD83", 'PROJCS["a"', "PROJCS[" * 100, '"', "\x80[1]"])
+@pytest.mark.parametrize("text", ["", "[", "NAD83", 'PROJCS["a"', "PROJCS[" * 100, '"', "\x80[1]"])
 def test_what_is_no_wkt_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="expected a coordinate system as WKT"):
         units_of_wkt(text)
