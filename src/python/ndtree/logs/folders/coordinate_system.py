@@ -92,7 +92,7 @@ def units_of_wkt(text: str) -> Units:
     cartesian = any(value.lower() == "cartesian" for node in across.all("CS") for value in node.values)
     if across.word in ("GEOGCS", "GEOGCRS", "GEODCRS", "GEOGRAPHICCRS", "GEODETICCRS") and not cartesian:
         return Units(are_degrees=True)
-    if _is_of_web_maps(across):
+    if re.search(r"(pseudo|web)[ _-]mercator", across.values[0].lower() if across.values else ""):
         return Units(are_stretched=True)
     size = _length(across)
     if size is None:
@@ -106,15 +106,6 @@ _ACROSS = (
     "PROJCS", "PROJCRS", "PROJECTEDCRS", "LOCAL_CS", "ENGCRS", "ENGINEERINGCRS", "GEOCCS",
     "GEOGCS", "GEOGCRS", "GEODCRS", "GEOGRAPHICCRS", "GEODETICCRS",
 )  # fmt: skip
-
-
-def _is_of_web_maps(system: _Node) -> bool:
-    """Whether it is Web Mercator by its name or its code in a register."""
-    name = "".join(re.findall("[a-z]", "".join(system.values[:1]).lower()))
-    codes = [value for node in system.nodes if node.word in ("AUTHORITY", "ID") for value in node.values[1:]]
-    return any(word in name for word in ("pseudomercator", "webmercator")) or any(
-        code in map(str, _WEB_MERCATOR) for code in codes
-    )
 
 
 def _length(system: _Node) -> float | None:
