@@ -7,6 +7,7 @@ import json
 import math
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -234,6 +235,16 @@ def sensor_scans(walls, poses):
     for pose, scan in zip(poses, seen_in(walls, poses)):
         free = seen_from(pose, scan.endpoints)
         yield SensorScan(free[scan.returned], free, pose, scan.stamp)
+
+
+@pytest.mark.parametrize("has_heading", [True, False])
+def test_a_rival_is_less_likely_by_what_its_score_is_less(has_heading):
+    """Whatever the window: the prior of both is the same."""
+    match = SimpleNamespace(score=0.8, second=0.3, inliers=0.9, pose=np.eye(3), covariance=np.eye(3))
+    tracker = SimpleNamespace(_near=SimpleNamespace(matcher=SimpleNamespace(match=lambda *_, **__: match)))
+    scan = SimpleNamespace(points=np.zeros((1, 2)), has_heading=has_heading)
+    best, is_unique, rival = Tracker._anyhow(tracker, scan, np.zeros(3), np.array([9.0, 0.0, 0.0]), pieces=10)
+    assert is_unique and best.posterior - rival == pytest.approx(10 * (0.8 - 0.3))
 
 
 def test_what_a_scan_tells_is_in_the_frame_of_the_key_scan_before():
