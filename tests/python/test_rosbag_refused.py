@@ -252,7 +252,7 @@ def test_messages_of_which_none_can_be_read_are_named(make: Messages, tmp_path: 
     broken = ("sensor_msgs/msg/LaserScan", b"\x01\x02\x03")
     rows = [("/scan", START + 0.1 * i, broken) for i in range(6)]
     rows += [make.moved(START + 0.1 * i, "odom", "laser", [0.1 * i, 0, 0]) for i in range(6)]
-    with pytest.raises(ValueError, match="/scan: none of its 6 messages can be read, expected LaserScan"):
+    with pytest.raises(ValueError, match="/scan: none of its messages can be read, expected some"):
         list(read(write_bag(tmp_path / "bag", make, rows)))
 
 

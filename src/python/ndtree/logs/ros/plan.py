@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ndtree._errors import WrongValue, key, marked
-from ndtree.base.words import number_of
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.rules import MEASURED, Decision
 from ndtree.logs.core.source import WrongOption
@@ -258,9 +257,6 @@ class _Placer:
         """Where some sensors are, all of them in the frame of the first."""
         places: dict[str, Placement] = {}
         for topic in topics:
-            if topic.messages and not survey.seen[topic.name].frames:
-                said = f"{topic.name}: none of its {number_of(topic.messages, 'message')} can be read"
-                raise ValueError(f"{self._bag.path}: {said}, expected {short(topic.type)}")
             places[topic.name] = Finder(self._bag.path, survey, topic, asked, self._others).placement()
             if asked.poses is None and asked.trajectory is None:
                 asked = replace(asked, fixed_frame=places[topic.name].fixed_frame)
