@@ -95,6 +95,18 @@ TYPED_TEST(Compress, MeetsEachBudgetAndSaysWhatItCost) {
   EXPECT_GT(last_loss, 0.0);
 }
 
+TYPED_TEST(Compress, MergesWhatCostsLeastFirst) {
+  const auto map = room<TypeParam::kBranching, TypeParam::kDim>(30);
+  double last = 0.0;
+  for (const std::size_t leaves : {map.stats().observed_leaves - 1, least(map, {{}, 0, {}})}) {
+    auto copy = map;
+    const CompressReport report = copy.compress({{}, leaves, {}});
+    const double cost = report.loss / static_cast<double>(report.leaves_before - report.leaves);
+    EXPECT_GT(cost, last) << "for each leaf saved";
+    last = cost;
+  }
+}
+
 TYPED_TEST(Compress, IsDeterministicAndChangesNothingTwice) {
   auto once = room<TypeParam::kBranching, TypeParam::kDim>(10);
   auto again = room<TypeParam::kBranching, TypeParam::kDim>(10);

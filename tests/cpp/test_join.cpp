@@ -190,6 +190,19 @@ void expect_within_own_bounds(Random& random) {
   const Map both = merged(Map(some_options(2)), other);  // Which checks the invariants.
   EXPECT_EQ(to_bytes(from_bytes<Map>(to_bytes(both))), to_bytes(both));
 }
+TEST(JoinedMaps, MergeWhatBecomesAlike) {
+  using Map = AdaptiveMap<2, 2>;
+  const Vector<2> low(0.0, 0.0), high(1.0, 1.0);
+  Map left(some_options(2)), right = left, whole = left;
+  left.mark(Box<2>{low, Vector<2>(0.25, 1.0)}, CellState::free);
+  right.mark(Box<2>{Vector<2>(0.25, 0.0), high}, CellState::free);
+  whole.mark(Box<2>{low, high}, CellState::free);
+  EXPECT_GT(left.stats().observed_leaves, 1u);
+  EXPECT_EQ(merged(left, right).stats().observed_leaves, 1u);
+  for_each_smallest(whole, merged(left, right),
+                    [](const auto& a, const auto& b) { EXPECT_EQ(a.state(), b.state()); });
+}
+
 TEST(JoinedMaps, KeepToTheirOwnOptions) {
   Random random(14);
   expect_within_own_bounds<AdaptiveMap<2, 2>>(random);

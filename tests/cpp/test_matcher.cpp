@@ -394,6 +394,23 @@ TEST(Matcher, ACorridorIsNotUnique) {
   EXPECT_LT(known.covariance(0, 0), 1.1e-4);
 }
 
+TEST(Matcher, AnotherPlaceThatFitsAsWellWidensTheCovariance) {
+  constexpr double kApart = 0.8;
+  Points<2> surface(2, 600), points(2, 110);
+  for (int i = 0; i < 400; ++i) surface.col(i) << 0.02 * i - 4.0, 1.0;
+  for (int i = 0; i < 200; ++i) surface.col(400 + i) << (i % 2) * kApart, 0.02 * (i / 2) - 1.0;
+  for (int i = 0; i < 60; ++i) points.col(i) << 0.05 * i - 1.5, 1.0;
+  for (int i = 0; i < 50; ++i) points.col(60 + i) << 0.0, 0.04 * i - 1.0;  // One of two walls.
+  const Matcher<2> matcher(surface);
+  MatchWindow<2> window;
+  window.half << 0.75 * kApart, 0.2, 0.05;
+  EXPECT_LT(matcher.match(points, Pose<2>{}, window).covariance(0, 0), 1e-4);
+  window.half[0] = 1.5 * kApart;
+  const Match<2> match = matcher.match(points, Pose<2>{}, window);
+  EXPECT_NEAR(match.covariance(0, 0), 0.5 * kApart * kApart, 0.1 * kApart * kApart) << "half is there";
+  EXPECT_LT(match.covariance(1, 1), 1e-3);
+}
+
 TEST(Matcher, FindsScansInAMap) {
   Random random(41);
   MapOptions map_options = spelled_out_options(0.05, 0.8);

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from ndtree.alignment.loops import Graph
 from ndtree.alignment.motion import LearnedRate, Motion
 from ndtree.alignment.planar import between, composed, placed, pose_of, seen_from, turned
 from ndtree.alignment.sensor_scans import Outline, SensorScan, Track, moved, pose_in_log
-from ndtree.alignment.tracking import Tracker
+from ndtree.alignment.tracking import Tracker, _is_leap
 from ndtree.logs.core.log import Log
 from ndtree.logs.ros.reading import heading_of
 
@@ -221,7 +223,9 @@ def test_loops_bring_a_drive_back():
 def test_the_first_pose_stays_and_one_scan_is_enough(office):
     log, _, odometry = office
     one = Drifting(list(log)[:1], odometry[:1])
+    begin = time.perf_counter()
     found = ndtree.align(one)
+    assert 0 < found.seconds <= time.perf_counter() - begin
     np.testing.assert_allclose(found.poses, odometry[:1])
     assert found.loops == [] and "no loops found" in str(found)
 
@@ -231,6 +235,24 @@ def sensor_scans(walls, poses):
     for pose, scan in zip(poses, seen_in(walls, poses)):
         free = seen_from(pose, scan.endpoints)
         yield SensorScan(free[scan.returned], free, pose, scan.stamp)
+
+
+@pytest.mark.parametrize("has_heading", [True, False])
+def test_a_rival_is_less_likely_by_what_its_score_is_less(has_heading):
+    """Whatever the window: the prior of both is the same."""
+    match = SimpleNamespace(score=0.8, second=0.3, inliers=0.9, pose=np.eye(3), covariance=np.eye(3))
+    tracker = SimpleNamespace(_near=SimpleNamespace(matcher=SimpleNamespace(match=lambda *_, **__: match)))
+    scan = SimpleNamespace(points=np.zeros((1, 2)), has_heading=has_heading)
+    best, is_unique, rival = Tracker._anyhow(tracker, scan, np.zeros(3), np.array([9.0, 0.0, 0.0]), pieces=10)
+    assert is_unique and best.posterior - rival == pytest.approx(10 * (0.8 - 0.3))
+
+
+@pytest.mark.parametrize(
+    "step, is_leap", [((0.2, 0, 0), 0), ((0.9, 0, 0), 1), ((0.2, -0.9, 0), 1), ((0.2, 0, 2), 0)]
+)
+def test_a_step_that_goes_farther_or_elsewhere_is_a_leap(step, is_leap):
+    """A turn alone is none."""
+    assert _is_leap(np.array([0.1, 0.0, 0.0]), np.array(step), np.array([0.5, 0.5, 0.5])) == is_leap
 
 
 def test_what_a_scan_tells_is_in_the_frame_of_the_key_scan_before():

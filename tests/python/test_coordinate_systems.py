@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from calling import cli
 
 import ndtree
 from ndtree.logs.folders.coordinate_system import Units, units_of_keys, units_of_wkt
@@ -41,6 +44,9 @@ WKT = {
     "degrees and feet": (f'COMPD_CS["c",{DEGREES},{heights("foot", FOOT)}]', Units(are_degrees=True)),
     "WKT2": (f'PROJCRS["p",{BASE},{AXES.format("", FEET)}]', Units(FOOT, FOOT)),
     "WKT2 by axes": (f'PROJCRS["p",{BASE},{AXES.format(FEET, "")}]', Units(FOOT, FOOT)),
+    "Web Mercator": (METRE.replace('some ""plane""', "WGS 84 / Pseudo-Mercator"), Units(are_stretched=True)),
+    "ESRI's": (METRE.replace('some ""plane""', "WGS_1984_Web_Mercator"), Units(are_stretched=True)),
+    "Mercator along a meridian": (METRE.replace('["T"]', '["Transverse_Mercator"]'), Units()),
     "WKT2 degrees": ('GEOGCRS["g",CS[ellipsoidal,2],ANGLEUNIT["d",0.0174]]', Units(are_degrees=True)),
     "geocentric": ('GEODCRS["g",CS[Cartesian,3],AXIS["X",geocentricX],LENGTHUNIT["metre",1]]', Units()),
     "local": ('LOCAL_CS["site",LOCAL_DATUM["l",0],UNIT["metre",1],AXIS["X",EAST]]', Units()),
@@ -48,6 +54,7 @@ WKT = {
 KEYS = {
     "metres": ({1024: 1, 3072: 32633, 3076: 9001}, Units()),
     "UTM": ({1024: 1, 3072: 26915}, Units()),
+    "Web Mercator": ({1024: 1, 3072: 3857, 3076: 9001}, Units(are_stretched=True)),
     "survey feet": ({1024: 1, 3072: 2263, 3076: 9003, 4099: 9003}, Units(SURVEY, SURVEY)),
     "heights alone": ({1024: 1, 3072: 26915, 4099: 9002}, Units(1.0, FOOT)),
     "of its own": ({1024: 1, 3072: 32767, 3076: 32767, 3077: 0.3048}, Units(FOOT, FOOT)),
@@ -70,11 +77,11 @@ KEYS = {
 def test_units_of_wkt(case: str) -> None:
     text, right = WKT[case]
     found = units_of_wkt(text)
-    assert (found.are_degrees, found.unknown) == (right.are_degrees, right.unknown)
+    assert replace(found, across=1, height=1) == replace(right, across=1, height=1)
     assert (found.across, found.height) == pytest.approx((right.across, right.height), rel=1e-9)
 
 
-@pytest.mark.parametrize("text", ["", "NAD83", 'PROJCS["a"', "PROJCS[" * 100, '"', "\x80[1]"])
+@pytest.mark.parametrize("text", ["", "[", "NAD83", 'PROJCS["a"', "PROJCS[" * 100, '"', "\x80[1]"])
 def test_what_is_no_wkt_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="expected a coordinate system as WKT"):
         units_of_wkt(text)
@@ -84,7 +91,7 @@ def test_what_is_no_wkt_is_refused(text: str) -> None:
 def test_units_of_keys(case: str) -> None:
     keys, right = KEYS[case]
     found = units_of_keys(keys)
-    assert (found.are_degrees, found.unknown) == (right.are_degrees, right.unknown)
+    assert replace(found, across=1, height=1) == replace(right, across=1, height=1)
     assert (found.across, found.height) == pytest.approx((right.across, right.height), rel=1e-9)
 
 
@@ -130,6 +137,9 @@ def test_degrees_are_refused_and_what_cannot_be_degrees_is_doubted(tmp_path: Pat
     points = np.array([[-89.7, 30.35, 10], [-89.69, 30.36, 12]])
     with pytest.raises(ValueError, match=r"a\.las: coordinates are degrees .* expected metres, as of UTM"):
         list(ndtree.read(las(tmp_path / "a.las", points, wkt=DEGREES), points_only=True))
+    web = METRE.replace('some ""plane""', "WGS 84 / Pseudo-Mercator")
+    with pytest.raises(ValueError, match=r"a\.las: coordinates are stretched, .* expected metres"):
+        list(ndtree.read(las(tmp_path / "a.las", POINTS, wkt=web), points_only=True))
     log = ndtree.read(las(tmp_path / "a.las", POINTS, wkt=DEGREES), points_only=True)
     assert len(list(log)) == 1 and any("are taken as metres" in note for note in log.notes)
 
@@ -154,3 +164,15 @@ def test_a_system_that_is_not_known_is_named(tmp_path: Path) -> None:
     assert log.notes == [
         "coordinate system EPSG:2263 does not say the unit of its coordinates: they are taken as metres"
     ]
+
+
+@pytest.mark.parametrize("axis, step", [(0, 0.0), (1, float("nan")), (2, float("inf")), (2, -0.001)])
+def test_steps_that_are_no_lengths_are_refused(axis: int, step: float, tmp_path: Path) -> None:
+    path = las(tmp_path / "a.las", POINTS)
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<d", content, 131 + 8 * axis, step)
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"a\.las: steps of x, y and z: found .*, expected numbers > 0"):
+        list(ndtree.read(path, points_only=True))
+    info = cli("info", path)
+    assert info.exit_code == 1 and "expected numbers > 0" in info.output and "try" not in info.output

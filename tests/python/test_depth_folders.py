@@ -170,6 +170,9 @@ def counted(folder: Path, listed: str) -> Path:
 def test_times_that_are_numbers_of_images_find_their_poses(listed: str, tmp_path: Path) -> None:
     log = read(counted(tmp_path, listed))
     assert [scan.origin[0] for scan in log] == [1, 2, 3]
+    assert "that of ICL-NUIM: 481.2,-480,319.5,239.5,5000" in log.notes[0]
+    said = read(tmp_path, camera="481.2,-480,319.5,239.5,5000")
+    assert all(np.array_equal(one.endpoints, other.endpoints) for one, other in zip(log, said))
     assert log.skipped["scans without a pose"].count == 1
 
 

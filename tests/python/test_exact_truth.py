@@ -91,6 +91,14 @@ def test_who_knows_the_world_is_right_everywhere(dim: int) -> None:
     assert exact["auc"] == 1.0
     assert exact["inside"]["occupied"] == 1.0
     assert exact["free"]["free"] == exact["near"]["free"] == 1.0
+    start = yard.scan().origin
+
+    def is_deep(points: np.ndarray) -> np.ndarray:
+        away = points - start
+        return yard.contains(points - 0.025 * away / np.linalg.norm(away, axis=1, keepdims=True))
+
+    deep = ExactTruth(yard, [yard.scan()], math.inf).of(Judge(is_deep))  # type: ignore[arg-type]
+    assert deep["inside"]["occupied"] == pytest.approx(0.5, abs=0.05), "half of the 0.05 m behind"
     wrong = ExactTruth(yard, [yard.scan()], math.inf).of(  # type: ignore[arg-type]
         Judge(lambda p: ~yard.contains(p))  # type: ignore[arg-type]
     )

@@ -57,7 +57,7 @@ def test_every_option_has_its_default_and_is_in_the_table(command: str) -> None:
     assert names
     for name in names:
         flag = max(next(one for one in every()[command].params if one.name == name).opts, key=len)
-        assert re.search(rf"{flag}[ ,/](?:(?! --).)*\(default: [^)]+\)", text), flag
+        assert re.search(rf"{flag}[ ,/](?:(?! --).)*\((?:must be given|default: [^)]+)\)", text), flag
     assert sorted(names) == sorted(one.name for one in options.options_of(command))
     assert len(USUAL[command]) <= 5 and set(USUAL[command]) <= set(names)
 

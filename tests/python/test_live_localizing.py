@@ -33,7 +33,7 @@ from ndtree.live.hypotheses import (
     leads,
 )
 from ndtree.live.localizing import FINDS, LOSES, VIEWPOINTS, place_of, quaternion_of
-from ndtree.live.surroundings import Surroundings
+from ndtree.live.surroundings import Surroundings, thinned
 from ndtree.tuning.config import Config
 
 N = 160
@@ -289,13 +289,20 @@ def test_what_few_bearings_say_tells_little_for_a_pose() -> None:
     assert many.scans == [10] and many.likely == pytest.approx(-30.0)
 
 
+@pytest.mark.parametrize("count", [0, 1, 6, 7, 8, 13, 14, 15])
+def test_thinned_points_are_at_most_as_many(count: int) -> None:
+    left = thinned(np.arange(count), 7)
+    assert min(count, 4) <= len(left) <= 7 and (np.diff(left, 2) == 0).all()
+
+
 def test_a_pose_that_is_farther_is_less_likely_beforehand() -> None:
     prior = Prior(np.eye(3), np.diag([0.01, 0.01, 0.001]), np.array([20.0, 20.0]), 1)
     logs = [prior.of(matrix_of((x, 0.0, 0.0)), np.eye(3)) for x in (0.0, 0.2, 0.5, 2.0, 5.0, 1e3)]
     assert logs[0] == pytest.approx(0.0, abs=1e-2) and (np.diff(logs) < 0).all()
     assert logs[1] == pytest.approx(-2.0, abs=0.02), "within odometry's own error"
     anywhere = prior.of(matrix_of((9.0, 9.0, 3.0)), np.eye(3))
-    assert math.log(math.exp(-9.0) / (1600 * 2 * math.pi / 0.35)) <= anywhere < logs[3]
+    slipped, carried = math.exp(-7.5) / (36**2 * 6.0 / 0.35), math.exp(-9.0) / (1600 * 2 * math.pi / 0.35)
+    assert anywhere == pytest.approx(math.log(slipped + carried), abs=1e-6) and anywhere < logs[3]
 
 
 def test_in_another_building_it_is_never_found() -> None:

@@ -208,6 +208,8 @@ def test_only_obstacles_that_are_new_are_hidden() -> None:
     hide(values, (0.0, 0.0), 1.0, places, (before, (1.0, 0.0)))
     assert {tuple(at) for at in np.argwhere(values == 0).tolist()} == {(0, 2), (2, 0)}
     assert values[3, 3] == -1
+    hide(values, (0.0, 0.0), 1.0, places, None)
+    assert np.argwhere(values == 0).tolist() == [[0, 2], [0, 3], [2, 0]] and values[3, 3] == -1
 
 
 def test_what_comes_again_too_soon_does_not_begin_anew() -> None:

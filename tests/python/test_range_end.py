@@ -206,7 +206,8 @@ def test_the_farthest_ring_on_the_ground_is_ground(
 ) -> None:
     """And rings above it that end at the largest range are doubted where the robot hardly moves."""
     rng = np.random.default_rng(21)
-    origins, points = rings(np.linspace(lowest, highest, 8), poses, rng, end=30.0)
+    high_up = np.array([0.0, 0.0, 500.0])
+    origins, points = (one + high_up for one in rings(np.linspace(lowest, highest, 8), poses, rng, end=30.0))
     np.savez(tmp_path / "a.npz", origins=origins, points=points.reshape(-1, 3),
              offsets=points.shape[1] * np.arange(len(points) + 1))  # fmt: skip
     log, config = looked(tmp_path / "a.npz")

@@ -362,6 +362,12 @@ def written(name: str, content: bytes) -> Callable[[Path], Path]:
     return write
 
 
+def around_a_log(folder: Path) -> Path:
+    (folder / "one").mkdir()
+    written("frame-000000.depth.png", b"")(folder / "one")
+    return folder
+
+
 def npz(said: str, **changes: np.ndarray | None) -> tuple[Callable[[Path], Path], str]:
     return lambda folder: save(folder / "a.npz", **changes), said
 
@@ -379,6 +385,10 @@ BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
     "a picture": (written("x.png", b"\x89PNG\r\n\x1a\n\0\0"), "a PNG image; try\n  ndtree map FOLDER"),
     "a map": (written("x.ndt", b"\x89NDT\r\n\x1a\n\0\0"),
         r"is a map, expected a log; to look at it:\n  ndtree view "),
+    "a map that is packed": (written("x.bt", gzip.compress(b"# Octomap OcTree binary file\n")),
+        r"a file packed by gzip \(a map of OctoMap's\); try\n  gunzip -k "),
+    "a folder around a log": (around_a_log,
+        r"a folder with 1 log in it; try\n  ndtree map .*one$"),
     "three columns": (written("x.txt", b"1 2 3\n"),
         "points in text without a pose; try\n  ndtree map .* --points-only"),
     "a shorter line": (written("x.txt", b"0 0 1 1\n0 0 1\n"), "line 2: expected 4 or 5 numbers, found 3"),

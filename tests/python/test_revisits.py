@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import pytest
 import ndtree
 from ndtree.base.scan import Scan
 from ndtree.evaluation.sampling import spread
-from ndtree.tuning.revisits import LEAST_PLACES, drift, surface_of
+from ndtree.tuning.revisits import LEAST_PLACES, drift, is_of_one_place, surface_of
 from ndtree.tuning.revisits import moved as matched
 
 
@@ -107,3 +108,20 @@ def test_a_visit_is_compared_with_the_runs_beside_the_earlier_one(monkeypatch: p
         "ndtree.tuning.revisits.moved", lambda seen, *_: asked.append([s.stamp for s in seen])
     )
     assert drift(runs) is None and asked == [[0.0, 1.0]]
+
+
+@pytest.mark.parametrize(
+    "origin, dim, points_only, is_one",
+    [
+        ([1.0, 2.0], 2, False, True),
+        ([1.0, 2.0, 3.0], 3, False, False),
+        ([[1.0, 2.0], [1.0, 3.0]], 2, False, False),
+        ([math.nan, 2.0], 2, False, False),
+        (None, 2, True, False),
+    ],
+)
+def test_what_scans_are_of_one_place(origin: Any, dim: int, points_only: bool, is_one: bool) -> None:
+    scan = ndtree.Scan(np.ones((2, dim)), np.zeros(dim) if origin is None else origin)
+    scan = replace(scan, points_only=points_only)
+    good = ndtree.Scan(np.ones((2, 2)), [0.0, 0.0])
+    assert is_of_one_place([good, scan]) == is_one and is_of_one_place([good])

@@ -230,8 +230,11 @@ def test_a_log_without_one_valid_beam_makes_no_map(ros2: Messages, tmp_path: Pat
 @pytest.mark.parametrize(
     "change, message",
     [
-        ({"width": 90}, r"the cloud has 32 bytes, expected 1440 for 1 rows"),
-        ({"point_step": 9}, "the cloud has 32 bytes"),
+        ({"width": 90}, r"the cloud has 32 bytes, expected 1440 for 1 row of"),
+        (
+            {"point_step": 9},
+            "field z of the cloud ends at byte 12 of a point, expected at most point_step",
+        ),
         ({"fields": []}, "the cloud has no field x or y or z, expected x, y and z, found none"),
     ],
 )
@@ -243,6 +246,14 @@ def test_clouds_that_contradict_themselves(
         change = {**change, "row_step": 1440}
     with pytest.raises(ValueError, match=f"/points: message 0: {message}"):
         standing(ros2, "/points", [changed(cloud, **change)], tmp_path)
+
+
+def test_messages_of_which_none_can_be_read_are_named(make: Messages, tmp_path: Path) -> None:
+    broken = ("sensor_msgs/msg/LaserScan", b"\x01\x02\x03")
+    rows = [("/scan", START + 0.1 * i, broken) for i in range(6)]
+    rows += [make.moved(START + 0.1 * i, "odom", "laser", [0.1 * i, 0, 0]) for i in range(6)]
+    with pytest.raises(ValueError, match="/scan: none of its messages can be read, expected some"):
+        list(read(write_bag(tmp_path / "bag", make, rows)))
 
 
 def test_images_that_contradict_themselves(ros2: Messages, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 import ndtree
 from ndtree.logs.core.log import Log
-from ndtree.logs.core.silence import noise_below, noise_below_alone
+from ndtree.logs.core.silence import noise_around, noise_below, noise_below_alone
 from ndtree.logs.ros.messages.laser import NoiseAtLimit
 
 LIMIT = 50.0
@@ -196,6 +196,17 @@ def test_few_readings_do_not_tell_noise_on_one_side_from_surfaces() -> None:
     below = np.abs(np.random.default_rng(0).normal(0, 0.1, 2000))
     assert noise_below_alone(below, 5.0) == pytest.approx(0.4, rel=0.1)
     assert noise_below_alone(below[:511], 5.0) == 0 and noise_below_alone(below, 0.6) == 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_bell_around_the_largest_range_is_told_from_surfaces(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    bell = random.normal(0.3, 0.05, 4000)
+    surfaces = random.uniform(1.0, 5.0, 4000)
+    assert noise_around(np.r_[bell, surfaces] - bell.min()) == pytest.approx(
+        (0.3 + 4 * 0.05 - bell.min(), 0.05), rel=0.1
+    )
+    assert noise_around(random.uniform(0.0, 5.0, 8000)) == (0.0, 0.0)
 
 
 def test_a_largest_reading_below_range_max_is_no_surface() -> None:

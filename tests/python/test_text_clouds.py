@@ -116,6 +116,8 @@ def test_what_was_not_measured_is_nan(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found, [[1, 2, 3], [math.nan] * 3, [math.nan] * 3, [4, 5, math.inf]])
     (scan,) = read(tmp_path / "a.csv", points_only=True)
     assert len(scan) == 4
+    (tmp_path / "b.csv").write_text("x,y,z,intensity\n1,2,3,\n4,5,6,7\n8,9,10,\n")
+    np.testing.assert_array_equal(text_points(str(tmp_path / "b.csv")), [[1, 2, 3], [4, 5, 6], [8, 9, 10]])
 
 
 def test_counts_of_several_clouds_in_a_pts_are_no_points(tmp_path: Path) -> None:

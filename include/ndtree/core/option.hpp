@@ -21,6 +21,13 @@ struct OptionBounds {
   [[nodiscard]] bool contain(double value) const { return value >= least && value <= most; }
 };
 
+/// A count, as 1,234,567.
+[[nodiscard]] inline std::string describe_count(std::size_t count) {
+  std::string text = std::to_string(count);
+  for (std::size_t at = text.size(); at > 3;) text.insert(at -= 3, 1, ',');
+  return text;
+}
+
 /// A number as messages show it: nine digits at most, and never without a point or an exponent.
 [[nodiscard]] inline std::string describe_number(double value) {
   char buffer[32];

@@ -18,6 +18,7 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/core/option.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/query/ray.hpp"
@@ -48,20 +49,22 @@ struct NoReturns {
   /// What was chosen and why, in one line.
   [[nodiscard]] std::string to_text() const {
     if (share == 0.0) return "no beam without return in the scans that were looked at";
-    char begin[80], found[160];
-    std::snprintf(begin, sizeof begin, "beams without return (%.1f %%)", 100.0 * share);
+    char begin[80], found[200];
+    const bool are_few = share < 0.001;
+    std::snprintf(begin, sizeof begin, "beams without return (%s%.1f %%)", are_few ? "less than " : "",
+                  are_few ? 0.1 : 100.0 * share);
     if (!are_judged())
       return std::string(begin) +
              " are left out: " + (beams == 0 ? "none" : "only " + std::to_string(beams)) +
              " of them could be checked";
     if (erased > kMostErased)
-      std::snprintf(found, sizeof found, "they would erase %.0f %% of %zu pieces of surface", 100.0 * erased,
-                    surfaces);
+      std::snprintf(found, sizeof found, "they would erase %.0f %% of %s pieces of surface", 100.0 * erased,
+                    describe_count(surfaces).c_str());
     else
       std::snprintf(found, sizeof found,
-                    "%.0f %% of %zu tested ones go through walls that other scans saw (pose errors would "
+                    "%.0f %% of %s tested ones go through walls that other scans saw (pose errors would "
                     "explain %.0f %%)",
-                    100.0 * crossing, beams, 100.0 * expected);
+                    100.0 * crossing, describe_count(beams).c_str(), 100.0 * expected);
     return std::string(begin) + (are_free() ? " mean free space: " : " are left out: ") + found;
   }
 

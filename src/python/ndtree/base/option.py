@@ -14,6 +14,8 @@ from ndtree.base.checks import Check, integer, number, one_of, text, true_or_fal
 
 #: Up to where a number of a node may be set, where nothing else is said.
 MOST = 1e6
+#: Instead of what holds in a command if an option is left out.
+MUST_BE_GIVEN = "must be given"
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,7 @@ class Option:
         """What holds in a command if it is left out, with its unit."""
         other = next((said for commands, said in self.but.items() if command in commands.split()), None)
         if other is not None or self.default is ...:
-            return other or "none: must be given"
+            return other or MUST_BE_GIVEN
         if self.default is None or isinstance(self.default, bool):
             on_or_off = "on" if self.default else "off"
             return self.without or (on_or_off if self.type is bool else "none")

@@ -12,6 +12,7 @@ from ndtree._errors import WrongValue, key
 from ndtree._native._checked import checked
 from ndtree.base.option import Option
 from ndtree.base.options import option
+from ndtree.base.words import number_of
 from ndtree.logs.core.failures import NotALog, readable, some_of
 from ndtree.logs.core.joined import JoinedLog
 from ndtree.logs.core.log import Log, SizedLog
@@ -71,6 +72,7 @@ READER_OPTIONS: tuple[Option, ...] = tuple(
 )
 
 _A_LOG = "a log"
+_LOOKED_INTO = 20  # Of what is in a folder.
 _KINDS_ARE = f"expected {_A_LOG}; which kinds there are:\n  ndtree map --help"
 
 #: First bytes of a map's own file, and of one of OctoMap's.
@@ -184,6 +186,8 @@ def _looked_up(path: str | os.PathLike[str], format: str | None) -> tuple[Source
 def _recognised(source: Source) -> Format:
     if source.head.startswith((MAP_MAGIC, OCTOMAP_MAGIC)):
         kind = "a map" if source.head.startswith(MAP_MAGIC) else "a map of OctoMap's"
+        if source.packed:
+            raise packed(source, kind)
         way = f"ndtree view {shlex.quote(source.path)}"
         raise ValueError(f"{source.path}: is {kind}, expected a log; to look at it:\n  {way}")
     other = before_formats(source)
@@ -198,6 +202,9 @@ def _recognised(source: Source) -> Format:
     if other is not None:
         raise other
     if source.is_folder:
+        if inside := [name for name in source.names[:_LOOKED_INTO] if _is_log(source.inside(name))]:
+            ways = [f"ndtree map {shlex.quote(source.inside(name))}" for name in inside]
+            raise NotALog(source.path, f"a folder with {number_of(len(inside), 'log')} in it", ways)
         found = f"a directory with {some_of(source.names, 6)}" if source.names else "an empty directory"
         raise IsADirectoryError(errno.EISDIR, f"is {found}, {_KINDS_ARE}", source.path)
     if b"\0" in source.head:
@@ -214,6 +221,15 @@ def _recognised(source: Source) -> Format:
         f"{source.path}: line {line[0]}: found {start}, expected x y z of a point, 4 to 7 numbers of a beam, "
         "or another log; which kinds there are:\n  ndtree map --help"
     )
+
+
+def _is_log(path: str) -> bool:
+    """Whether a folder is a log itself."""
+    try:
+        source = source_of(path, _A_LOG)
+        return source.is_folder and any(row.may_be(source) and row.recognises(source) for row in _TABLE)
+    except (OSError, ValueError):
+        return False
 
 
 def require_options(

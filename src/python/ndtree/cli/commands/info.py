@@ -113,11 +113,13 @@ def _prospect(log: Log, given: Config, write_config: Optional[Path]) -> Any:
 
 
 def _points_of(path: Path, given: Config) -> dict[str, Any]:
-    """How many points a file without poses has, and where they are; nothing where they cannot be read."""
+    """How many points a file without poses has, and where they are; nothing where a library is missing."""
     try:
-        figures = log_figures(opened(Config.of(points_only=True).overridden(given.values), path))
-    except (ImportError, OSError, ValueError):
+        log = opened(Config.of(points_only=True).overridden(given.values), path)
+        figures = log_figures(log)
+    except (ImportError, NotALog):
         return {}
+    warn_of_skipped(log)
     if figures["bounds"] is None:
         return {}
     return {"points": figures["beams"]["returned"], "bounds": figures["bounds"]}

@@ -124,7 +124,8 @@ def report(mapper: LiveMapper, seconds: float, files: Files, name: str, slam: Op
     if not is_stdout(json_file):
         _print_head(mapper, name)
         if poses is not None:
-            print(indented("; ".join([f"poses are {poses['verdict']}", *poses["doubts"]])))
+            told = "; ".join(poses["doubts"])
+            print(indented(f"poses are {poses['verdict']}{': ' if told else ''}{told}"))
         print_map(of_map)
         print(
             f"{seconds:.3f} s, of which {figures.insert_seconds:.3f} s inserting; "

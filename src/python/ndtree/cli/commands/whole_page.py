@@ -6,7 +6,7 @@ from __future__ import annotations
 import textwrap
 from typing import Any
 
-from ndtree.base.option import Option
+from ndtree.base.option import MUST_BE_GIVEN, Option
 from ndtree.base.options import QUESTIONS
 
 #: Columns of a page, and of the names of options in it.
@@ -56,7 +56,9 @@ def arguments(command: Any) -> list[str]:
 
 
 def option(command: str, option: Option) -> list[str]:
-    return entry(flags_of(option), f"{option.help.rstrip('.')} (default: {option.shown(command)}).")
+    shown = option.shown(command)
+    said = shown if shown == MUST_BE_GIVEN else f"default: {shown}"
+    return entry(flags_of(option), f"{option.help.rstrip('.')} ({said}).")
 
 
 def entry(left: str, right: str, width: int = LEFT) -> list[str]:

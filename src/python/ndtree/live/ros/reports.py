@@ -74,7 +74,8 @@ class Reports:
             return
         self._verdict, doubts = self._slam.verdict, self._slam.doubts
         level = Level.warning if doubts else Level.info
-        self._node.say(level, "; ".join([f"poses are {self._verdict}", *doubts]))
+        told = "; ".join(doubts)
+        self._node.say(level, f"poses are {self._verdict}{': ' if told else ''}{told}")
 
     def diagnose(self, lost: int) -> None:
         """Publish how the map does.

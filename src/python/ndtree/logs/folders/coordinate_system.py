@@ -23,6 +23,7 @@ _HEIGHTS = {
     **dict.fromkeys((5703, 5701, 5709, 5711, 5773, 5798, 3855, 5783, 7837, 5705, 5714, 6695), 1.0),
 }
 _OTHERS = 32767  # What has no code.
+_WEB_MERCATOR = (3857, 3785, 900913, 102100, 102113)  # Codes of EPSG's, Google's and ESRI's.
 _TOKEN = re.compile(r'\s*(?:"((?:[^"]|"")*)"|([A-Za-z_][A-Za-z0-9_]*)|([-+.\dEe]+)|([\[\](),]))')
 _MOST_NESTED = 40
 
@@ -37,6 +38,7 @@ class Units:
     across: float = 1.0
     height: float = 1.0
     are_degrees: bool = False  # x and y are longitude and latitude.
+    are_stretched: bool = False  # They are metres at the equator, and shorter by the latitude elsewhere.
     unknown: str = ""  # What does not say its unit: `across` and `height` are a guess.
 
     @property
@@ -90,6 +92,8 @@ def units_of_wkt(text: str) -> Units:
     cartesian = any(value.lower() == "cartesian" for node in across.all("CS") for value in node.values)
     if across.word in ("GEOGCS", "GEOGCRS", "GEODCRS", "GEOGRAPHICCRS", "GEODETICCRS") and not cartesian:
         return Units(are_degrees=True)
+    if re.search(r"(pseudo|web)[ _-]mercator", across.values[0].lower() if across.values else ""):
+        return Units(are_stretched=True)
     size = _length(across)
     if size is None:
         return Units(unknown=name)
@@ -147,13 +151,15 @@ def units_of_keys(keys: Mapping[int, float]) -> Units:
     """By keys of GeoTIFF and their values."""
     if keys.get(_MODEL) == _GEOGRAPHIC or (_DEGREES in keys and not {_MODEL, _PROJECTED} & keys.keys()):
         return Units(are_degrees=True)
+    system = int(keys.get(_PROJECTED, 0))
+    if system in _WEB_MERCATOR:
+        return Units(are_stretched=True)
     code, size = keys.get(_LENGTH), keys.get(_LENGTH_SIZE)
     if code is not None and code != _OTHERS:
         size = _LENGTHS.get(int(code))
     across = 1.0 if size is None else size
     upright = int(keys.get(_UPRIGHT, 0))
     height = _LENGTHS.get(int(keys.get(_HEIGHT, 0)), _HEIGHTS.get(upright))
-    system = int(keys.get(_PROJECTED, 0))
     if size is None and system not in (0, _OTHERS) and not any(low <= system <= high for low, high in _UTM):
         return Units(unknown=f"coordinate system EPSG:{system}")
     if height is None and upright not in (0, _OTHERS) and upright not in _OLD_HEIGHTS:

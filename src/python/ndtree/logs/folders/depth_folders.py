@@ -27,10 +27,11 @@ from ndtree.logs.poses.trajectory_files import read_pose, trajectory_kind
 #: What drivers write where they have no depth, beside 0.
 NO_DEPTH = 65535
 #: Cameras where neither folder nor user names one: of 7-Scenes; that for which all of TUM's images are made;
-#: and Open3D's own, a PrimeSense at 640 x 480.
+#: Open3D's own, a PrimeSense at 640 x 480; and that of ICL-NUIM, whose poses have a name of their own.
 SEVEN_SCENES_CAMERA = Camera(585.0, 585.0, 320.0, 240.0, scale=1000.0)
 TUM_CAMERA = Camera(525.0, 525.0, 319.5, 239.5, scale=5000.0)
 OPEN3D_CAMERA = Camera(525.0, 525.0, 319.5, 239.5, scale=1000.0)
+ICL_CAMERA, _OF_ICL = Camera(481.2, -480.0, 319.5, 239.5, scale=5000.0), ".gt.freiburg"
 
 _FRAME = re.compile(r"frame-\d+\.depth\.png")
 _INTRINSICS = "camera-intrinsics.txt"
@@ -127,7 +128,7 @@ class TumRgbdLog(DepthLog):
 
 
 class DepthFolderLog(DepthLog):
-    """``depth/*.png`` or ``.pgm`` in millimetres, and ``trajectory.log``.
+    """``depth/*.png`` or ``.pgm`` in millimetres, and ``trajectory.log``; or images of ICL-NUIM.
 
     Times of images are their names, or in a list ``associations.txt``. The camera is `camera`, else the
     intrinsic matrix in a JSON of the folder, as Open3D writes it, else Open3D's default, with a note.
@@ -150,6 +151,8 @@ class DepthFolderLog(DepthLog):
         if trajectory is None:
             way = f"ndtree map {source.path} --trajectory FILE (poses of the camera)"
             raise NotALog(source.path, f"{len(names)} depth images without poses", [way])
+        if trajectory.endswith(_OF_ICL):
+            self.usual, self.whose = ICL_CAMERA, "that of ICL-NUIM"
         found = _camera_in_json(source) if camera is None else None
         files = [os.path.join(folder, name) for name in names]
         super().__init__(source, files, camera, pixel_stride, found)

@@ -187,7 +187,7 @@ class PosesOfFiles:
         left = sorted(number for number in self._known if not first <= number <= last)
         if not left:
             return ""
-        more = f"{number_of(len(left), 'pose')} more, as number {left[0]:.0f}"
+        more = f"{number_of(len(left), 'more pose')}, such as number {left[0]:.0f}"
         return f"files have numbers {first} to {last}, and {self._path} has {more}: do both count alike?"
 
     def stamp(self, i: int) -> float:

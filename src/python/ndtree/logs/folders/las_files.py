@@ -33,7 +33,7 @@ _DOUBLES = 34736  # The record with GeoTIFF's numbers of floating point.
 def las_points(path: str) -> NDArray[np.float64]:
     """Points of a LAS or LAZ [m]: its integers times its scale, plus its offset, in the unit that it names.
 
-    Raises ValueError also if they are degrees.
+    Raises ValueError also if they are degrees, or of Web Mercator.
     """
     with needs("LAS and LAZ files need laspy", "clouds"):
         import laspy
@@ -47,10 +47,15 @@ def las_points(path: str) -> NDArray[np.float64]:
                     largest = _checked_chunks(path, file, reader.header)
                     if largest > _LARGE_CHUNK:  # Threads would make room for several at once.
                         reader.laz_backend = laspy.LazBackend.Lazrs
+            steps = reader.header.scales.tolist()
+            if not all(0 < step < float("inf") for step in steps):
+                raise WrongValue(f"{path}: steps of x, y and z: found {steps}, expected numbers > 0")
             units = _units(reader)
-            if units.are_degrees:
+            if units.are_degrees or units.are_stretched:
+                degrees, web = "degrees of longitude and latitude", "stretched, as Web Mercator's are"
+                are = degrees if units.are_degrees else web
                 raise WrongValue(
-                    f"{path}: coordinates are degrees of longitude and latitude, expected metres, as of UTM: "
+                    f"{path}: coordinates are {are}, expected metres, as of UTM: "
                     "pdal translate IN OUT reprojection --filters.reprojection.out_srs=EPSG:CODE"
                 )
             expected = reader.header.point_count

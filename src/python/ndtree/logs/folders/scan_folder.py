@@ -206,6 +206,8 @@ def _places(path: str, folder: str) -> Iterator[str]:
 def _above(folder: str) -> Iterator[str]:
     """The folder above another, and those for poses in it."""
     above = os.path.join(folder, os.pardir)
+    if not os.path.islink(folder.rstrip(os.sep)):  # Else it is above what the link is of.
+        above = os.path.normpath(above)
     yield above
     for name in POSE_FOLDERS:
         if os.path.isdir(os.path.join(above, name)):

@@ -109,7 +109,8 @@ def columns_of(lines: Iterable[bytes]) -> Columns | None:
         comment = next((mark for mark in _COMMENT if content.startswith(mark)), None)
         content = content.removeprefix(comment or b"").strip()
         separator, decimal_comma = separator_of(content)
-        columns = Columns(separator, decimal_comma, (0, 1, 2), 0)
+        known = header.count if header is not None and not header.is_comment else 0
+        columns = Columns(separator, decimal_comma, (0, 1, 2), known)
         fields = columns.fields(content)
         values = None if comment else _values(fields)
         if values is not None and len(values) == 1 and values[0] == int(values[0]) >= 0 and not counted:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.base.words import number_of
 from ndtree.logs.core.arrays import Bools
 from ndtree.logs.core.silence import without_padding
 from ndtree.logs.ros.messages.beams import (
@@ -59,10 +60,13 @@ def cloud_beams(message: Any, stamp: float, *, colored: bool = False) -> Beams:
         formats.append(order + _FIELD_TYPES[field.datatype])
         offsets.append(int(field.offset))
     row_step = pitch_of(int(message.row_step), height, width * step, len(data))
-    ends = [offset + np.dtype(kind).itemsize for offset, kind in zip(offsets, formats)]
+    for name, kind, offset in zip(names, formats, offsets):
+        if (end := offset + np.dtype(kind).itemsize) > step:
+            said = f"field {name} of the cloud ends at byte {end} of a point"
+            raise ValueError(f"{said}, expected at most point_step = {step}")
     needed = (height - 1) * row_step + width * step
-    if max(ends) > step or width * step > row_step or len(data) < needed:
-        rows = f"{height} rows of {row_step} bytes and {width} points of {step}"
+    if width * step > row_step or len(data) < needed:
+        rows = f"{number_of(height, 'row')} of {row_step} bytes and {width} points of {step}"
         raise ValueError(f"the cloud has {len(data)} bytes, expected {needed} for {rows}")
     layout = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
     table = np.ndarray((height, width), layout, np.ascontiguousarray(data), strides=(row_step, step))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.base.words import number_of
 from ndtree.logs.folders.depth_image import Camera, png_pixels, points_of
 from ndtree.logs.ros.messages.beams import COMPRESSED_IMAGE, SWAPPED, Beams, is_swapped, pitch_of
 
@@ -87,7 +88,7 @@ def _pixels(message: Any) -> tuple[NDArray[Any], bool]:
         step = pitch_of(step, height, width * kind.itemsize, len(data))
     needed = (height - 1) * step + width * kind.itemsize if height and width else 0
     if step < width * kind.itemsize or len(data) < needed:
-        rows = f"{height} rows of {step} bytes and {width} pixels of {kind.itemsize}"
+        rows = f"{number_of(height, 'row')} of {step} bytes and {width} pixels of {kind.itemsize}"
         raise ValueError(f"the image has {len(data)} bytes, expected {needed} for {rows}")
     image = np.ndarray((height, width), kind, data, strides=(step, kind.itemsize))
     swapped = is_swapped(image)

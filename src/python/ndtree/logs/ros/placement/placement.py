@@ -266,6 +266,8 @@ class Finder:
     def _unconnected(self) -> NowhereKnown:
         """The error of a sensor whose frame hangs nowhere: what there is, and what to say."""
         frame, frames = self.frame, self.tree.frames()
+        if not (frame or self.stamps.size):
+            return NowhereKnown(f"{self.path}: {self.topic}: none of its messages can be read, expected some")
         what = f"no transform to {frame}, the frame of {self.topic}"
         what = f"{self.path}: {what if frame else f'{self.topic} names no frame of its own'}"
         if frame in self.tree.refused:
