@@ -11,10 +11,10 @@ import numpy as np
 
 import ndtree
 from ndtree import Scan
+from ndtree.alignment.surfaces import Cloud
 from ndtree.evaluation.sampling import spread
 from ndtree.tuning.setup import setup_error
 from ndtree.tuning.setup_error import SetupError
-from ndtree.tuning.surfaces import Cloud
 from trial import bag
 from trial.outcome import Case, Outcome, limit
 from trial.robots import Recording, matrices, rings

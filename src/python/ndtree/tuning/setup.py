@@ -28,6 +28,7 @@ from functools import partial
 import numpy as np
 
 from ndtree.alignment.planar import Floats, yaw_of
+from ndtree.alignment.surfaces import FITS, Cloud, turn_of, turned_by, unit_of
 from ndtree.logs.poses.pose import about_axes, matrices_of, quaternions_of
 from ndtree.tuning.setup_error import (
     BOTH,
@@ -43,7 +44,6 @@ from ndtree.tuning.setup_error import (
     likelihood,
     said_of,
 )
-from ndtree.tuning.surfaces import Cloud, turn_of, turned_by, unit_of
 
 _FOLLOWS = 1.5  # Usual steps: a cloud that comes no later is the next.
 _MOST_PAIRS, _MOST_NEAR = 48, 16  # For the time that they take.
@@ -54,7 +54,6 @@ _FARTHEST = 6.0  # Most of the way to the next, if that is farther [m].
 _FRESH = (0.1, 0.06)  # From one to the next, so that a cloud is in few pairs [m, rad].
 #: Of points in the frame of a sensor up to 1 % are hidden, at edges; moved into the map, 6 to 45 %.
 _HIDDEN = 0.03
-_FITS = 0.3  # Of the patches, in clouds that fit each other.
 _AS_WELL = 0.02  # A match fits no better.
 _SAME = 0.03  # Motions that differ by less lead to one match [m, rad].
 #: What poses err, each by itself: place [m] and turn [rad].
@@ -390,7 +389,7 @@ class _Log:
         turn = np.kron(np.eye(2), self.seat[:3, :3])
         starts = [self._of_sensor(motions) for motions in starts]
         for i, (one, two) in enumerate(pairs):
-            fits, best, covariance = _FITS, None, np.eye(6)
+            fits, best, covariance = FITS, None, np.eye(6)
             for number, motions in enumerate(starts):
                 if any(np.abs(motions[i] - before[i]).max() < _SAME for before in starts[:number]):
                     continue
