@@ -402,6 +402,8 @@ TEST(Moved, NumbersAtATimeChangeNothing) {
   simulation.people = 3;
   MovedOptions options;
   options.range_sigma = 0.02;
+  options.place_sigma = 0.01;
+  options.turn_sigma = 0.005;
   const auto compare = [&](const auto& log) {
     const auto scans = scans_of(log);
     Simd::limit(1);
@@ -435,13 +437,15 @@ TEST(Moved, ScansWithoutBeamsAndWrongCalls) {
   scan.endpoints << 1.0, 1e9, 1.0, 0.0;
   MovedEvidence<2> other({});
   EXPECT_THROW(other.add(scan.view()), std::invalid_argument) << "too far from the first";
-  for (const char* name :
-       {"cell_size", "range_sigma", "range_sigma_quadratic", "noise_sigmas", "error_rate"}) {
+  for (const char* name : {"cell_size", "range_sigma", "range_sigma_quadratic", "place_sigma", "turn_sigma",
+                           "noise_sigmas", "error_rate"}) {
     MovedOptions options;
     const std::string wanted = name;
     (wanted == "cell_size"               ? options.cell_size
      : wanted == "range_sigma"           ? options.range_sigma
      : wanted == "range_sigma_quadratic" ? options.range_sigma_quadratic
+     : wanted == "place_sigma"           ? options.place_sigma
+     : wanted == "turn_sigma"            ? options.turn_sigma
      : wanted == "noise_sigmas"          ? options.noise_sigmas
                                          : options.error_rate) = -1.0;
     expect_refused([&] { const MovedEvidence<3> wrong(options); }, wanted);

@@ -10,10 +10,10 @@ import pytest
 
 import ndtree
 from ndtree.alignment.planar import between, composed, placed, seen_from
+from ndtree.alignment.surfaces import Cloud
 from ndtree.base.scan import Scan
 from ndtree.evaluation.sampling import spread
 from ndtree.tuning.mismatch import Mismatch, mismatch
-from ndtree.tuning.surfaces import Cloud
 
 
 @pytest.fixture(scope="module")

@@ -17,11 +17,11 @@ sys.path.insert(0, str(TOOLS))
 
 import ndtree
 from ndtree import Scan
+from ndtree.alignment.surfaces import Cloud
 from ndtree.evaluation.sampling import spread
 from ndtree.tuning.first_look import FirstLook
 from ndtree.tuning.mismatch import Mismatch, mismatch
 from ndtree.tuning.motions import moved_by
-from ndtree.tuning.surfaces import Cloud
 from trial import worlds
 from trial.scene import Floats
 from trial.setup_in_space import driven

@@ -17,7 +17,7 @@ from conftest import there
 
 import ndtree
 from ndtree.evaluation.moved import MovedPoints, moved_scores
-from ndtree.evaluation.pose_tilt import PoseTilt
+from ndtree.evaluation.pose_noise import PoseNoise
 from ndtree.logs.folders.cloud_files import points_of_file
 from ndtree.logs.folders.cloud_rows import write_cloud, write_rows
 
@@ -107,8 +107,56 @@ def test_a_delay_of_no_scan_is_refused():
         ndtree.DelayedMoved(dim=2, cell_size="x")
 
 
+def _room(rng, fault, scans=40):
+    """Scans of a laser that drives in a room with a pillar, and poses with a fault."""
+    angle = np.radians(0.5 + np.arange(360.0))
+    way = np.stack([np.cos(angle), np.sin(angle)], 1)
+    for i in range(scans):
+        origin = np.array([-1.0 + 0.05 * i, 0.3])
+        far = ((np.sign(way) * [5.0, 3.0] - origin) / way).min(axis=1)
+        to = np.array([2.0, -1.5]) - origin
+        along = way @ to
+        inside = along**2 - to @ to + 0.3**2
+        near = np.where((inside > 0) & (along > 0), along - np.sqrt(np.maximum(inside, 0)), np.inf)
+        far = np.minimum(far, near) + rng.normal(0, 0.01, len(far))
+        shift, turn = fault(i, rng)
+        c, s = np.cos(turn), np.sin(turn)
+        yield ndtree.Scan(origin + shift + (far[:, None] * way) @ np.array([[c, s], [-s, c]]), origin + shift)
+
+
+def _removed(scans, noise):
+    evidence = ndtree.MovedEvidence(dim=2, range_sigma=0.01, place_sigma=noise.place, turn_sigma=noise.turn)
+    for use in (evidence.add, evidence.look):
+        for scan in scans:
+            use(scan.endpoints, scan.origin)
+    return np.mean([evidence.probability(scan.endpoints) > 0.5 for scan in scans])
+
+
+@pytest.mark.parametrize(
+    "fault, place, turn",
+    [
+        (lambda i, rng: (np.zeros(2), 0.0), 0.0, 0.0),
+        (lambda i, rng: (np.zeros(2), np.radians(rng.normal(0, 2.0))), 0.0, 2.83),
+        (lambda i, rng: (rng.normal(0, 0.1, 2), 0.0), 0.141, 0.0),
+        (lambda i, rng: (np.array([0.3 * (i > 15), 0.0]), 0.0), 0.147, 0.0),
+        (lambda i, rng: (np.array([0.0, 0.005 * i]), 0.0), 0.082, 0.0),
+    ],
+    ids=["exact", "yaw", "place", "jump", "drift"],
+)
+def test_the_noise_of_poses_is_measured_on_shared_surfaces(fault, place, turn):
+    scans = list(_room(np.random.default_rng(3), fault))
+    noise = PoseNoise.of(scans)
+    assert noise.place == pytest.approx(place, abs=0.02 + 0.3 * place)
+    assert np.degrees(noise.turn) == pytest.approx(turn, abs=0.08 + 0.3 * turn)
+    assert noise.is_notable == (place + turn > 0)
+    assert PoseNoise.of(scans[:3]) == PoseNoise()
+    removed = [_removed(scans, noise) for noise in (PoseNoise(), noise)]
+    assert removed[1] <= 0.002
+    assert removed[0] > 0.01 or place + turn == 0
+
+
 @pytest.mark.parametrize("degrees", [0.0, 0.3, 1.0])
-def test_the_tilt_of_poses_is_measured_on_the_ground(degrees):
+def test_the_tilt_of_poses_is_measured_in_space(degrees):
     rng = np.random.default_rng(3)
     down, around = (
         x.ravel() for x in np.meshgrid(np.radians(np.arange(3.0, 40, 1)), np.radians(np.arange(0, 360, 2)))
@@ -117,23 +165,18 @@ def test_the_tilt_of_poses_is_measured_on_the_ground(degrees):
     scans = []
     for i in range(40):
         origin = np.array([0.2 * i, 0.0, 1.5])
-        points = way * (1.5 / -way[:, 2:])
-        is_box = (np.abs(points[:, 1]) < 4) & (points[:, 0] + origin[0] > 9)  # And a wall on it.
-        points[is_box] *= 0.5
+        to_wall = np.where(way[:, 0] > 0, (12.0 - origin[0]) / np.where(way[:, 0] > 0, way[:, 0], 1.0), 99.0)
+        points = way * np.minimum(1.5 / -way[:, 2], to_wall)[:, None]
         angle = np.radians(degrees) * rng.normal()
         c, s = np.cos(angle), np.sin(angle)
         turned = np.stack(
             [c * points[:, 0] + s * points[:, 2], points[:, 1], c * points[:, 2] - s * points[:, 0]], 1
         )
         scans.append(ndtree.Scan(origin + turned + rng.normal(0, 0.005, turned.shape), origin))
-    tilt = PoseTilt.of(scans)
-    assert np.degrees(tilt.tilt) == pytest.approx(degrees, abs=0.05 + 0.25 * degrees)
-    assert tilt.is_notable == (degrees > 0)
-    assert tilt.height < 0.02
-    assert PoseTilt.of(scans[:3]) == PoseTilt()
-    expected = "poses pitch by about" if degrees else ""
-    assert expected in str(tilt)
-    assert (tilt.sigma(np.array([10.0])) > 0.04).all() == (degrees > 0)
+    noise = PoseNoise.of(scans)
+    assert np.degrees(noise.turn) == pytest.approx(degrees, abs=0.02 + 0.25 * degrees)
+    assert noise.is_notable == (degrees > 0)
+    assert noise.place < 0.03
 
 
 def test_insert_tells_what_moved_by_the_map_before(office):
@@ -488,5 +531,5 @@ def test_people_before_a_real_camera(recordings, tmp_path):
     result = run("clean", log, "-o", tmp_path / "clean.npz", "--json", tmp_path / "figures.json")
     assert result.exit_code == 0, result.output
     scores = json.loads((tmp_path / "figures.json").read_text())["scores"]
-    assert scores["HA"] > 0.9  # Labels are rough: from body tracking.
-    assert scores["SA"] > 0.95
+    assert scores["HA"] > 0.85  # Labels are rough, from body tracking, and few scans tell the noise of poses.
+    assert scores["SA"] > 0.99

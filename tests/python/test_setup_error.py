@@ -17,6 +17,7 @@ from bags import START, Messages, write_bag
 from planes import box, ranges_to, rays
 
 from ndtree.alignment.planar import Floats, between, composed, placed
+from ndtree.alignment.surfaces import Cloud
 from ndtree.base.scan import Scan
 from ndtree.evaluation.sampling import spread
 from ndtree.logs import read
@@ -24,7 +25,6 @@ from ndtree.tuning.first_look import first_look
 from ndtree.tuning.mismatch import Mismatch, mismatch
 from ndtree.tuning.setup import setup_error
 from ndtree.tuning.setup_error import APART, SetupError
-from ndtree.tuning.surfaces import Cloud
 
 CORNERS = np.array([[0, 0], [9, 0], [9, 4], [6, 4], [6, 7], [0, 7]], dtype=float)
 #: Walls of a room with a pillar [m].

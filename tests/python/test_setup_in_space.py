@@ -20,10 +20,10 @@ sys.path.insert(0, str(TOOLS))
 
 import ndtree
 from ndtree import Scan
+from ndtree.alignment.surfaces import Cloud, turn_of, turned_by
 from ndtree.logs.poses.pose import matrices_of, mount_of, quaternions_of
 from ndtree.tuning.setup import setup_error
 from ndtree.tuning.setup_error import SetupError
-from ndtree.tuning.surfaces import Cloud, turn_of, turned_by
 from trial import bag, worlds
 from trial import setup_in_space as setup_trials
 from trial.scene import Floats

@@ -11,11 +11,11 @@ import numpy as np
 
 import ndtree
 from ndtree import Scan
+from ndtree.alignment.surfaces import Cloud
 from ndtree.evaluation.sampling import spread
 from ndtree.tuning.mismatch import Mismatch, mismatch
 from ndtree.tuning.setup import setup_error
 from ndtree.tuning.setup_error import SetupError
-from ndtree.tuning.surfaces import Cloud
 from trial import bag
 from trial.outcome import Case, Outcome, limit
 from trial.robots import Recording, matrices, rings

@@ -124,6 +124,13 @@ class MovedEvidence {
   [[nodiscard]] double sigma_at(double range) const {
     return options_.range_sigma + unfused(options_.range_sigma_quadratic * range) * range;
   }
+  /// Standard deviation of a beam's range by itself [m].
+  [[nodiscard]] double sigma_of(const ScanView<D>& scan, Eigen::Index i, double range) const {
+    return scan.range_sigma != nullptr ? scan.range_sigma[i] : sigma_at(range);
+  }
+  /// The radius around a place at a distance that beams must surround, and pass [m]: by errors of poses, its
+  /// points are displaced across the beam.
+  [[nodiscard]] float in_view(float distance) const { return unfused(distance * turned_) + in_view_; }
   [[nodiscard]] Point direction_of(std::size_t i, float distance) const {
     Point way;
     for (std::size_t k = 0; k < D; ++k)
@@ -134,7 +141,7 @@ class MovedEvidence {
   void ask_beams(std::size_t i, float distance) {
     if (tallies_[i].own_scan == looked_) return;
     using Seen = typename BeamImage<D>::Seen;
-    const Seen seen = image_.look(direction_of(i, distance), in_view_ / distance,
+    const Seen seen = image_.look(direction_of(i, distance), in_view(distance) / distance,
                                   std::max(distance - margins_[i], 0.0F), distance + margins_[i]);
     if (seen == Seen::beside)
       ++tallies_[i].unsure;
@@ -202,6 +209,9 @@ class MovedEvidence {
   /// Asks the scan about the cells of a ball that is not hidden.
   void visit(std::size_t level, std::size_t number);
 #ifdef NDTREE_HAS_EIGHTS
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightFloats in_view_by_eights(const EightFloats& distance) const {
+    return unfused(distance * turned_) + in_view_;
+  }
   /// is_hidden() of eight balls, a bit each.
   NDTREE_BY_EIGHTS [[nodiscard]] unsigned hidden_by_eights(const CellBalls<D>& balls,
                                                            std::size_t first) const;
@@ -226,7 +236,8 @@ class MovedEvidence {
   BeamImage<D> image_;
   RangePyramid<D> pyramid_;
   Point origin_ = Point::Zero();
-  float in_view_ = 0.0F;  // The radius that beams around a cell must surround [m].
+  float in_view_ = 0.0F;  // See in_view(): at the sensor [m],
+  float turned_ = 0.0F;   // and for each metre.
   std::unique_ptr<Workers> workers_;
 };
 
@@ -251,9 +262,9 @@ void MovedEvidence<D>::add_from(const ScanView<D>& scan, Eigen::Index first, Eig
     if (range == 0.0) continue;
     const std::size_t beam = seen++;
     if (!scan.is_returned(i) || range > max_range) continue;
-    const auto sigma =
-        static_cast<float>(scan.range_sigma != nullptr ? scan.range_sigma[i] : sigma_at(range));
-    const std::uint32_t number = cells_.add(scan.endpoint(i), sigma, cursor);
+    const auto sigma = static_cast<float>(sigma_of(scan, i, range));
+    const std::uint32_t number =
+        cells_.add(scan.endpoint(i), sigma + static_cast<float>(0.5 * options_.place_sigma), cursor);
     if (number == SurfaceCells<D>::kNone)
       throw std::invalid_argument("beam " + std::to_string(i) + ": ends more than a million cells of " +
                                   describe_number(options_.cell_size) + " m from the log's first end point");
@@ -319,7 +330,7 @@ float MovedEvidence<D>::sure_range(const ScanView<D>& scan, Eigen::Index i, doub
                                    double max_range) const {
   double sure = std::min(range, max_range);
   if (scan.is_returned(i) && range <= max_range)
-    sure -= options_.noise_sigmas * (scan.range_sigma != nullptr ? scan.range_sigma[i] : sigma_at(range));
+    sure -= options_.noise_sigmas * (sigma_of(scan, i, range) + 0.5 * options_.place_sigma);
   return static_cast<float>(std::max(sure, 0.0));
 }
 
@@ -353,7 +364,10 @@ void MovedEvidence<D>::find_own(const ScanView<D>& scan, Eigen::Index first, Eig
 
 template <int D>
 void MovedEvidence<D>::look_from() {
-  in_view_ = static_cast<float>(0.25 * options_.cell_size + options_.noise_sigmas * options_.range_sigma);
+  const double sigmas = options_.noise_sigmas;
+  in_view_ = static_cast<float>(0.25 * options_.cell_size + sigmas * options_.range_sigma +
+                                sigmas * options_.place_sigma);
+  turned_ = static_cast<float>(sigmas * options_.turn_sigma);
   workers_->for_each_task(balls_[task_level_].size, [this](std::size_t, std::size_t task) {
     if (!is_hidden(balls_[task_level_], task)) visit(task_level_, task);
   });
@@ -367,8 +381,9 @@ bool MovedEvidence<D>::is_hidden(const CellBalls<D>& balls, std::size_t number) 
   float square = 0.0F;
   for (int k = 0; k < D; ++k) square = unfused(way[k] * way[k]) + square;
   const float radius = balls.radius[number];
-  const float nearest = std::sqrt(square) - radius - balls.margin[number];
-  return nearest > 0.0F && pyramid_.hides(center, radius + in_view_, nearest);
+  const float distance = std::sqrt(square);
+  const float nearest = distance - radius - balls.margin[number];
+  return nearest > 0.0F && pyramid_.hides(center, radius + in_view(distance + radius), nearest);
 }
 
 template <int D>
@@ -404,7 +419,8 @@ void MovedEvidence<D>::visit(std::size_t level, std::size_t number) {
     for (int k = 0; k < D; ++k) sum = unfused(way[k] * way[k]) + sum;
     const float distance = std::sqrt(sum);
     const float margin = margins_[i];
-    const float passed = pyramid_.surely_passed(mean, distance, in_view_, std::max(distance - margin, 0.0F));
+    const float passed =
+        pyramid_.surely_passed(mean, distance, in_view(distance), std::max(distance - margin, 0.0F));
     if (passed >= 0.0F) count(i, passed > distance + margin, distance);
     if (passed == RangePyramid<D>::kSparse) ask_beams(i, distance);
   }
@@ -422,8 +438,10 @@ NDTREE_BY_EIGHTS unsigned MovedEvidence<D>::hidden_by_eights(const CellBalls<D>&
     square = unfused(way * way) + square;
   }
   const EightFloats radius = EightFloats::load(balls.radius.data() + first);
-  const EightFloats nearest = sqrt_of(square) - radius - EightFloats::load(balls.margin.data() + first);
-  return (pyramid_.hides(center, radius + in_view_, nearest) & (nearest > 0.0F)).set();
+  const EightFloats distance = sqrt_of(square);
+  const EightFloats nearest = distance - radius - EightFloats::load(balls.margin.data() + first);
+  return (pyramid_.hides(center, radius + in_view_by_eights(distance + radius), nearest) & (nearest > 0.0F))
+      .set();
 }
 
 template <int D>
@@ -438,8 +456,9 @@ NDTREE_BY_EIGHTS void MovedEvidence<D>::ask_by_eights(std::size_t i, std::size_t
   }
   const EightFloats distance = sqrt_of(sum);
   const EightFloats margin = EightFloats::load(margins_.data() + i);
-  const EightFloats passed = pyramid_.surely_passed(mean, distance, in_view_, max_of(distance - margin, 0.0F),
-                                                    EightMask::first(end - i));
+  const EightFloats passed =
+      pyramid_.surely_passed(mean, distance, in_view_by_eights(distance), max_of(distance - margin, 0.0F),
+                             EightMask::first(end - i));
   const unsigned beyond = (passed > distance + margin).set();
   unsigned answers = (passed >= 0.0F).set();
   unsigned sparse = (passed == RangePyramid<D>::kSparse).set();

@@ -19,8 +19,10 @@ namespace ndtree {
 /// How sure a scan must be that a place is empty.
 struct MovedOptions {
   double cell_size = 0.05;             ///< Points of one cell have one answer [m].
-  double range_sigma = 0.03;           ///< Standard deviation of a range r is this [m], pose errors included,
+  double range_sigma = 0.03;           ///< Standard deviation of a range r is this [m],
   double range_sigma_quadratic = 0.0;  ///< plus this times r² [1/m].
+  double place_sigma = 0.0;            ///< Of how a scan lies to another one, on each axis [m],
+  double turn_sigma = 0.0;             ///< and of how it is turned, about each [rad].
   double noise_sigmas = 2.0;           ///< Of a range, that a point and a beam each may be wrong by.
   double error_rate = 0.2;             ///< Fraction of the scans that see through what stands, at most.
   int most_scans = 12;                 ///< Scans in a row that outweigh any before that said otherwise.
@@ -32,6 +34,9 @@ struct MovedOptions {
                    ">= 0 m and finite");
     require_option(range_sigma_quadratic >= 0.0 && std::isfinite(range_sigma_quadratic),
                    "range_sigma_quadratic", range_sigma_quadratic, ">= 0 1/m and finite");
+    require_option(place_sigma >= 0.0 && std::isfinite(place_sigma), "place_sigma", place_sigma,
+                   ">= 0 m and finite");
+    require_option(turn_sigma >= 0.0 && turn_sigma <= 1.0, "turn_sigma", turn_sigma, "in [0, 1] rad");
     require_option(noise_sigmas > 0.0 && noise_sigmas <= 100.0, "noise_sigmas", noise_sigmas, "in (0, 100]");
     require_option(error_rate >= 1e-3 && error_rate < 0.5, "error_rate", error_rate, "in [0.001, 0.5)");
     require_option(most_scans >= 1 && most_scans <= 1000, "most_scans", most_scans, "in [1, 1000]");

@@ -135,18 +135,21 @@ void bind_moved(py::module_& module) {
   const MovedOptions defaults;
   py::class_<AnyMovedEvidence>(module, "MovedEvidence", doc::MovedEvidence)
       .def(py::init([](int dim, double cell_size, double range_sigma, double range_sigma_quadratic,
-                       double noise_sigmas, double error_rate) {
+                       double place_sigma, double turn_sigma, double noise_sigmas, double error_rate) {
              MovedOptions options;
              options.cell_size = cell_size;
              options.range_sigma = range_sigma;
              options.range_sigma_quadratic = range_sigma_quadratic;
+             options.place_sigma = place_sigma;
+             options.turn_sigma = turn_sigma;
              options.noise_sigmas = noise_sigmas;
              options.error_rate = error_rate;
              return std::make_unique<AnyMovedEvidence>(dim, options);
            }),
            py::kw_only(), "dim"_a, "cell_size"_a = defaults.cell_size, "range_sigma"_a = defaults.range_sigma,
-           "range_sigma_quadratic"_a = defaults.range_sigma_quadratic,
-           "noise_sigmas"_a = defaults.noise_sigmas, "error_rate"_a = defaults.error_rate)
+           "range_sigma_quadratic"_a = defaults.range_sigma_quadratic, "place_sigma"_a = defaults.place_sigma,
+           "turn_sigma"_a = defaults.turn_sigma, "noise_sigmas"_a = defaults.noise_sigmas,
+           "error_rate"_a = defaults.error_rate)
       .def_property_readonly(
           "dim", [](const AnyMovedEvidence& any) { return any.dim(); }, doc::MovedEvidence_dim)
       .def_property_readonly(

@@ -166,6 +166,8 @@ class MovedEvidence:
         Points of one cell have one answer [m].
     range_sigma, range_sigma_quadratic : float
         The standard deviation of a range r is range_sigma + range_sigma_quadratic * r**2 [m].
+    place_sigma, turn_sigma : float
+        Standard deviations of how a scan lies to another one on each axis [m], and is turned about each [rad].
     noise_sigmas : float
         Standard deviations that a point and a beam each may be wrong by.
     error_rate : float
@@ -184,6 +186,8 @@ class MovedEvidence:
         cell_size: float = ...,
         range_sigma: float = ...,
         range_sigma_quadratic: float = ...,
+        place_sigma: float = ...,
+        turn_sigma: float = ...,
         noise_sigmas: float = ...,
         error_rate: float = ...,
     ) -> None: ...

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -15,13 +14,11 @@ from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
-from ndtree.evaluation.pose_tilt import PoseTilt
+from ndtree.evaluation.pose_noise import PoseNoise
 from ndtree.logs import Log
 from ndtree.logs.core.joined import Again
 from ndtree.logs.core.log import SizedLog
 
-#: Scans at the begin of a log from which the tilt of its poses is measured.
-_TILT_SCANS = 100
 # Scans that find something in a cell: one may be an outlier.
 _LEAST_FOUND = 2
 _INSIDE = 1e-3  # Of a cell's edge: the box that stands for a point in it.
@@ -48,13 +45,18 @@ class MovedPoints:
         self.again = Again(self.log)
         self._margin = settings["min_cell_size"]
         self._sigma = settings["range_sigma"], settings["range_sigma_quadratic"]
-        #: Of the log's poses, from look() on; it widens the noise of ranges.
-        self.tilt = PoseTilt()
-        self._evidence = _core.MovedEvidence(
+        #: Of the log's poses, from look() on.
+        self.noise = PoseNoise()
+        self._evidence = self._new_evidence()
+
+    def _new_evidence(self) -> _core.MovedEvidence:
+        return _core.MovedEvidence(
             dim=self.log.dim,
-            cell_size=settings["min_cell_size"],
+            cell_size=self._margin,
             range_sigma=self._sigma[0],
             range_sigma_quadratic=self._sigma[1],
+            place_sigma=self.noise.place,
+            turn_sigma=self.noise.turn,
         )
 
     def look(self, progress: Progress | None = None) -> MovedPoints:
@@ -64,8 +66,8 @@ class MovedPoints:
         Raises ValueError if the log is damaged, or a scan cannot be used; it is named.
         """
         show = no_progress if progress is None else progress
-        if self.log.dim == 3:
-            self.tilt = PoseTilt.of(islice(self.log, _TILT_SCANS))
+        self.noise = PoseNoise.of(self.again)
+        self._evidence = self._new_evidence()
         for what, use in (("collecting points", self._evidence.add), ("seeing through", self._evidence.look)):
             total = len(self.log) if isinstance(self.log, SizedLog) else 0
             is_noted = not self.again.are_kept
@@ -92,13 +94,7 @@ class MovedPoints:
             self.log.skip("scans that cannot be used", ValueError(f"{self.log.name}: scan {number}: {error}"))
 
     def _with_sigma(self, scan: Scan) -> Scan:
-        scan = scan.with_sigma(dict(zip(("range_sigma", "range_sigma_quadratic"), self._sigma)))
-        if not self.tilt.is_notable:
-            return scan
-        length = np.linalg.norm(scan.endpoints.astype(np.float64) - scan.origin, axis=1)
-        length[~np.isfinite(length)] = 0.0
-        sigma = self._sigma[0] + self._sigma[1] * length**2 if scan.range_sigma is None else scan.range_sigma
-        return replace(scan, range_sigma=sigma + self.tilt.sigma(length))
+        return scan.with_sigma(dict(zip(("range_sigma", "range_sigma_quadratic"), self._sigma)))
 
     def probability(self, scan: Scan) -> NDArray[np.float32]:
         """That each point of a scan moved; 0.5 for beams that returned from nowhere."""
@@ -133,7 +129,7 @@ class MovedPoints:
         own = self._with_sigma(scan).range_sigma
         if own is not None:
             sigma = own[moved].astype(np.float64)
-        kept = 1 - (self._margin + 2 * sigma) / length
+        kept = 1 - (self._margin + 2 * (sigma + 0.5 * self.noise.place)) / length
         ends = scan.endpoints.copy()
         ends[moved] = np.where((kept > 0)[:, None], origin + kept[:, None] * way, np.nan)
         return replace(scan, endpoints=ends, returned=scan.did_return & ~moved)

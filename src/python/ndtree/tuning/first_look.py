@@ -14,6 +14,7 @@ import numpy as np
 from ndtree._errors import Text, key
 from ndtree._native import _core
 from ndtree._native._checked import checked
+from ndtree.alignment.surfaces import Cloud
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.base.typing import MapOptions
@@ -30,7 +31,6 @@ from ndtree.tuning.range_end import range_end
 from ndtree.tuning.revisits import Drift, drift
 from ndtree.tuning.setup import setup_error
 from ndtree.tuning.setup_error import SetupError
-from ndtree.tuning.surfaces import Cloud
 
 #: Of structured light and stereo, where the log has too little to measure it: at the sensor [m], and growing
 #: with the squared range [1/m].

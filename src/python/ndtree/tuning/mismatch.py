@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from ndtree._errors import Text, key
 from ndtree.alignment.planar import Floats
+from ndtree.alignment.surfaces import FITS, Cloud
 from ndtree.base.words import number_of, percent
 from ndtree.tuning.motions import errors_of, has_moved, motions_of, pose_noise
-from ndtree.tuning.surfaces import FITS, Cloud
 
 #: Squared error over variances of a pair that does not fit: of six freedoms, by chance one in a thousand. Of
 #: logs with good poses nine pairs of ten have at most 5, of wrong ones hundreds.

@@ -28,6 +28,7 @@ from functools import partial
 import numpy as np
 
 from ndtree.alignment.planar import Floats, yaw_of
+from ndtree.alignment.surfaces import FITS, Cloud, turn_of, turned_by, unit_of
 from ndtree.logs.poses.pose import about_axes, matrices_of, quaternions_of
 from ndtree.tuning.motions import (
     errors_of,
@@ -52,7 +53,6 @@ from ndtree.tuning.setup_error import (
     likelihood,
     said_of,
 )
-from ndtree.tuning.surfaces import FITS, Cloud, turn_of, turned_by, unit_of
 
 _FOLLOWS = 1.5  # Usual steps: a cloud that comes no later is the next.
 _MOST_PAIRS, _MOST_NEAR = 48, 16  # For the time that they take.

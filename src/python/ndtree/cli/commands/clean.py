@@ -54,7 +54,7 @@ def clean(log: GivenLog, call: Call, given: Config) -> None:
         "points": cleaned.points,
         "moved": cleaned.moved,
         "unknown": cleaned.unknown,
-        "poses": points.tilt.figures(),
+        "poses": points.noise.figures(),
         "seconds": time.perf_counter() - begin,
         "looking_seconds": looked,
         "skipped": skipped(source),
@@ -75,8 +75,8 @@ def clean(log: GivenLog, call: Call, given: Config) -> None:
         moved = f"{number_of(cleaned.moved, 'point')} moved ({percent(share)})"
         unsure = f"; seen too rarely to tell: {cleaned.unknown:,}" if cleaned.unknown else ""
         print(f"  {moved}{unsure}")
-        if points.tilt.is_notable:
-            print(f"  {points.tilt}")
+        if points.noise.is_notable:
+            print(indented(str(points.noise)))
         if scores is not None:
             print(f"  compared with the log's array 'moving': {scores}")
         print(f"in {figures['seconds']:.3f} s; wrote {listed([call.output, *filter(None, [call.picture])])}")

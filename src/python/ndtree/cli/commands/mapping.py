@@ -60,14 +60,14 @@ class StaticScans:
             "points": self.moved,
             "kept_cells": self.kept,
             "seconds": self.seconds,
-            "poses": self.points.tilt.figures(),
+            "poses": self.points.noise.figures(),
         }
 
     def __str__(self) -> str:
-        tilt = f"; {self.points.tilt}" if self.points.tilt.is_notable else ""
+        noise = f"; {self.points.noise}" if self.points.noise.is_notable else ""
         kept = f"; {number_of(self.kept, 'cell')} of thin things stay occupied" if self.kept else ""
         moved = number_of(self.moved, "point")
-        return f"{moved} moved and were left out, found in {self.seconds:.3f} s{kept}{tilt}"
+        return f"{moved} moved and were left out, found in {self.seconds:.3f} s{kept}{noise}"
 
 
 @dataclass(frozen=True)

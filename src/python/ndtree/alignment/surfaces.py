@@ -34,6 +34,9 @@ _SLANT = math.sqrt(_FLAT)  # What is flat enough may be turned by that [rad].
 _FREEDOM = 2.0  # Of Student's t.
 _START = np.array([1.0, 1.0, 1.0, 0.35, 0.35, 0.35])  # How far patches are from their places [m, rad].
 _BESIDE = 0.1  # Of its plane, a patch is on it [m].
+FITS = 0.3  # Of the patches, in clouds that fit each other.
+_MISSED = 5.0  # Deviations.
+_SURE = 6.0  # By how much likelier a motion is than another one, in logarithms.
 _BEHIND = 1.5  # Times as far, a point is behind another.
 _BEAMS = 180  # The next beam of a scan of 180 shows how a surface is turned.
 _CUBES = 2048  # On each side of the sensor.
@@ -200,16 +203,67 @@ class Cloud:
         off = self._met(other, motion)[1]
         return float(np.exp(-0.5 * (off / _BESIDE) ** 2).sum()) / max(len(other.patches.keys), 1)
 
-    def matched(self, other: Cloud, motion: Floats) -> tuple[Floats, Floats]:
+    @cached_property
+    def reach(self) -> float:
+        """The usual range [m]; 0 without points."""
+        return float(np.median(np.linalg.norm(self._points, axis=1))) if len(self._points) else 0.0
+
+    @cached_property
+    def middle(self) -> Floats:
+        """Of its points, in the map [m]."""
+        result: Floats = self.pose[:3, :3] @ self._points.mean(axis=0) + self.pose[:3, 3]
+        return result
+
+    def displacement(self, other: Cloud) -> Floats | None:
+        """By how much another cloud lies otherwise than the poses say: (6,) place and turn, on the left.
+
+        Only as far as its patches surely fit better there: it is 0 in directions that they do not tell, and
+        where they repeat. None if they fit nowhere.
+        """
+        told = np.linalg.inv(self.pose) @ other.pose
+
+        def moved(by: Floats) -> Floats:
+            motion = told.copy()
+            motion[:3, 3] += by[:3]
+            motion[:3, :3] = turned_by(by[3:]) @ told[:3, :3]
+            return motion
+
+        best, likely = np.zeros(6), self._likelihood(other, told)
+        for sizes in (2, len(_SIZES)):
+            pose = self.matched(other, told, sizes)[0]
+            change = np.append(pose[:3, 3] - told[:3, 3], turn_of(pose[:3, :3] @ told[:3, :3].T))
+            if (there := self._likelihood(other, pose)) > likely + _SURE:
+                best, likely = change, there
+        if self.agreement(other, moved(best)) < FITS:
+            return None
+        if best.any():
+            normal, off, arm, variance, _, _ = self._met(other, moved(best))
+            rows = np.hstack((normal, _crossed(arm, normal))) * _START
+            weights = (_FREEDOM + 1) / (_FREEDOM * variance + off**2)
+            for axis in np.linalg.eigh((rows * weights[:, None]).T @ rows)[1].T:  # The least known first.
+                less = best - _START * axis * (axis @ (best / _START))
+                if (there := self._likelihood(other, moved(less))) > likely - _SURE:
+                    best, likely = less, there
+        return best
+
+    def _likelihood(self, other: Cloud, motion: Floats) -> float:
+        """Logarithm of how likely another's patches lie as they do; _MISSED off where they meet none."""
+        _, off, _, variance, _, which = self._met(other, motion)
+        likely = np.full(len(other.patches.keys), -math.log1p(_MISSED**2 / _FREEDOM))
+        np.maximum.at(likely, which, -np.log1p(off**2 / (_FREEDOM * variance)))
+        return float(likely.sum())
+
+    def matched(self, other: Cloud, motion: Floats, sizes: int = len(_SIZES)) -> tuple[Floats, Floats]:
         """The pose of another cloud as seen from this one, (4, 4), near a guess of it; and its covariance.
 
         That is (6, 6), of its place and of a turn on the left of its rotation; huge where nothing tells.
+        `sizes`: Of patches, from the smallest on: fewer of a guess that is nearly right.
         """
         pose = motion.copy()
-        levels = _levels(self.scan.dim == 2)
+        levels = _levels(self.scan.dim == 2)[:sizes]
         for level in reversed(levels):
             for _ in range(_ROUNDS):
-                normal, off, arm, variance, slant = self._met(other, pose, level)
+                normal, off, arm, variance, slant, _ = self._met(other, pose, level)
                 rows = np.hstack((normal, _crossed(arm, normal)))
                 weights = (_FREEDOM + 1) / (_FREEDOM * variance + off**2)
                 information = (rows * weights[:, None]).T @ rows
@@ -224,11 +278,11 @@ class Cloud:
 
     def _met(
         self, other: Cloud, motion: Floats, level: int = 0
-    ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    ) -> tuple[Floats, Floats, Floats, Floats, Floats, NDArray[np.int64]]:
         """Another's patches, of a size and larger ones, that meet planes.
 
-        Returns (n, 3) normals of these, (n,) how far they are off, (n, 3) whence they are seen, and (n,)
-        variances of being off and of the normal's angle.
+        Returns (n, 3) normals of these, (n,) how far they are off, (n, 3) whence they are seen, (n,)
+        variances of being off and of the normal's angle, and (n,) their numbers.
         """
         one, two = self.patches, other.patches
         which = np.arange(int(np.searchsorted(two.keys, _key(level, 0))), len(two.keys))
@@ -245,7 +299,7 @@ class Cloud:
         normal, arm = one.normal[at], arm[which]
         off = np.einsum("ni,ni->n", normal, arm + motion[:3, 3] - one.mean[at])
         variance = _ERROR**2 + 0.25 * (one.variance[at] + two.variance[which])
-        return normal, off, arm, variance, one.slant[at] + _SLANT**2
+        return normal, off, arm, variance, one.slant[at] + _SLANT**2, which
 
 
 def unit_of(clouds: Sequence[Cloud]) -> float:
