@@ -33,7 +33,7 @@ _DIGITS = re.compile(r"\d{41,}")
 _NOTE = re.compile(
     r" messages? found in it| scans had no pose| each beam at its own time| without return "
     r"|: it is taken as fixed$|^ndtree: field of view of | poses are those of the matching"
-    r"| numbers a point in |^ndtree: (the camera is|depths are) taken as "
+    r"|: do both count alike\?$| numbers a point in |^ndtree: (the camera is|depths are) taken as "
 )
 
 
