@@ -121,7 +121,7 @@ class _Pairs:
     def do_fit(self, pairs: Iterable[tuple[int, int]], may_stand: bool = False) -> Fits:
         """Whether each pair fits.
 
-        `may_stand`: A match may also be found from where the sensor has not moved.
+        `may_stand`: Where none fits as told, one may be found from where the sensor has not moved.
         """
         return {pair: self._fits(*pair, may_stand) for pair in pairs}
 
@@ -130,7 +130,7 @@ class _Pairs:
         told = motions_of(self._poses, np.array([[first, second]]))
         as_told = one.agreement(other, told[0])
         best, off = max(FITS, as_told), None
-        for start in (told[0], np.eye(4))[: 1 + may_stand]:
+        for start in (told[0], np.eye(4))[: 1 + (may_stand and as_told <= FITS)]:
             seen, covariance = one.matched(other, start)
             fit = one.agreement(other, seen)
             if fit >= best and not (as_told > FITS and _stands(seen)):
