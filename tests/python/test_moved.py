@@ -531,5 +531,5 @@ def test_people_before_a_real_camera(recordings, tmp_path):
     result = run("clean", log, "-o", tmp_path / "clean.npz", "--json", tmp_path / "figures.json")
     assert result.exit_code == 0, result.output
     scores = json.loads((tmp_path / "figures.json").read_text())["scores"]
-    assert scores["HA"] > 0.85  # Labels are rough, from body tracking, and few scans tell the noise of poses.
-    assert scores["SA"] > 0.99
+    assert scores["HA"] > 0.9  # Labels are rough: from body tracking.
+    assert scores["SA"] > 0.95

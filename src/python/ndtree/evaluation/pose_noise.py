@@ -13,7 +13,7 @@ from ndtree.alignment.surfaces import Cloud
 from ndtree.base.scan import Scan
 from ndtree.evaluation.sampling import spread
 
-_MOST_PAIRS, _LEAST_PAIRS = 64, 5
+_MOST_PAIRS, _LEAST_PAIRS = 64, 12
 _WRONG = 20  # One match in this many may be wrong, as where surfaces repeat.
 _NEAR = 0.5  # Of the usual range: scans whose places, and whose surfaces' middles, are no farther apart.
 #: Errors below these are within those of maps and sensors [m, rad]: nothing is said of them.

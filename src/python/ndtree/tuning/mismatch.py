@@ -27,7 +27,8 @@ from ndtree.tuning.motions import errors_of, has_moved, motions_of, pose_noise
 _OFF = 22.5
 #: Of what a cloud sees, how much lies in what the other saw free, where none fits. With crowds it is less.
 _THROUGH = 0.1
-_LEAST, _SOME = 3, 0.1  # Pairs that do not fit, at least, and of those that tell.
+#: Pairs that do not fit, at least, and of those that tell: what moves makes some places look otherwise.
+_LEAST, _SOME = 3, {"steps": 0.1, "returns": 0.5}
 _MOST = 24  # Pairs of a kind, for the time that they take.
 _ACROSS, _ALL = 3, 0.75  # Clouds before and after a step, and how many of their pairs do not fit, at least.
 _FOLLOWS = 1.5  # Usual steps in time: what comes no later is next.
@@ -152,7 +153,7 @@ class _Pairs:
         """What is said of pairs of which too many do not fit."""
         wrong = [pair for pair, does in fits.items() if does is False]
         known = sum(does is not None for does in fits.values())
-        if len(wrong) < max(_LEAST, _SOME * known):
+        if len(wrong) < max(_LEAST, _SOME[kind] * known):
             return None
         return Mismatch(kind, len(wrong), known, self.since(wrong[0][1]))
 
