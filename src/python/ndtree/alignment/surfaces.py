@@ -28,6 +28,7 @@ _ROUNDS, _STILL = 8, 1e-3  # Of each; until nothing is moved farther [m, rad].
 _LEAST_POINTS, _LEAST_BEAMS = 6, 4  # Of a patch in space and in the plane.
 _FLAT, _WIDE = 0.02, 0.1  # Variances of a plane: the least to the middle one; its root to the edge.
 FITS = 0.3  # Of the patches, in clouds that fit each other.
+_FEWEST = 12  # Patches that tell how a cloud lies.
 _PARALLEL = 0.9  # Cosine of normals of the same surface.
 _ERROR = 0.02  # Of a patch, beside half of its thickness [m].
 _SLANT = math.sqrt(_FLAT)  # What is flat enough may be turned by that [rad].
@@ -206,52 +207,33 @@ class Cloud:
     @cached_property
     def reach(self) -> float:
         """The usual range [m]; 0 without points."""
-        return float(np.median(np.linalg.norm(self._points, axis=1))) if len(self._points) else 0.0
+        return float(np.median(np.linalg.norm(self.points, axis=1))) if len(self.points) else 0.0
 
     @cached_property
     def middle(self) -> Floats:
         """Of its points, in the map [m]."""
-        result: Floats = self.pose[:3, :3] @ self._points.mean(axis=0) + self.pose[:3, 3]
+        result: Floats = self.pose[:3, :3] @ self.points.mean(axis=0) + self.pose[:3, 3]
         return result
 
-    def displacement(self, other: Cloud) -> Floats | None:
-        """By how much another cloud lies otherwise than the poses say: (6,) place and turn, on the left.
+    def displacement(self, other: Cloud) -> tuple[Floats, Floats] | None:
+        """By how much another cloud lies otherwise than the poses say, and the covariance of that.
 
-        Only as far as its patches surely fit better there: it is 0 in directions that they do not tell, and
-        where they repeat. None if they fit nowhere.
+        By the patches that meet where the poses have them, and by no others: what repeats nearby, as rails or
+        the pattern of the rings, would fit, too. None if few meet.
+
+        Returns (6,) place and turn, on the left, and (6, 6), huge where nothing tells.
         """
-        told = np.linalg.inv(self.pose) @ other.pose
-
-        def moved(by: Floats) -> Floats:
-            motion = told.copy()
-            motion[:3, 3] += by[:3]
-            motion[:3, :3] = turned_by(by[3:]) @ told[:3, :3]
-            return motion
-
-        best, likely = np.zeros(6), self._likelihood(other, told)
-        for sizes in (2, len(_SIZES)):
-            pose = self.matched(other, told, sizes)[0]
-            change = np.append(pose[:3, 3] - told[:3, 3], turn_of(pose[:3, :3] @ told[:3, :3].T))
-            if (there := self._likelihood(other, pose)) > likely + _SURE:
-                best, likely = change, there
-        if self.agreement(other, moved(best)) < FITS:
+        normal, off, arm, variance, slant, which = self._met(other, np.linalg.inv(self.pose) @ other.pose)
+        if len(np.unique(which)) < max(_FEWEST, FITS * len(other.patches.keys)):
             return None
-        if best.any():
-            normal, off, arm, variance, _, _ = self._met(other, moved(best))
-            rows = np.hstack((normal, _crossed(arm, normal))) * _START
-            weights = (_FREEDOM + 1) / (_FREEDOM * variance + off**2)
-            for axis in np.linalg.eigh((rows * weights[:, None]).T @ rows)[1].T:  # The least known first.
-                less = best - _START * axis * (axis @ (best / _START))
-                if (there := self._likelihood(other, moved(less))) > likely - _SURE:
-                    best, likely = less, there
-        return best
-
-    def _likelihood(self, other: Cloud, motion: Floats) -> float:
-        """Logarithm of how likely another's patches lie as they do; _MISSED off where they meet none."""
-        _, off, _, variance, _, which = self._met(other, motion)
-        likely = np.full(len(other.patches.keys), -math.log1p(_MISSED**2 / _FREEDOM))
-        np.maximum.at(likely, which, -np.log1p(off**2 / (_FREEDOM * variance)))
-        return float(likely.sum())
+        rows = np.hstack((normal, _crossed(arm, normal)))
+        change = np.zeros(6)
+        for _ in range(_ROUNDS):
+            weights = (_FREEDOM + 1) / (_FREEDOM * variance + (off + rows @ change) ** 2)
+            information = (rows * weights[:, None]).T @ rows
+            change = -np.linalg.solve(information + np.diag(_START**-2), rows.T @ (weights * off))
+        levels = len(_levels(self.scan.dim == 2))
+        return change, _covariance(information, _of_points(arm, weights * slant), levels)
 
     def matched(self, other: Cloud, motion: Floats, sizes: int = len(_SIZES)) -> tuple[Floats, Floats]:
         """The pose of another cloud as seen from this one, (4, 4), near a guess of it; and its covariance.
