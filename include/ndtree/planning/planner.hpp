@@ -340,19 +340,19 @@ class Planner {
     Deadline deadline;
     std::vector<Anchor> from, to;
   };
+  using Guide = detail::CoarseGuide<Map>;
 
-  /// Looks for a way in a space, by a guide if there is one, at no more than this many cells; the shorter one
-  /// of it and that of the path stays. @returns what it costs, in smallest cells.
-  template <class Space, class Guide>
-  double search(Space& space, Guide* guide, double greed, const Query& query, std::size_t most_cells,
-                Path<D>& path) {
-    detail::PathSearch<Space, Guide> search(space, options_.unknown_cost, greed, guide);
+  /// Looks for a way in a space, by a guide, at no more than this many cells; the shorter one of it and that
+  /// of the path stays. @returns what it costs, in smallest cells.
+  template <class Space>
+  double search(Space& space, Guide& guide, const Query& query, std::size_t most_cells, Path<D>& path) {
+    detail::PathSearch<Space, Guide> search(space, options_.unknown_cost, options_.greed, &guide);
     search.end_after(most_cells);
     for (const Anchor& anchor : query.from) search.add_start(anchor);
     for (const Anchor& anchor : query.to) search.add_goal(anchor);
     path.status = search.run(query.goal / unit(), query.deadline);
     path.expanded += search.expanded();
-    search_bytes_ = std::max(search_bytes_, search.memory_bytes());
+    search_bytes_ = std::max(search_bytes_, search.memory_bytes() + guide.memory_bytes());
     if (path.status != PathStatus::found) return std::numeric_limits<double>::infinity();
     std::vector<Vector<D>> points = tightened(search, query.start, query.goal);
     const double cost = cost_of(points);
@@ -360,26 +360,16 @@ class Planner {
     return cost / unit();
   }
   /// Through cells in which the body is free wherever it stands; if that takes a way that is longer than the
-  /// coarse one through all places where it may be free, also through gaps that are narrower. If that is
-  /// still longer, the guide may have misled it: once more without one, at no more cells than all searches
-  /// before.
+  /// coarse one through all places where it may be free, also through gaps that are narrower.
   void search_in_all(const Query& query, Path<D>& path) {
-    detail::CoarseGuide<Map> guide(*possible_, options_.unknown_cost);
+    Guide guide(*possible_, options_.unknown_cost);
     const PathStatus joined = guide.run(query.from, query.to, query.start / unit(), query.deadline);
     path.expanded = guide.expanded();
     path.status = joined;
     if (joined == PathStatus::found) {
-      const std::size_t few = guide.expanded() + kFewCells;
-      double found = search(*space_, &guide, options_.greed, query, few, path);
-      const auto goes_on = [&] {
-        return path.status != PathStatus::out_of_time && !(found < guide.length() * (1.0 + kWorthGap));
-      };
-      if (goes_on())
-        found = std::min(found, search(*narrow_, &guide, options_.greed, query, kAllCells, path));
-      if (std::isfinite(found) && goes_on())
-        (void)search<detail::NarrowSpace<Map>, detail::NoGuide>(*narrow_, nullptr, 1.0, query, path.expanded,
-                                                                path);
-      search_bytes_ += guide.memory_bytes();
+      const double found = search(*space_, guide, query, guide.expanded() + kFewCells, path);
+      if (path.status != PathStatus::out_of_time && !(found < guide.length() * (1.0 + kWorthGap)))
+        (void)search(*narrow_, guide, query, kAllCells, path);
       if (!path.points.empty()) path.status = PathStatus::found;
     }
     if (path.status != PathStatus::found) path.reason = reason_for(query, path, joined);
