@@ -15,6 +15,8 @@ if not (TOOLS / "trials").exists():
     pytest.skip("the tools are not beside the tests", allow_module_level=True)
 sys.path.insert(0, str(TOOLS))
 
+from lidar_drives import measured
+
 import ndtree
 from ndtree import Scan
 from ndtree.alignment.surfaces import Cloud
@@ -29,22 +31,13 @@ from trial.setup_in_space import driven
 TIMES = np.append(0.1 * np.arange(60), 0.1 * np.arange(60)[::-1])  # There and back.
 
 
-def _beams() -> Floats:
-    up, around = np.meshgrid(np.radians(np.linspace(-24, 12, 24)), np.radians(np.arange(0, 360, 3)))
-    directions = [np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)]
-    return np.stack([one.ravel() for one in directions], axis=1)
-
-
 @pytest.fixture(scope="module", params=[10, 14])
 def drive(request: pytest.FixtureRequest) -> tuple[Floats, list[Floats]]:
     """True poses of the sensor, and what it measures in its own frame."""
     rng = np.random.default_rng(request.param)
     world = worlds.chamber(rng)
-    poses, clouds = driven(world, rng)(TIMES), []
-    for T in poses:
-        ranges = world.scene.cast(T[:3, 3], _beams() @ T[:3, :3].T) + rng.normal(0, 0.01, len(_beams()))
-        clouds.append(_beams() * ranges[:, None])
-    return poses, clouds
+    poses = driven(world, rng)(TIMES)
+    return poses, measured(world.scene, poses, rng)
 
 
 def scans_of(told: Floats, clouds: list[Floats], *, knows_turns: bool = True) -> list[Scan]:

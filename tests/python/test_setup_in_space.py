@@ -18,6 +18,8 @@ if not (TOOLS / "trials").exists():
     pytest.skip("the tools are not beside the tests", allow_module_level=True)
 sys.path.insert(0, str(TOOLS))
 
+from lidar_drives import beams, measured
+
 import ndtree
 from ndtree import Scan
 from ndtree.alignment.surfaces import Cloud, turn_of, turned_by
@@ -34,23 +36,13 @@ CAMERA = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
 Poses = Callable[[Floats], Floats]
 
 
-def _beams() -> Floats:
-    up, around = np.meshgrid(np.radians(np.linspace(-24, 12, 24)), np.radians(np.arange(0, 360, 3)))
-    directions = [np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)]
-    return np.stack([one.ravel() for one in directions], axis=1)
-
-
 @pytest.fixture(scope="module", params=[10, 14])
 def drive(request: pytest.FixtureRequest) -> tuple[Poses, list[Floats]]:
     """True poses of the sensor at times, and what it measures at `TIMES` in its own frame."""
     rng = np.random.default_rng(request.param)
     world = worlds.chamber(rng)
     poses = driven(world, rng)
-    clouds = []
-    for T in poses(TIMES):
-        ranges = world.scene.cast(T[:3, 3], _beams() @ T[:3, :3].T) + rng.normal(0, 0.01, len(_beams()))
-        clouds.append(_beams() * ranges[:, None])
-    return poses, clouds
+    return poses, measured(world.scene, poses(TIMES), rng)
 
 
 def found_in(told: Floats, clouds: list[Floats], *, per_beam: bool = False) -> SetupError | None:
@@ -85,7 +77,7 @@ def test_beams_without_echo_at_the_largest_range_say_nothing(
 ) -> None:
     """Such ends lie on a sphere that moves with the sensor, and fit each other however it moved."""
     told = drive[0](TIMES) @ mount(0, 0, 0, 0, -degrees)
-    silent = _beams()[_beams()[:, 2] > -0.2]
+    silent = beams()[beams()[:, 2] > -0.2]
     rng = np.random.default_rng(2)
     farthest = 0.5 + max(np.linalg.norm(points, axis=1).max() for points in drive[1])
     ends = [silent * (farthest + rng.normal(0, 0.01, (len(silent), 1))) for _ in TIMES]

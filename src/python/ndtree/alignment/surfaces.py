@@ -35,9 +35,6 @@ _SLANT = math.sqrt(_FLAT)  # What is flat enough may be turned by that [rad].
 _FREEDOM = 2.0  # Of Student's t.
 _START = np.array([1.0, 1.0, 1.0, 0.35, 0.35, 0.35])  # How far patches are from their places [m, rad].
 _BESIDE = 0.1  # Of its plane, a patch is on it [m].
-FITS = 0.3  # Of the patches, in clouds that fit each other.
-_MISSED = 5.0  # Deviations.
-_SURE = 6.0  # By how much likelier a motion is than another one, in logarithms.
 _BEHIND = 1.5  # Times as far, a point is behind another.
 _BEAMS = 180  # The next beam of a scan of 180 shows how a surface is turned.
 _CUBES = 2048  # On each side of the sensor.
@@ -235,14 +232,13 @@ class Cloud:
         levels = len(_levels(self.scan.dim == 2))
         return change, _covariance(information, _of_points(arm, weights * slant), levels)
 
-    def matched(self, other: Cloud, motion: Floats, sizes: int = len(_SIZES)) -> tuple[Floats, Floats]:
+    def matched(self, other: Cloud, motion: Floats) -> tuple[Floats, Floats]:
         """The pose of another cloud as seen from this one, (4, 4), near a guess of it; and its covariance.
 
         That is (6, 6), of its place and of a turn on the left of its rotation; huge where nothing tells.
-        `sizes`: Of patches, from the smallest on: fewer of a guess that is nearly right.
         """
         pose = motion.copy()
-        levels = _levels(self.scan.dim == 2)[:sizes]
+        levels = _levels(self.scan.dim == 2)
         for level in reversed(levels):
             for _ in range(_ROUNDS):
                 normal, off, arm, variance, slant, _ = self._met(other, pose, level)

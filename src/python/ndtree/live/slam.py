@@ -168,6 +168,10 @@ class Slam:
         """Whether poses are to be trusted: "sure", "doubtful", or "too early" to tell."""
         return "doubtful" if self.doubts else "sure" if self._state is not None else "too early"
 
+    def summary(self) -> str:
+        """The verdict and its reasons, in one line."""
+        return f"poses are {self.verdict}" + (f": {'; '.join(self.doubts)}" if self.doubts else "")
+
     def figures(self) -> dict[str, Any]:
         """For a script: the verdict, and what it stands on."""
         found = {} if self._state is None else self._state.figures()

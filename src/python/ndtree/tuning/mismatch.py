@@ -21,20 +21,20 @@ from ndtree.alignment.planar import Floats
 from ndtree.alignment.surfaces import FITS, Cloud
 from ndtree.base.words import number_of, percent
 from ndtree.tuning.motions import errors_of, has_moved, motions_of, pose_noise
+from ndtree.tuning.setup_error import unfit
 
 #: Squared error over variances of a pair that does not fit: of six freedoms, by chance one in a thousand. Of
 #: logs with good poses nine pairs of ten have at most 5, of wrong ones hundreds.
 _OFF = 22.5
 #: Of what a cloud sees, how much lies in what the other saw free, where none fits. With crowds it is less.
 _THROUGH = 0.1
-#: Pairs that do not fit, at least, and of those that tell: what moves makes some places look otherwise.
+#: Pairs that do not fit, at least, and their share of all known ones: what moves changes some places.
 _LEAST, _SOME = 3, {"steps": 0.1, "returns": 0.5}
 _MOST = 24  # Pairs of a kind, for the time that they take.
 _ACROSS, _ALL = 3, 0.75  # Clouds before and after a step, and how many of their pairs do not fit, at least.
 _FOLLOWS = 1.5  # Usual steps in time: what comes no later is next.
 _STANDS = (0.1, 0.06)  # Less is no motion [m, rad].
 _RETURNED, _WAY = 1.5, 6.0  # Distance of poses at a place where the sensor returns after a way [m].
-
 
 Fits = dict[tuple[int, int], "bool | None"]  # Of pairs of clouds; None where nothing tells.
 
@@ -59,7 +59,7 @@ class Mismatch:
         """What was found and what helps, in one line."""
         when = f"{self.since:.1f} s" if math.isfinite(self.since) else "some scan"
         helps = f"use {key('align')} or the poses of a SLAM system"
-        found = "poses do not fit the scans" + (f" of {self.sensor}" if self.sensor else "")
+        found = unfit(self.sensor)
         if self.kind == "returns":
             where = f"{self.wrong} of {number_of(self.pairs, 'place')} where the robot returns"
             return Text(f"{found}: surfaces appear twice at {where}; {helps}")
@@ -150,7 +150,7 @@ class _Pairs:
         return self._views[cloud]
 
     def told(self, kind: str, fits: Fits) -> Mismatch | None:
-        """What is said of pairs of which too many do not fit."""
+        """The mismatch, if too many pairs do not fit."""
         wrong = [pair for pair, does in fits.items() if does is False]
         known = sum(does is not None for does in fits.values())
         if len(wrong) < max(_LEAST, _SOME[kind] * known):
@@ -181,7 +181,8 @@ class _Pairs:
         if any(first < cloud <= last for first, last in self._runs):
             return True
         stamps = np.array([one.stamp for one in self._clouds])
-        usual = np.median([stamps[last] - stamps[first] for first, last in self.steps()] or [0.0]) / 3
+        steps = [(stamps[last] - stamps[first]) / (last - first) for first, last in self.steps()]
+        usual = np.median(steps or [0.0])
         return bool(stamps[cloud] - stamps[cloud - 1] < _FOLLOWS * usual)
 
     def _ends(self) -> list[int]:

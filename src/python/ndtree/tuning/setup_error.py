@@ -58,6 +58,11 @@ _MISREAD = {
 }
 
 
+def unfit(sensor: str) -> str:
+    """How doubts of poses begin, of one of several sensors by its name."""
+    return "poses do not fit the scans" + (f" of {sensor}" if sensor else "")
+
+
 @dataclass(frozen=True)
 class SetupError:
     """What is wrong all along a log, from `ndtree.tuning.setup.setup_error`.
@@ -82,8 +87,7 @@ class SetupError:
         found, helps = self._words()
         if self.apart is not None:
             found += f" (walls 5 m away would be up to {min(self.apart, 10.0):.2g} m double)"
-        of = f" of {self.sensor}" if self.sensor else ""
-        return Text(f"poses do not fit the scans{of}. It is as if {found}: {helps}")
+        return Text(f"{unfit(self.sensor)}. It is as if {found}: {helps}")
 
     def _words(self) -> tuple[str, str]:
         if self.kind in _MISREAD:

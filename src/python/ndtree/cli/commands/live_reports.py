@@ -123,9 +123,8 @@ def report(mapper: LiveMapper, seconds: float, files: Files, name: str, slam: Op
     of_map, poses = map_figures(m), None if slam is None else slam.figures()
     if not is_stdout(json_file):
         _print_head(mapper, name)
-        if poses is not None:
-            told = "; ".join(poses["doubts"])
-            print(indented(f"poses are {poses['verdict']}{': ' if told else ''}{told}"))
+        if slam is not None:
+            print(indented(slam.summary()))
         print_map(of_map)
         print(
             f"{seconds:.3f} s, of which {figures.insert_seconds:.3f} s inserting; "

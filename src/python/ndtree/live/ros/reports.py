@@ -72,10 +72,8 @@ class Reports:
         """Say whether poses are to be trusted where that is another than before."""
         if self._slam is None or (self._slam.verdict == self._verdict and not again):
             return
-        self._verdict, doubts = self._slam.verdict, self._slam.doubts
-        level = Level.warning if doubts else Level.info
-        told = "; ".join(doubts)
-        self._node.say(level, f"poses are {self._verdict}{': ' if told else ''}{told}")
+        self._verdict = self._slam.verdict
+        self._node.say(Level.warning if self._slam.doubts else Level.info, self._slam.summary())
 
     def diagnose(self, lost: int) -> None:
         """Publish how the map does.
