@@ -24,7 +24,7 @@ from ndtree.logs import read
 from ndtree.tuning.first_look import first_look
 from ndtree.tuning.mismatch import Mismatch, mismatch
 from ndtree.tuning.setup import setup_error
-from ndtree.tuning.setup_error import APART, SetupError
+from ndtree.tuning.setup_error import APART, SetupError, fits_of, likeliest
 
 CORNERS = np.array([[0, 0], [9, 0], [9, 4], [6, 4], [6, 7], [0, 7]], dtype=float)
 #: Walls of a room with a pillar [m].
@@ -222,6 +222,19 @@ def test_what_tells_too_little_says_nothing() -> None:
     assert found_in([scans[0]] * 40) is None
     without = [Scan(scan.endpoints, scan.origin, stamp=scan.stamp) for scan in log_of(mounted([0, 0, 0.2]))]
     assert found_in(without) is None, "mounts are of headings"
+
+
+def test_causes_that_explain_as_much_are_all_named() -> None:
+    slopes = np.zeros((24, 3, 3))
+    slopes[:, 0, :2] = 1.0  # Two explain the same, the third one nothing.
+    errors = 0.2 * slopes[:, :, 0] + np.random.default_rng(5).normal(0, 0.01, (24, 3))
+    fits = fits_of(
+        errors, slopes, np.tile(100 * np.eye(3), (24, 1, 1)), {"yaw": [0], "scale": [1], "turns": [2]}
+    )
+    assert set(likeliest(100 * errors, fits)) == {"yaw", "scale"}
+    assert likeliest(0.1 * errors, fits) == [], "no error is to be explained"
+    both = str(SetupError("yaw", (0.1,), 0.5, others=(SetupError("scale", (0.1,), 0.5),)))
+    assert "6 degrees further to the left, or the way was 10 % more" in both and both.count("check") == 2
 
 
 @pytest.mark.parametrize("wrong", ["", "/front", "/rear"])

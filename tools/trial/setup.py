@@ -101,8 +101,9 @@ def setup_trial(case: Case) -> tuple[Recording, Outcome]:
     may_say = _SAID.get(case.fault, set())
     if case.fault in ("backwards", "degrees") and is_straight:
         may_say = may_say | _SAID["turned"]
-    if case.fault in _SAID and said and said["kind"] not in may_say:
-        outcome.faults.append(f"said to be {said['kind']}")
+    kinds = {one["kind"] for one in (said, *said["others"])} if said else set()
+    if case.fault in _SAID and kinds and not kinds & may_say:
+        outcome.faults.append(f"said to be {' or '.join(sorted(kinds))}")
         outcome.words = []
     return r, outcome
 

@@ -226,15 +226,18 @@ def setup_trial(case: Case) -> tuple[Recording, Outcome]:
     keys = np.ravel_multi_index(tuple((cells - cells.min(axis=0)).T), tuple(np.ptp(cells, axis=0) + 1))
     _, first = np.unique(keys, return_index=True)
     ends = ends[rng.permutation(first)[:_POINTS]]
-    # Straight on, the world is as in a mirror. Of noisy poses walls are as rough, and no cause is named.
-    turned = np.ptp(np.unwrap(np.arctan2(r.true[:, 1, 0], r.true[:, 0, 0])))
-    if case.fault != "noisy" and not (case.fault == "mirrored" and turned <= 0.5):
+    # Straight on, the world is as in a mirror, and yaws in degrees are as a mount that is turned. Of noisy
+    # poses walls are as rough, and no cause is named.
+    is_straight = np.ptp(np.unwrap(np.arctan2(r.true[:, 1, 0], r.true[:, 0, 0]))) <= 0.5
+    if case.fault != "noisy" and not (case.fault == "mirrored" and is_straight):
         away = _aligned(ends, scene, r.true @ np.linalg.inv(r.told))
         away = away > limit("beside a surface") * _CELL + 3 * sensor.sigma
         outcome.expect("displaced walls", 100 * float(away.mean()))
     outcome.may_doubt = case.fault in (*_SAID, *_WRONG_POSES)
-    if case.fault in _SAID and isinstance(said, SetupError) and said.kind not in _SAID[case.fault]:
-        outcome.faults.append(f"said to be {said.kind}")
+    kinds = {one.kind for one in (said, *said.others)} if isinstance(said, SetupError) else set()
+    may_say = _SAID.get(case.fault, set()) | ({"yaw"} if case.fault == "degrees" and is_straight else set())
+    if case.fault in _SAID and kinds and not kinds & may_say:
+        outcome.faults.append(f"said to be {' or '.join(sorted(kinds))}")
         outcome.words = []
     return r, outcome
 

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -140,6 +141,7 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     log = _Log([[one for one in run if one.is_turned] for run in runs])
     if log.are_moved():
         return SetupError("moved", (), None)
+    misread: list[SetupError] = []
     pairs, is_far = log.pairs()
     readings = log.readings(pairs)
     few = slice(None, None, max(1, len(pairs) // _MOST_NEAR))
@@ -176,13 +178,22 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
             if may_be is not False:
                 return SetupError("degrees", (), None) if may_be else None
         likely = {kind: likelihood(one) for kind, one in left.items()}
-        # None moves beyond what it sees between scans. Straight on, several read alike: the first of them.
+        # None moves beyond what it sees between scans.
         reach = max(float(one.ranges.max(initial=0.0)) for one in log.clouds)
         if reach < float(np.median(np.linalg.norm(readings[""][:, :3, 3], axis=1))):
             del likely["times 0.0"]
-        best = next(kind for kind in likely if likely[kind] > max(likely.values()) - BOTH)
-        if best in (*_READINGS, "mirrored", *_UNITS) and is_gain(left[""], left[best]):
-            return SetupError("unit", (_UNITS[best],), None) if best in _UNITS else SetupError(best, (), None)
+        # Straight on, several read alike.
+        alike = [kind for kind in likely if likely[kind] > max(likely.values()) - BOTH]
+        best, is_told = alike[0], partial(is_gain, left[""])
+        misread = [
+            SetupError(kind, (), None)
+            for kind in alike
+            if kind in (*_READINGS, "mirrored") and is_told(left[kind])
+        ]
+        if best in _UNITS and is_told(left[best]):
+            return SetupError("unit", (_UNITS[best],), None)
+        if misread and best == misread[0].kind:
+            return replace(misread[0], others=tuple(misread[1:]))
     far = is_far[at]
     if np.count_nonzero(far) < LEAST_PAIRS or log.unit != 1.0:
         return None
@@ -194,17 +205,18 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     fits = fits_of(errors, raw, whitening, columns)
     for kind in {"clock", "tilt"} & set(fits):
         fits[kind] = _again(log, pairs, seen, whitening, kind, fits[kind][0])
-    if "clock" in fits and not _is_clock(log, pairs, seen, whitening, *fits["clock"]):
+    if not _is_clock(log, pairs, seen, whitening, *fits["clock"]):
         del fits["clock"]
     found = likeliest(np.einsum("nij,nj->ni", whitening, errors), fits)
-    if found is None or (found == "clock" and not log.has_times):
+    if "clock" in found and not log.has_times:
         return None
-    values = fits[found][0]
     first, second = np.triu_indices(len(log.poses), 1)
     beside = np.linalg.norm(log.poses[first, :3, 3] - log.poses[second, :3, 3], axis=1) < NEARER
     around = np.stack((first[beside], second[beside]), axis=1)
-    moved = log.slopes(around, log.motions(around))[:, :, _KINDS[found]] @ values
-    return said_of(found, values, moved)
+    slopes = log.slopes(around, log.motions(around))
+    said = [said_of(kind, fits[kind][0], slopes[:, :, _KINDS[kind]] @ fits[kind][0]) for kind in found]
+    causes = [one for one in said if one is not None]
+    return replace(causes[0], others=(*causes[1:], *misread)) if causes else None
 
 
 def _is_clock(log: _Log, pairs: Floats, seen: Floats, whitening: Floats, by: Floats, left: Floats) -> bool:

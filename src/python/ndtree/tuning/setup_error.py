@@ -81,10 +81,12 @@ class SetupError:
     values: tuple[float, ...]
     apart: float | None
     sensor: str = ""  # Of several the one that tells.
+    others: tuple[SetupError, ...] = ()  # What explains nearly as much.
 
     def __str__(self) -> str:
         """What was found and what helps, in one line."""
-        found, helps = self._words()
+        words = [one._words() for one in (self, *self.others)]
+        found, helps = (", or ".join(dict.fromkeys(part)) for part in zip(*words))
         if self.apart is not None:
             found += f" (walls 5 m away would be up to {min(self.apart, 10.0):.2g} m double)"
         return Text(f"{unfit(self.sensor)}. It is as if {found}: {helps}")
@@ -174,8 +176,8 @@ def fits_of(errors: Floats, raw: Floats, whitening: Floats, kinds: dict[str, lis
     return {kind: (values[kind], errors - slopes[:, :, at] @ values[kind]) for kind, at in kinds.items()}
 
 
-def likeliest(errors: Floats, fits: Fits) -> str | None:
-    """Which explains whitened errors best; None if none does, or others do nearly as well.
+def likeliest(errors: Floats, fits: Fits) -> list[str]:
+    """Which explains whitened errors best, then others that do nearly as well; none if none does.
 
     Values are of about 1 before anything is known, as in `_fitted`: along a bend, a sensor that sits a radius
     beside its place sees what a scale does.
@@ -185,9 +187,10 @@ def likeliest(errors: Floats, fits: Fits) -> str | None:
         for kind, (values, left) in fits.items()
     }
     best, *others = sorted(likely, key=lambda kind: -likely[kind])
-    alone = [kind for kind in others if not {kind, best} & {"mount", "way"}]
-    is_clear = all(likely[best] > likely[kind] + CLEAR for kind in alone)
-    return best if is_clear and is_gain(errors, fits[best][1]) else None
+    if not is_gain(errors, fits[best][1]):
+        return []
+    near = [kind for kind in others if likely[kind] >= likely[best] - CLEAR]
+    return [best, *(kind for kind in near if not {kind, best} & {"mount", "way"})]
 
 
 def is_gain(errors: Floats, left: Floats) -> bool:
