@@ -142,7 +142,7 @@ class _Pairs:
         if as_told > FITS:
             return True
         share = self._view(first).through(self._view(second))
-        return False if share is not None and share > _THROUGH else None
+        return None if share is None else share <= _THROUGH
 
     def _view(self, cloud: int) -> _View:
         if cloud not in self._views:
@@ -158,23 +158,25 @@ class _Pairs:
         return Mismatch(kind, len(wrong), known, self.since(wrong[0][1]))
 
     def jump(self) -> Mismatch | None:
-        """A step from which on clouds do not fit those before, while these or those fit each other."""
+        """A step from which on clouds do not fit those before, while these or those fit each other.
+
+        It is the one that fits worst, of those that tell.
+        """
         ends = self._ends()
-        if len(ends) < 2:
-            return None
-        worst = self._worst(ends)
-        beside = range(max(0, worst - _ACROSS), min(len(ends), worst + _ACROSS))
-        near = list(range(ends[beside[0]], ends[beside[-1]] + 1))
-        at = near[self._worst(near)]
-        before, after = range(max(0, at - _ACROSS), at), range(at, min(len(self._clouds), at + _ACROSS))
-        pairs = [(i, k) for i in before for k in after]
-        across = list(self.do_fit(pairs, may_stand=self._follows(at)).values())
-        is_one = [all(self.do_fit(zip(some, some[1:])).values()) for some in (before, after)]
-        known = sum(fits is not None for fits in across)
-        wrong = across.count(False)
-        if wrong < max(_LEAST, _ALL * known) or not any(is_one):
-            return None
-        return Mismatch("jump", wrong, known, self.since(at))
+        for worst in self._worst_first(ends):
+            beside = ends[max(0, worst - _ACROSS) : worst + _ACROSS]
+            near = list(range(beside[0], beside[-1] + 1))
+            at = near[self._worst_first(near)[0]]
+            before, after = range(max(0, at - _ACROSS), at), range(at, min(len(self._clouds), at + _ACROSS))
+            pairs = [(i, k) for i in before for k in after]
+            across = list(self.do_fit(pairs, may_stand=self._follows(at)).values())
+            known = sum(fits is not None for fits in across)
+            wrong = across.count(False)
+            is_one = [all(self.do_fit(zip(some, some[1:])).values()) for some in (before, after)]
+            if known >= _LEAST:
+                is_told = wrong >= max(_LEAST, _ALL * known) and any(is_one)
+                return Mismatch("jump", wrong, known, self.since(at)) if is_told else None
+        return None
 
     def _follows(self, cloud: int) -> bool:
         """Whether a cloud comes at once after the one before, so that the sensor has hardly moved."""
@@ -183,19 +185,19 @@ class _Pairs:
         stamps = np.array([one.stamp for one in self._clouds])
         steps = [(stamps[last] - stamps[first]) / (last - first) for first, last in self.steps()]
         usual = np.median(steps or [0.0])
-        return bool(stamps[cloud] - stamps[cloud - 1] < _FOLLOWS * usual)
+        return bool(0.0 <= stamps[cloud] - stamps[cloud - 1] < _FOLLOWS * usual)
 
     def _ends(self) -> list[int]:
         return sorted({end for run in self._runs for end in run})
 
-    def _worst(self, clouds: list[int]) -> int:
-        """The place, in a list of clouds, of the first behind the step that fits worst."""
-        steps = motions_of(self._poses[clouds], np.array([(i, i + 1) for i in range(len(clouds) - 1)]))
+    def _worst_first(self, clouds: list[int]) -> list[int]:
+        """The places, in a list of clouds, of those behind a step, the one that fits worst first."""
+        pairs = np.array([(i, i + 1) for i in range(len(clouds) - 1)], dtype=int).reshape(-1, 2)
         fit = [
             self._clouds[one].agreement(self._clouds[other], step)
-            for one, other, step in zip(clouds, clouds[1:], steps)
+            for one, other, step in zip(clouds, clouds[1:], motions_of(self._poses[clouds], pairs))
         ]
-        return int(np.argmin(fit)) + 1
+        return [int(i) + 1 for i in np.argsort(fit, kind="stable")]
 
     def returns(self) -> list[tuple[int, int]]:
         """Of the ends of runs, the nearest one that is a way before each."""
