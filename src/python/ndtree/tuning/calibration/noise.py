@@ -15,7 +15,7 @@ from ndtree.tuning.calibration.figures import CONFIDENCE, LEAST_SIGMA, RESAMPLES
 from ndtree.tuning.calibration.flatness import TINY, Grid, flat_pieces
 
 RADII = (0.25, 0.5, 1.0)  # Of a piece of surface [m]; the next one where points are few, or noise is thick.
-PIECES = 2400  # Tried.
+PIECES = 1200  # Tried.
 CHUNK = 256  # Pieces at once.
 LEAST_PIECES = 8  # Below which there is no estimate, ...
 LEAST_RESIDUALS = 30  # ... and residuals, below which a bin of ranges, or a place, says nothing.
