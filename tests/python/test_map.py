@@ -27,6 +27,34 @@ def filled(request, shape) -> ndtree.OccupancyMap:
     return with_room(make(request.param, branching, dim), 5)
 
 
+@pytest.mark.parametrize("has_own_noise", [False, True])
+@pytest.mark.parametrize(
+    ("world", "branching", "scans"), [("office", 2, 60), ("office", 3, 30), ("apartment", 2, 3)]
+)
+def test_smallest_cells_below_the_noise_change_nothing(
+    world: str, branching: int, scans: int, has_own_noise: bool
+) -> None:
+    """Sec. III-A: the cells' size comes from the measurements, not from a choice made before."""
+    drive = list(ndtree.simulate(world, scans=scans))
+    said = []
+    for levels in (0, 1, 2):  # Below cells of 0.1 m.
+        m = ndtree.AdaptiveMap(
+            dim=drive[0].dim, branching=branching, range_sigma=0.08, max_cell_size=0.9,
+            min_cell_size=0.9 / branching ** ({2: 3, 3: 2}[branching] + levels),
+        )  # fmt: skip
+        for scan in drive:
+            sigma = np.full(len(scan), 0.08) if has_own_noise else None
+            m.insert(scan.endpoints, scan.origin, returned=scan.returned, max_range=8.0, range_sigma=sigma)
+        leaves = m.leaves(states=["free", "occupied"])
+        scan = drive[-1]
+        ranges = m.cast_rays(scan.origin, scan.endpoints - scan.origin)
+        said.append((leaves.lower, leaves.size, leaves.probability, ranges))
+    assert len(said[0][0]) > 100
+    for others in said[1:]:
+        for one, other in zip(said[0], others):
+            np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+
+
 def test_counts_of_leaves_are_those_of_the_leaves():
     kinds = ["evidence", "paper", "fixed"] + ["octomap"] * ndtree.has_octomap
     for refinement in kinds:

@@ -3,10 +3,13 @@
 /// What a map holds, whatever its rules: cells, options and counters. Queries need no more.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <type_traits>
 #include <utility>
 
+#include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/nd_tree.hpp"
@@ -43,6 +46,21 @@ class MapCells {
   [[nodiscard]] const UpdateCounters& counters() const { return counters_; }
   /// Level of the largest cells that a beam may update.
   [[nodiscard]] int coarsest_level() const { return coarsest_level_; }
+  /// Level of the smallest cells that scans make if their noise is that of the options: below, an adaptive
+  /// map does not split. See ScanBeams::finest_level().
+  [[nodiscard]] int finest_level() const {
+    const auto& geometry = tree_.geometry();
+    if constexpr (!std::is_same_v<Cell, EvidenceCell>) return geometry.finest_level();
+    return geometry.level_of(options_.noise_sigmas * options_.range_sigma);
+  }
+  /// Their edge [m].
+  [[nodiscard]] double smallest_cell() const { return tree_.geometry().cell_size(finest_level()); }
+  /// The edge of a level's cells in theirs, at least 1.
+  [[nodiscard]] double edge_in_smallest(int level) const {
+    const auto& geometry = tree_.geometry();
+    return static_cast<double>(
+        std::max<std::int64_t>(1, geometry.edge(level) / geometry.edge(finest_level())));
+  }
   [[nodiscard]] const MapCells& cells() const { return *this; }
   /// The cells as they are now. Takes microseconds for each megabyte.
   [[nodiscard]] MapCells snapshot() const { return *this; }

@@ -105,11 +105,11 @@ struct EvidenceRefinement {
   ///   is asked again, about an observed leaf that is not covered, each time the leaf's count of misses
   ///   reaches a power of two, up to what free_memory is worth.
   /// @param scan ScanEvidence, or PassedEvidence if all beams pass the leaf.
-  /// @param children_across see kChildrenAcross. @param levels_below the leaf; 0: it cannot split.
+  /// @param children_across see kChildrenAcross. @param levels_below the leaf; at most 0: it cannot split.
   template <class Scan>
   [[nodiscard]] NDTREE_ALWAYS_INLINE LeafAction action(const EvidenceCell& leaf, const Scan& scan,
                                                        int children_across, int levels_below) const {
-    if (levels_below == 0) return LeafAction::update;
+    if (levels_below <= 0) return LeafAction::update;
     if (splits(leaf, scan))
       return model.predicted_to_remerge(leaf, ScanEvidence::of(scan), children_across)
                  ? LeafAction::update_without_split

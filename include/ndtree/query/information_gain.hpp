@@ -172,7 +172,7 @@ template <class Map>
                                             const BeamPattern<Map::kDim>& sensor, Eigen::Index first,
                                             Eigen::Index last) {
   constexpr int D = Map::kDim;
-  const double cell_size = map.options().min_cell_size;
+  const double cell_size = map.smallest_cell();
   const HitRateModel model(map.options());
   const double bits_of_unknown = model(typename Map::Tree::Cell{}, 1.0).bits_of_next();
   InformationGain gain;

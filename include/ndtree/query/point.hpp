@@ -45,8 +45,7 @@ template <class Map>
 [[nodiscard]] std::optional<HitRate> hit_rate(const Map& map, const Vector<Map::kDim>& point) {
   const auto leaf = map.tree().find_leaf(point);
   if (!leaf || !leaf->cell().observed()) return std::nullopt;
-  return HitRateModel(map.options())(leaf->cell(),
-                                     static_cast<double>(map.tree().geometry().edge(leaf->index.level)));
+  return HitRateModel(map.options())(leaf->cell(), map.edge_in_smallest(leaf->index.level));
 }
 
 namespace detail {

@@ -42,7 +42,7 @@ void for_each_cell_on(const Map& map, const Beam<Map::kDim>& beam, const Visit& 
                   if (t_enter > 1.0) return false;
                   const auto& cell = leaf.cell();
                   if (cell.observed()) {
-                    const HitRate rate = model(cell, static_cast<double>(geometry.edge(leaf.index.level)));
+                    const HitRate rate = model(cell, map.edge_in_smallest(leaf.index.level));
                     visit(CellOnBeam{cell.state(), rate.mean(), geometry.cell_size(leaf.index.level),
                                      rate.beams(), t_exit > 1.0});
                   }
@@ -130,7 +130,7 @@ template <class Map>
 [[nodiscard]] FirstSurface<Map::kDim> first_surface(const Map& map, const Vector<Map::kDim>& origin,
                                                     const Vector<Map::kDim>& direction, double t_end,
                                                     bool stops_at_unknown) {
-  FirstSurface<Map::kDim> first(map.options().min_cell_size / direction.norm(), stops_at_unknown);
+  FirstSurface<Map::kDim> first(map.smallest_cell() / direction.norm(), stops_at_unknown);
   traverse_beam(map.tree(), origin, direction, 0.0, t_end, first);
   first.finish(t_end);
   return first;
@@ -184,7 +184,7 @@ struct EndOfBeams : BeamVisitor {
 template <class Map>
 [[nodiscard]] double surface_behind(const Map& map, const Vector<Map::kDim>& origin,
                                     const Vector<Map::kDim>& direction, double t_enter, double length) {
-  EndOfBeams<Map> beams(map, t_enter + kMostDepth * map.options().min_cell_size / length);
+  EndOfBeams<Map> beams(map, t_enter + kMostDepth * map.smallest_cell() / length);
   traverse_beam(map.tree(), origin, direction, t_enter, std::numeric_limits<double>::infinity(), beams);
   return beams.end.t();
 }

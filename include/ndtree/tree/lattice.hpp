@@ -91,6 +91,12 @@ class LatticeGeometry {
   [[nodiscard]] double cell_size(int level) const {
     return unfused(static_cast<double>(edge(level)) * unit_);
   }
+  /// The finest level whose cells have at least this edge [m]; at most 0.
+  [[nodiscard]] int level_of(double size) const {
+    int level = finest_level();
+    while (level < 0 && cell_size(level) < size) ++level;
+    return level;
+  }
   [[nodiscard]] double border(std::int64_t coordinate) const {
     return unfused(static_cast<double>(coordinate) * unit_);
   }

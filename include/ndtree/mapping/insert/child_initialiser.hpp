@@ -71,7 +71,7 @@ class ChildrenInitialiser {
   void initialise(const EvidenceCell& leaf, const CellIndex<D>& index, const LeafSample<D>& sample,
                   const BeamList& list, const SiblingLists<kNumChildren>& lists, const Planes& planes,
                   NodeType* children) const {
-    const bool is_finest = index.level - 1 == geometry_.finest_level();
+    const bool is_finest = index.level - 1 <= beams_.finest_level();
     std::size_t beams = 0;
     sample.for_each_part(beams_, list, [&](const BeamList& part) { beams += part.size; });
     for (std::size_t j = 0; j < kNumChildren; ++j) {
@@ -90,7 +90,7 @@ class ChildrenInitialiser {
                                                        std::uint32_t sample,
                                                        RayPacket<D, kNumChildren>& packet,
                                                        NodeType* children) const {
-    const bool are_finest = level - 1 == geometry_.finest_level();
+    const bool are_finest = level - 1 <= beams_.finest_level();
     const EightEnds<D>& ends = beams_.ends_of(packet.beams);
     for (std::size_t j = 0; j < kNumChildren; ++j) {
       const std::uint32_t set =

@@ -80,7 +80,7 @@ class LeafEvidence {
     sizes_.reserve(static_cast<std::size_t>(1 - geometry.finest_level()));
     for (int level = geometry.finest_level(); level <= 0; ++level) {
       const double size = geometry.cell_size(level);
-      const bool is_finest = level == geometry.finest_level();
+      const bool is_finest = level <= beams.finest_level();
       Size of_level;
       of_level.cell = static_cast<float>(size);
       of_level.per_cell = 1.0f / of_level.cell;
@@ -148,8 +148,8 @@ class LeafEvidence {
       if (!beam.is_returned() || is_small(size, beam.sigma) || !is_resolvable(size, beam.sigma)) continue;
       const float behind = crossings.of(list.beam[i]).enter - beam.range;
       if (behind < 0.0f || geometry_.contains(leaf, beams_.end_cell(list.beam[i]))) continue;
-      if (cells_passed_per_end(crossings.slant_at_entry(list.beam[i]), behind * sizes_.front().per_cell) >
-          1.0f)
+      if (cells_passed_per_end(crossings.slant_at_entry(list.beam[i]),
+                               behind * size_of(beams_.finest_level()).per_cell) > 1.0f)
         return true;
     }
     return false;

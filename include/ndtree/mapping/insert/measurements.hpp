@@ -68,6 +68,14 @@ class Measurements {
   [[nodiscard]] double sigma(Eigen::Index i, double range) const {
     return scan_.range_sigma == nullptr ? sigma_at(range) : at_least(scan_.range_sigma[i]);
   }
+  /// The least that any beam's may be [m]. O(1), or O(beams) if they have noise of their own.
+  [[nodiscard]] double least_sigma() const {
+    if (scan_.range_sigma == nullptr) return sigma_at(0.0);
+    double least = std::numeric_limits<double>::infinity();
+    for (Eigen::Index i = 0; i < scan_.size; ++i)
+      if (scan_.range_sigma[i] < least) least = scan_.range_sigma[i];
+    return at_least(least);
+  }
   /// Of the sensor at a range, or at several side by side.
   template <class Doubles>
   [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles sigma_at(const Doubles& range) const {

@@ -249,12 +249,16 @@ class ScanBeams {
   }
 #endif
 
-  /// Called after the last beam. @param noise of all beams.
-  void finish(const BeamNoise& noise) {
+  /// Called after the last beam. @param noise of all beams. @param finest_level see finest_level().
+  void finish(const BeamNoise& noise, int finest_level) {
+    finest_level_ = finest_level;
     smallest_sigma_ = noise.smallest();
     largest_sigma_ = noise.largest();
     margin_ = noise.margin();
   }
+  /// Level of the cells that the scan does not split: they are smallest cells, or children would be smaller
+  /// than its noise.
+  [[nodiscard]] int finest_level() const { return finest_level_; }
   /// The smallest standard deviation of a beam's range [m].
   [[nodiscard]] float smallest_sigma() const { return smallest_sigma_; }
   /// The largest [m].
@@ -377,6 +381,7 @@ class ScanBeams {
   Lattice<D> base_{};
   bool has_own_origins_ = false;
   bool ends_fit_32_bits_ = true;
+  int finest_level_ = 0;
   float smallest_sigma_ = std::numeric_limits<float>::infinity();
   float largest_sigma_ = 0.0f;
   FreeMargin margin_;

@@ -99,7 +99,7 @@ class BeamSampling {
   BeamSampling(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams, const EvidenceModel& model)
       : geometry_(geometry),
         beams_(beams),
-        smallest_size_(static_cast<float>(geometry.unit())),
+        smallest_size_(static_cast<float>(geometry.cell_size(beams.finest_level()))),
         sample_beams_{static_cast<float>(model.sample_beams(false)),
                       static_cast<float>(model.sample_beams(true))} {}
 

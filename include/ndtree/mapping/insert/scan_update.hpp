@@ -119,7 +119,8 @@ class ScanUpdate {
     for (Part& part : parts_) numbers.push_back(cube_map_.join(part.cube_map()));
     for (CubeFace<D>& face : cube_map_.faces()) face.make_pixels();
     const auto& geometry = tree_.geometry();
-    const SubsampleLimits sampling{refinement_.model.sample_beams(false), geometry.unit(),
+    const int finest = finest_level();
+    const SubsampleLimits sampling{refinement_.model.sample_beams(false), geometry.cell_size(finest),
                                    geometry.cell_size(coarsest_level())};
     workers.for_each_task(
         parts_.size(), [&](std::size_t, std::size_t p) { parts_[p].keep(cube_map_, numbers[p], sampling); });
@@ -133,7 +134,7 @@ class ScanUpdate {
     }
     if (num_beams == 0) return;
     // Counting sort by face and bucket.
-    std::vector<CubeFace<D>> faces = number_faces(numbers);
+    std::vector<CubeFace<D>> faces = number_faces(numbers, static_cast<float>(sampling.smallest_cell));
     for (CubeFace<D>& face : faces)
       face.num_buckets = face.buckets_within(depth, static_cast<float>(sampling.smallest_cell),
                                              static_cast<float>(sampling.beams));
@@ -159,7 +160,12 @@ class ScanUpdate {
           set_beams(kept.get(), num_beams * task / tasks, num_beams * (task + 1) / tasks, by_eights);
     });
     for (std::size_t task = 1; task < tasks; ++task) noise.front().add(noise[task]);
-    beams_.finish(noise.front());
+    beams_.finish(noise.front(), finest);
+  }
+
+  /// See ScanBeams::finest_level().
+  [[nodiscard]] int finest_level() const {
+    return tree_.geometry().level_of(refinement_.model.noise_sigmas() * measurements_->least_sigma());
   }
 
   /// True if any two cells of the reach are near enough that ScanBeams::ends_fit_32_bits() holds.
@@ -220,7 +226,8 @@ class ScanUpdate {
   }
   /// The faces that have kept beams. Face 0 stands for all faces with a single beam.
   /// @param numbers of each part's faces in the cube map; on return, in the result.
-  std::vector<CubeFace<D>> number_faces(std::vector<std::vector<std::uint32_t>>& numbers) const {
+  std::vector<CubeFace<D>> number_faces(std::vector<std::vector<std::uint32_t>>& numbers,
+                                        float smallest_cell) const {
     std::vector<std::uint32_t> kept(cube_map_.faces().size(), 0);
     for (std::size_t p = 0; p < parts_.size(); ++p)
       for (std::size_t f = 0; f < numbers[p].size(); ++f) kept[numbers[p][f]] += parts_[p].kept_of_faces()[f];
@@ -235,9 +242,8 @@ class ScanUpdate {
         number[f] = static_cast<std::uint32_t>(faces.size());
         faces.push_back(face);
         for (const bool uses_small_sample : {false, true})
-          faces.back().depth_of_full_sample[uses_small_sample] =
-              face.depth_for(static_cast<float>(refinement_.model.sample_beams(uses_small_sample)),
-                             static_cast<float>(tree_.geometry().unit()));
+          faces.back().depth_of_full_sample[uses_small_sample] = face.depth_for(
+              static_cast<float>(refinement_.model.sample_beams(uses_small_sample)), smallest_cell);
       }
       faces[number[f]].end_of_beams += kept[f];
     }

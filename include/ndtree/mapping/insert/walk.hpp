@@ -127,8 +127,8 @@ class alignas(kCacheLines) ScanWalk {
         list_partition_(partition_, beams, sampling_),
         initialiser_(tree.geometry(), refinement.model, beams),
         summary_(refinement.model),
-        finest_level_(tree.geometry().finest_level()),
-        coarsest_level_(Refinement::coarsest_level(finest_level_)),
+        finest_level_(beams.finest_level()),
+        coarsest_level_(Refinement::coarsest_level(tree.geometry().finest_level())),
         packet_may_exceed_limit_(refinement.model.may_limit(kPacketSize)) {}
 
   [[nodiscard]] const UpdateCounters& counters() const { return counters_; }
@@ -366,10 +366,10 @@ class alignas(kCacheLines) ScanWalk {
       if (action == LeafAction::judge_coverage && leaf.observed() && !coverage_.may_cover(level, scan))
         action = LeafAction::update;
     if (action == LeafAction::update) {
-      if (level == finest_level_ && Refinement::is_contradicted(leaf, scan))
+      if (level <= finest_level_ && Refinement::is_contradicted(leaf, scan))
         return otherwise(ScanEvidence::of(scan), LeafAction::judge_passes);
       const bool changed = update(leaf, scan);
-      if (level != finest_level_ || !refinement_.partial_log_odds) return changed;
+      if (level > finest_level_ || !refinement_.partial_log_odds) return changed;
       return refinement_.keep_partial(leaf) || changed;
     }
     const ScanEvidence& all = ScanEvidence::of(scan);  // Extends the lifetime of what of() may return.
@@ -383,8 +383,8 @@ class alignas(kCacheLines) ScanWalk {
   template <class Beams>
   [[nodiscard]] NDTREE_NEVER_INLINE bool splits_for_one(const Beams beams, const EvidenceCell cell,
                                                         int level) const {
-    return level != finest_level_ && !cell.is_partly_seen() && !packet_may_exceed_limit_ &&
-           beams.all_pass() && coverage_.splits_for_one(level, beams.first_beam(), beams.crossing_of_one());
+    return level > finest_level_ && !cell.is_partly_seen() && !packet_may_exceed_limit_ && beams.all_pass() &&
+           coverage_.splits_for_one(level, beams.first_beam(), beams.crossing_of_one());
   }
 
   /// update_leaf() for beams that come through several cube-map faces.
@@ -443,7 +443,7 @@ class alignas(kCacheLines) ScanWalk {
   }
   /// Whether a list is long enough to test for an early split.
   [[nodiscard]] bool may_stop_early(int level, const BeamList& list) const {
-    return list.size > kToSplit && level != finest_level_;
+    return list.size > kToSplit && level > finest_level_;
   }
   /// Adds up evidence for a leaf until it is certain to split: then its children integrate the beams.
   NDTREE_NEVER_INLINE void add_until_split(const EvidenceCell& cell, const CellIndex<D>& leaf,
