@@ -52,8 +52,7 @@ def write(
     poses = planar(r.told)
     angles = -r.sensor.angles[::-1] if hung else r.sensor.angles
     if transforms is None:
-        around = [(stamp + by, pose) for stamp, pose in zip(r.stamps, poses) for by in (-1e-3, 1e-3)]
-        transforms = [(stamp, stamp - 0.01, pose) for stamp, pose in around]
+        transforms = [(stamp, stamp - 0.01, pose) for stamp, pose in zip(r.stamps, poses)]
     entries = [
         ("/tf", _BEGIN + received, transform(stamp, "odom", "base_link", pose))
         for stamp, received, pose in transforms
