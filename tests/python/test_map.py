@@ -46,8 +46,8 @@ def test_smallest_cells_below_the_noise_change_nothing(
             sigma = np.full(len(scan), 0.08) if has_own_noise else None
             m.insert(scan.endpoints, scan.origin, returned=scan.returned, max_range=8.0, range_sigma=sigma)
         leaves = m.leaves(states=["free", "occupied"])
-        scan = drive[-1]
-        ranges = m.cast_rays(scan.origin, scan.endpoints - scan.origin)
+        rays = drive[-1].endpoints - drive[-1].origin
+        ranges = m.cast_rays(drive[-1].origin, rays[np.isfinite(rays).all(axis=1)])
         said.append((leaves.lower, leaves.size, leaves.probability, ranges))
     assert len(said[0][0]) > 100
     for others in said[1:]:
