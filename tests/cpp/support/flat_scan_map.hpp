@@ -63,6 +63,9 @@ class FlatScanMap {
           scan.returned.size() == 0 || scan.returned[i],
           scan.range_sigma.size() == 0 ? -1.0 : scan.range_sigma[i], max_range);
     ++scans_;
+    const double sigma = scan.range_sigma.size() == 0 ? options_.range_sigma : scan.range_sigma.minCoeff();
+    for (finest_ = -num_levels_; finest_ < 0; ++finest_)
+      if (smallest() >= options_.noise_sigmas * std::max(least_sigma_, sigma)) break;
     measure_faces();
     std::vector<CellIndex<D>> waiting;
     for (const auto& [index, cell] : cells) waiting.push_back(index);
@@ -79,11 +82,11 @@ class FlatScanMap {
       const ScanEvidence scan_evidence = evidence(next, sample_beams);
       not_sampled += num_beams(next, false, next, 1e9) - num_beams(next, false, next, sample_beams);
       const bool was_grazed =
-          next.level > -num_levels_ && cell.log_odds() == 0.0f && is_grazed(next, sample_beams);
+          next.level > finest_ && cell.log_odds() == 0.0f && is_grazed(next, sample_beams);
       const Coverage coverage =
           was_grazed ? Coverage{} : coverage_of(next, cell, scan_evidence, sample_beams);
       const bool was_observed = cell.observed();
-      const bool is_asked = was_grazed || (next.level > -num_levels_ && splits_now(cell, scan_evidence));
+      const bool is_asked = was_grazed || (next.level > finest_ && splits_now(cell, scan_evidence));
       const bool is_predicted_to_remerge =
           is_asked && !coverage.splits && model_.predicted_to_remerge(cell, scan_evidence, kChildrenAcross);
       if (!coverage.enough && !coverage.splits) {
@@ -96,7 +99,7 @@ class FlatScanMap {
         if (cell == before) continue;
         mark(next);
         updates += scan_evidence.beams;
-      } else if (next.level > -num_levels_ && (coverage.splits || (is_asked && !is_predicted_to_remerge))) {
+      } else if (next.level > finest_ && (coverage.splits || (is_asked && !is_predicted_to_remerge))) {
         for_coverage += coverage.splits;
         for_grazing_ends += was_grazed && !splits_now(cell, scan_evidence);
         const EvidenceCell parent = cell;
@@ -105,7 +108,7 @@ class FlatScanMap {
           cells[child] =
               model_.initial_child(parent, kChildrenAcross, num_beams(child, true, next, sample_beams),
                                    num_beams(next, false, next, sample_beams), part_of(child, next),
-                                   is_a_part(child, next), child.level == -num_levels_);
+                                   is_a_part(child, next), child.level <= finest_);
           waiting.push_back(child);
         }
         split_now.emplace(next, std::make_pair(parent, scan_evidence));
@@ -115,18 +118,18 @@ class FlatScanMap {
         const EvidenceCell before = cell;
         if (is_predicted_to_remerge)
           model_.update_without_split(cell, scan_evidence);
-        else if (next.level == -num_levels_ && cell.log_odds() > 0.0f && scan_evidence.hits == 0 &&
+        else if (next.level <= finest_ && cell.log_odds() > 0.0f && scan_evidence.hits == 0 &&
                  scan_evidence.misses > 0)
           unclear_passes += !update_passed(next, cell, scan_evidence, sample_beams);
         else
           model_.update(cell, scan_evidence);
         if (coverage.is_asked && (!was_observed || coverage.is_covered)) {
           cell.set_covered(coverage.is_covered);
-          const int levels = coverage.is_covered ? std::max(0, next.level + num_levels_ - 1) : 0;
+          const int levels = coverage.is_covered ? std::max(0, next.level - finest_ - 1) : 0;
           cell.set_known_levels(std::max(cell.known_levels(), static_cast<std::uint32_t>(levels)));
         }
         predicted_remerges += is_predicted_to_remerge;
-        if (next.level == -num_levels_ && keeps_occupied() && cell.hits() > 0 &&
+        if (next.level <= finest_ && keeps_occupied() && cell.hits() > 0 &&
             (cell.streak() < 12u || cell.streak_is_of_hits()) && is_partial(cell))
           kept_occupied += model_.raise(
               cell, std::log(options_.partial_probability / (1.0 - options_.partial_probability)));
@@ -174,7 +177,7 @@ class FlatScanMap {
   /// Evidence of the last scan's beams for a cell: of each face, the beams that the cell samples.
   [[nodiscard]] ScanEvidence evidence(const CellIndex<D>& index, double sample_beams) const {
     const float size = size_of(index);
-    const bool finest = index.level == -num_levels_;
+    const bool finest = index.level <= finest_;
     const auto noise_sigmas = static_cast<float>(options_.noise_sigmas);
     ScanEvidence sum;
     for (const FlatBeam& beam : beams_) {
@@ -390,7 +393,7 @@ class FlatScanMap {
            std::floor(static_cast<float>(beam.key) / 16777216.0f * buckets) < fraction * buckets;
   }
   [[nodiscard]] double smallest() const {
-    return static_cast<double>(edge(-num_levels_)) * options_.min_cell_size;
+    return static_cast<double>(edge(finest_)) * options_.min_cell_size;
   }
   /// Well observed cells sample fewer beams, unless they are saturated and too many beams end in them.
   [[nodiscard]] double sample_beams_of(const CellIndex<D>& index, const EvidenceCell& cell) const {
@@ -485,7 +488,7 @@ class FlatScanMap {
   [[nodiscard]] Coverage coverage_of(const CellIndex<D>& index, const EvidenceCell& cell,
                                      const ScanEvidence& scan, double sample_beams) const {
     Coverage result;
-    if (options_.covered_share == 0.0 || index.level == -num_levels_ || scan.beams == 0 || scan.hits > 0 ||
+    if (options_.covered_share == 0.0 || index.level <= finest_ || scan.beams == 0 || scan.hits > 0 ||
         scan.occupied > 0 || (cell.observed() && !is_looked_at_again(cell, scan)))
       return result;
     const double size = static_cast<double>(edge(index.level)) * options_.min_cell_size;
@@ -623,7 +626,7 @@ class FlatScanMap {
   [[nodiscard]] bool is_grazed(const CellIndex<D>& index, double sample_beams) const {
     const auto child_size =
         static_cast<float>(static_cast<double>(edge(index.level) / N) * options_.min_cell_size);
-    const float per_smallest = 1.0f / size_of(CellIndex<D>{{}, -num_levels_});
+    const float per_smallest = 1.0f / size_of(CellIndex<D>{{}, finest_});
     for (const FlatBeam& beam : beams_) {
       float enter = 0.0f;
       float exit = 0.0f;
@@ -724,6 +727,7 @@ class FlatScanMap {
 
   MapOptions options_;
   int num_levels_;
+  int finest_ = 0;  // Level of the cells that the last scan did not split.
   const Sensor sensor_;
   double least_sigma_;
   EvidenceModel model_;
