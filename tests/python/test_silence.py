@@ -12,7 +12,7 @@ import pytest
 
 import ndtree
 from ndtree.logs.core.log import Log
-from ndtree.logs.core.silence import noise_around, noise_below, noise_below_alone
+from ndtree.logs.core.silence import CutOffSearch, noise_around, noise_below, noise_below_alone
 from ndtree.logs.ros.messages.laser import NoiseAtLimit
 
 LIMIT = 50.0
@@ -220,6 +220,16 @@ def test_a_largest_reading_below_range_max_is_no_surface() -> None:
     assert not any(round_room.add(np.full(90, 0.99 * LIMIT, np.float32), LIMIT) for _ in range(3))
     walls = [np.round(0.95 * LIMIT - 0.01 * ((i * np.arange(60)) % 50), 2) for i in range(20)]
     assert not any(steps.add(some.astype(np.float32), LIMIT) for some in walls), "ranges in whole steps"
+
+
+def test_a_huge_mark_of_silent_beams_rounds_no_readings() -> None:
+    """Readings are as exact as their own float32s, however large the mark is."""
+    random = np.random.default_rng(1)
+    search = CutOffSearch(says_itself=False)
+    for _ in range(20):
+        ranges = np.append(random.uniform(1, 4, 100), np.full(100, 1e6))
+        search.add(ndtree.Scan(ranges[:, None] * [1.0, 0.0], np.zeros(2), returned=ranges < 1e6))
+    assert search.found() is None
 
 
 def test_marks_of_the_file_say_it_all(tmp_path: Path) -> None:

@@ -197,7 +197,8 @@ def _rounding(scan: Scan) -> float:
 
 def _exact(scan: Scan) -> float:
     """By how much, if they were float32 once, as in most files [m]."""
-    known = np.abs(scan.endpoints[np.isfinite(scan.endpoints)])
+    ends = scan.endpoints[scan.did_return]  # Others may be marked by any number.
+    known = np.abs(ends[np.isfinite(ends)])
     largest = max(float(known.max(initial=0.0)), float(np.abs(scan.origin).max(initial=0.0)))
     return 4 * float(np.finfo(np.float32).eps) * largest
 
