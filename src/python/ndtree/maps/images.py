@@ -113,7 +113,13 @@ def map_image(name: str) -> MapImage:
     costs = (state(greys) == -1) & (greys <= (100 if mode == "raw" else 255))
     if mode != "trinary" and (between := int(counts[costs].sum())):
         notes.append(
-            f"{number_of(between, 'pixel')} between free_thresh and occupied_thresh: unknown, in nav2 a cost"
+            f"{number_of(between, 'pixel')} between free_thresh and occupied_thresh: unknown; "
+            "in nav2 free, or a cost with trinary_costmap: false"
+        )
+    if mode == "raw" and (above := int(counts[(greys > 100) & (greys < 255)].sum())):
+        notes.append(
+            f"{number_of(above, 'pixel')} of grey 101 to 254: unknown in mode raw; "
+            "if white is free in this image, its mode is trinary or scale"
         )
     if (states == -1).all():
         notes.append("no pixel is free or occupied: the map is empty")
