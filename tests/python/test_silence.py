@@ -203,10 +203,13 @@ def test_a_bell_around_the_largest_range_is_told_from_surfaces(seed: int) -> Non
     random = np.random.default_rng(seed)
     bell = random.normal(0.3, 0.05, 4000)
     surfaces = random.uniform(1.0, 5.0, 4000)
-    assert noise_around(np.r_[bell, surfaces] - bell.min()) == pytest.approx(
-        (0.3 + 4 * 0.05 - bell.min(), 0.05), rel=0.1
+    assert noise_around(np.r_[bell, surfaces] - bell.min(), 5.0) == pytest.approx(
+        (0.3 + 4 * 0.05 - bell.min(), 0.05, True), rel=0.1
     )
-    assert noise_around(random.uniform(0.0, 5.0, 8000)) == (0.0, 0.0)
+    assert noise_around(random.uniform(0.0, 5.0, 8000), 5.0) == (0.0, 0.0, False)
+    even = np.round(random.uniform(0.0, 0.1, 8000), 3)
+    found = noise_around(np.r_[even, surfaces], 5.0)
+    assert found == pytest.approx((0.05 + 4 * 0.029, 0.029, False), rel=0.1)
 
 
 def test_a_largest_reading_below_range_max_is_no_surface() -> None:
