@@ -58,7 +58,7 @@ class SavedMap:
     @property
     def doubt(self) -> Text | None:
         """Why scans and map may be in different frames."""
-        if self._fit > self._against:
+        if self._fit > self._against or not self._scans:
             return None
         told = self._fit + self._against
         share = f"{100 * self._against / told:.0f} % of their end points lie where it is free" if told else ""
@@ -177,7 +177,7 @@ class Target:
     def _compared(self) -> None:
         """Say once whether scans fit the map that is gone on with."""
         saved, self._saved = self._saved, None
-        if saved is not None and self._figures.mapped and saved.doubt is not None:
+        if saved is not None and saved.doubt is not None:
             self._intake.notes.append(saved.doubt)
 
     def placed(self, scan: Scan, is_new: bool) -> Scan:
