@@ -195,11 +195,12 @@ def test_an_image_of_unknown_pixels_is_an_empty_map(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("mode, count", [("trinary", 0), ("scale", 3), ("raw", 2)])
 def test_costs_between_the_thresholds_are_counted(mode: str, count: int, tmp_path: Path) -> None:
-    """Of raw pixels those above 100 are unknown to nav2, too."""
+    """Of raw pixels those above 100 are unknown to nav2, too; those below 255 are of another mode's image."""
     pixels = np.array([[0, 30, 50, 100, 101, 200, 254, 255]], dtype=np.uint8)
     path = write_image(tmp_path, pixels, mode=mode, occupied_thresh=0.65, free_thresh=0.1)
-    notes = [note for note in open_map(path).notes if "in nav2 a cost" in note]
-    assert [int(note.split()[0]) for note in notes] == [count] * bool(count)
+    notes = open_map(path).notes
+    assert [int(note.split()[0]) for note in notes if "in nav2 free" in note] == [count] * bool(count)
+    assert [int(note.split()[0]) for note in notes if "its mode is" in note] == [3] * (mode == "raw")
 
 
 def test_origins_between_pixels_are_kept_until_they_are_sampled(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 import sys
 import threading
@@ -498,6 +499,37 @@ def test_a_recording_goes_on_with_a_saved_map(tmp_path: Path) -> None:
     assert twice.read_bytes() == m.to_bytes()
     done = cli("live", log, "--resume", part, "--min-cell-size", 0.1)
     assert done.exit_code == 2 and "--min-cell-size: the map of --resume has its own options" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "moved, said",
+    [
+        ((0.0, 0.0, 0.0), None),
+        ((0.4, 1.0, -0.7), r"do not fit the saved map: [5-9]\d % of their end points lie where it is free"),
+        ((0.0, 80.0, 0.0), "do not fit the saved map: none ends where it was observed"),
+    ],
+)
+@pytest.mark.parametrize("replaces", [False, True])
+def test_a_saved_map_of_another_frame_is_doubted(
+    moved: tuple[float, ...], said: str | None, replaces: bool
+) -> None:
+    """The second drive sees other things than the first, and others move in it."""
+    drives = [list(ndtree.simulate("office", scans=60, seed=3, people=n)) for n in (0, 4)]
+    saved = ndtree.AdaptiveMap(dim=2)
+    for scan in drives[0][:40]:
+        scan.insert_into(saved)
+    turn = np.array([[math.cos(moved[0]), -math.sin(moved[0])], [math.sin(moved[0]), math.cos(moved[0])]])
+    intake = ScansIntake(Config.of(range_sigma=0.03, no_return="free"), 2)
+    with LiveMapper(intake, target=None if replaces else saved) as mapper:
+        if replaces:
+            mapper.replace(saved)
+        for scan in drives[1][20:]:
+            origin = scan.origin @ turn.T + moved[1:]
+            mapper.put(
+                ndtree.Scan(scan.endpoints @ turn.T + moved[1:], origin, returned=scan.returned), wait=True
+            )
+    notes = [note for note in intake.said() if "saved map" in note]
+    assert len(notes) == bool(said) and (said is None or re.search(said, notes[0])), notes
 
 
 def test_no_ros_is_imported_by_the_package() -> None:

@@ -280,6 +280,10 @@ def test_a_cloud_alone_that_does_not_say_from_where_is_refused(tmp_path: Path) -
         with_viewpoint(path, np.eye(4) + np.outer([close, 0, 0, 0], [0, 0, 0, 1]))
         with pytest.raises(ValueError, match="VIEWPOINT is the identity"):
             read(path)
+    header = path.read_bytes().split(b"VIEWPOINT", 1)  # Its quaternion with w last, as many programs have it.
+    path.write_bytes(header[0] + b"VIEWPOINT 0 0 0 0 0 0 1" + header[1][header[1].index(b"\n") :])
+    with pytest.raises(ValueError, match="VIEWPOINT is the identity"):
+        read(path)
     (scan,) = read(path, origin_of_scan="0,0,0")
     np.testing.assert_array_equal(scan.endpoints, cloud(0))
     with pytest.raises(ValueError, match=rf"table.ply: a PLY of points without a pose{ways}"):

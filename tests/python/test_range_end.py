@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from planes import box, ranges_to, rays
 import ndtree
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import Log
+from ndtree.logs.core.silence import CutOff
+from ndtree.tuning.range_end import RangeEnd
 
 LIMIT = 5.0
 Floats = np.ndarray[Any, Any]
@@ -150,6 +153,24 @@ def test_a_circle_around_the_robot_is_open_space(kind: str, jitter: float, seed:
     assert np.mean(m.state(ends) == 1) < 0.02
 
 
+@pytest.mark.parametrize("shape", ["even", "one side", "drift", "even and a surface"])
+def test_a_circle_of_another_shape_is_open_space_if_it_is_seen_so(shape: str, tmp_path: Path) -> None:
+    rng, is_surface = np.random.default_rng(30), "surface" in shape
+    circle = LIMIT if is_surface else 0.0
+    drive = Drive(rng, field(rng), turns(0.0) if is_surface else line(10), AROUND, circle=circle, sigma=0.0)
+    odd = (drive.ranges > LIMIT - 0.01) if is_surface else drive.is_silent
+    noise = {
+        "one side": lambda: -rng.exponential(0.01, odd.shape),
+        "drift": lambda: np.linspace(0, 0.06, len(odd))[:, None] + rng.normal(0, 0.002, odd.shape),
+    }.get(shape, lambda: rng.uniform(-0.03, 0, odd.shape))()
+    drive.ranges = np.where(odd, LIMIT + noise, drive.ranges)
+    log, config = looked(drive.npz(tmp_path))
+    assert odd.mean() > 0.3
+    assert silent(log)[odd].mean() < 0.01 if is_surface else silent(log)[odd].mean() > 0.98
+    assert not silent(log)[drive.ranges < LIMIT - 0.4].any()
+    assert not any("cannot tell" in note for note in config.notes)
+
+
 @pytest.mark.parametrize("where", ["corridor", "round", "about", "wall", "standing", "turning"])
 def test_surfaces_that_stay_as_far_away_are_kept(where: str, tmp_path: Path) -> None:
     """Along the middle of a corridor or in that of a round room; with a word where no other scan looks."""
@@ -256,3 +277,11 @@ def test_beams_far_apart_tell_of_larger_cells(tmp_path: Path) -> None:
     drive = Drive(rng, field(rng), line(10), AROUND[::9])
     log, _ = looked(drive.npz(tmp_path))
     assert np.count_nonzero(drive.is_silent & ~silent(log)) <= 2
+
+
+@pytest.mark.parametrize(
+    "at, tolerance, said",
+    [(200.0, 1e-4, "readings of 200 m, .*max_range 199$"), (4.056, 0.126, "from 3.93 to .*max_range 3.92$")],
+)
+def test_what_is_to_be_typed_leaves_these_readings_out(at: float, tolerance: float, said: str) -> None:
+    assert re.search(said, str(RangeEnd(CutOff(at, tolerance), is_empty=False)))

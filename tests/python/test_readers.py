@@ -102,6 +102,15 @@ def test_a_field_of_view_out_of_its_limits_is_refused(fov: float, tmp_path: Path
         read(written("a.log", FLASER.encode())(tmp_path), fov=fov)
 
 
+def test_scans_of_several_computers_in_a_carmen_log_are_told_of(tmp_path: Path) -> None:
+    """Two robots that wrote one log; without a host behind the pose nothing tells."""
+    lines = ["FLASER 2 1.0 1.0 0 0 0 0 0 0" + end for end in ("", " 0.1 a 0.1", " 0.2 a 0.2", " 0.3 b 0.3")]
+    for last, said in ((3, 0), (4, 1)):
+        log = read(written("a.log", "\n".join(lines[:last]).encode())(tmp_path))
+        assert len(list(log)) == last
+        assert len([note for note in log.notes if "from 2 computers, a and b" in note]) == said
+
+
 @pytest.mark.parametrize(
     "first", ["ROBOTSTATE 1 2 3 host 4\nMESSAGE hello\n", "my log\n", "1 2 3\n", "\ufeff"]
 )

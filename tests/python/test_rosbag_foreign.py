@@ -253,6 +253,15 @@ def test_a_stamp_of_0_before_others_of_today_says_nothing(ros2: Messages, tmp_pa
     np.testing.assert_allclose(stamps[::2], START + 0.1 * np.arange(20), atol=1e-6)
 
 
+def test_stamps_that_are_all_0_are_told_of(ros2: Messages, tmp_path: Path) -> None:
+    times = START + 0.1 * np.arange(20)
+    content = [("/scan", t, ros2.laser(0.0, "laser", np.full(30, 4.0))) for t in times]
+    log = read(write_bag(tmp_path / "bag", ros2, content), still=True)
+    np.testing.assert_allclose([scan.stamp for scan in log], times, atol=1e-6)
+    (note,) = (note for note in log.notes if "are 0" in note)
+    assert "/scan (LaserScan)" in note and "when they were recorded" in note
+
+
 def test_the_rate_is_messages_over_their_time(ros2: Messages, tmp_path: Path) -> None:
     """Not over the usual time between two: here every second message comes with the one before it."""
     held = contents(drive(ros2, tmp_path / "bag", START))

@@ -51,6 +51,15 @@ def test_nothing_is_said_of_beams_that_say_nothing() -> None:
     assert scale.warning() is None
 
 
+@pytest.mark.parametrize("cell, said", [(0.1, "points span 8,000 m, 80,000 cells"), (0.5, "")])
+def test_points_alone_in_millimetres_are_told_of(cell: float, said: str) -> None:
+    points = np.linspace([5e6, 5e6, 0.0], [5e6 + 8e3, 5e6 + 7e3, 10.0], 100)
+    points[7] = np.nan
+    scale = Scale(cell)
+    scale.add(Scan(points, points, points_only=True))
+    assert (scale.warning() or "").startswith(said) and bool(scale.warning()) == bool(said)
+
+
 def test_map_and_compare_say_it_in_one_line(tmp_path: Path) -> None:
     some = scans(1000.0)
     np.savez(

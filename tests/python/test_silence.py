@@ -12,7 +12,7 @@ import pytest
 
 import ndtree
 from ndtree.logs.core.log import Log
-from ndtree.logs.core.silence import noise_around, noise_below, noise_below_alone
+from ndtree.logs.core.silence import CutOffSearch, noise_around, noise_below, noise_below_alone
 from ndtree.logs.ros.messages.laser import NoiseAtLimit
 
 LIMIT = 50.0
@@ -203,10 +203,13 @@ def test_a_bell_around_the_largest_range_is_told_from_surfaces(seed: int) -> Non
     random = np.random.default_rng(seed)
     bell = random.normal(0.3, 0.05, 4000)
     surfaces = random.uniform(1.0, 5.0, 4000)
-    assert noise_around(np.r_[bell, surfaces] - bell.min()) == pytest.approx(
-        (0.3 + 4 * 0.05 - bell.min(), 0.05), rel=0.1
+    assert noise_around(np.r_[bell, surfaces] - bell.min(), 5.0) == pytest.approx(
+        (0.3 + 4 * 0.05 - bell.min(), 0.05, True), rel=0.1
     )
-    assert noise_around(random.uniform(0.0, 5.0, 8000)) == (0.0, 0.0)
+    assert noise_around(random.uniform(0.0, 5.0, 8000), 5.0) == (0.0, 0.0, False)
+    even = np.round(random.uniform(0.0, 0.1, 8000), 3)
+    found = noise_around(np.r_[even, surfaces], 5.0)
+    assert found == pytest.approx((0.05 + 4 * 0.029, 0.029, False), rel=0.1)
 
 
 def test_a_largest_reading_below_range_max_is_no_surface() -> None:
@@ -220,6 +223,16 @@ def test_a_largest_reading_below_range_max_is_no_surface() -> None:
     assert not any(round_room.add(np.full(90, 0.99 * LIMIT, np.float32), LIMIT) for _ in range(3))
     walls = [np.round(0.95 * LIMIT - 0.01 * ((i * np.arange(60)) % 50), 2) for i in range(20)]
     assert not any(steps.add(some.astype(np.float32), LIMIT) for some in walls), "ranges in whole steps"
+
+
+def test_a_huge_mark_of_silent_beams_rounds_no_readings() -> None:
+    """Readings are as exact as their own float32s, however large the mark is."""
+    random = np.random.default_rng(1)
+    search = CutOffSearch(says_itself=False)
+    for _ in range(20):
+        ranges = np.append(random.uniform(1, 4, 100), np.full(100, 1e6))
+        search.add(ndtree.Scan(ranges[:, None] * [1.0, 0.0], np.zeros(2), returned=ranges < 1e6))
+    assert search.found() is None
 
 
 def test_marks_of_the_file_say_it_all(tmp_path: Path) -> None:

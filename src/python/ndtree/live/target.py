@@ -11,7 +11,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from ndtree._errors import spelled
+from ndtree._errors import Text, key, spelled
 from ndtree._native._core import InsertReport, OccupancyMap
 from ndtree.base.scan import Scan
 from ndtree.live.corrections import Corrections
@@ -23,9 +23,49 @@ from ndtree.live.settings import LiveSettings
 from ndtree.live.slam import NOT_FOUND, Slam
 from ndtree.tuning.config import Config
 
+#: Scans that are compared with a saved map, and end points of each: as many tell all there is to know.
+MOST_COMPARED, _ENDS = 100, 500
+
 
 class LeftOut(Exception):
     """Why a scan is not mapped, as figures name it."""
+
+
+class SavedMap:
+    """Whether scans fit the map that is gone on with: another frame is told by ends where it is free."""
+
+    def __init__(self, m: OccupancyMap) -> None:
+        self._map: OccupancyMap | None = m.snapshot()
+        self._scans = self._fit = self._against = 0
+
+    def look(self, scan: Scan) -> None:
+        """Take note of a scan before it is mapped."""
+        if self._map is None or scan.points_only or scan.dim != self._map.dim:
+            return
+        ends = scan.endpoints[scan.hits()]
+        moved = self._map.moved(ends[:: max(1, len(ends) // _ENDS)])
+        fit, against = int((moved < 0.5).sum()), int((moved > 0.5).sum())
+        self._fit, self._against = self._fit + fit, self._against + against
+        self._scans += 1
+        if self._scans == MOST_COMPARED:
+            self._map = None
+
+    @property
+    def is_done(self) -> bool:
+        """Whether no more scans are looked at."""
+        return self._map is None
+
+    @property
+    def doubt(self) -> Text | None:
+        """Why scans and map may be in different frames."""
+        if self._fit > self._against or not self._scans:
+            return None
+        told = self._fit + self._against
+        share = f"{100 * self._against / told:.0f} % of their end points lie where it is free" if told else ""
+        return Text(
+            f"scans do not fit the saved map: {share or 'none ends where it was observed'}. "
+            f"Its frame may be another; {key('localize')} finds the sensor in it"
+        )
 
 
 def target_of(intake: Intake, how: LiveSettings, figures: LiveFigures) -> Target:
@@ -55,6 +95,7 @@ class Target:
         self.stamp = 0.0
         self.lock = threading.RLock()
         self._map = how.target
+        self._saved = None if how.target is None else SavedMap(how.target)
         self._first = None if how.target is None or not intake.may_revise else how.target.snapshot()
 
     @property
@@ -96,6 +137,7 @@ class Target:
             self.may_begin_again = False
             if m is not None and self._map is not None and m.dim != self._map.dim:
                 raise ValueError(f"the map is {m.dim}-D, expected {self._map.dim}-D as its sensors")
+            self._saved = None if m is None else SavedMap(m)
             if m is None and self._map is not None:
                 m = self._how.make(self._map.dim, self.config.options)
             self._map = m
@@ -117,6 +159,7 @@ class Target:
                 if one is not None:
                     one.begin()
             self._map = None if self._first is None else self._first.snapshot()
+            self._saved = None if self._first is None else SavedMap(self._first)
             self.begin()
             self.revision += 1
 
@@ -129,6 +172,13 @@ class Target:
 
     def settle(self) -> None:
         """Nothing more comes."""
+        self._compared()
+
+    def _compared(self) -> None:
+        """Say once whether scans fit the map that is gone on with."""
+        saved, self._saved = self._saved, None
+        if saved is not None and saved.doubt is not None:
+            self._intake.notes.append(saved.doubt)
 
     def placed(self, scan: Scan, is_new: bool) -> Scan:
         """A scan in the map's frame; raises LeftOut. Before it begins again, `is_new` is true."""
@@ -141,6 +191,8 @@ class Target:
             with self.lock:
                 if how.passing is not None:
                     how.passing.note(self._seen(), usable)
+                if self._saved is not None:
+                    self._saved.look(usable)
                 report = self._inserted(usable)
                 if how.window is not None:
                     how.window.moved(self._there(), scan)
@@ -148,6 +200,8 @@ class Target:
                     how.fading.follow(self._there(), usable, self.config.max_range)
                 self.stamp = scan.stamp
                 self.revision += 1
+                if self._saved is not None and self._saved.is_done:
+                    self._compared()
         except ValueError as error:
             raise LeftOut("scans that cannot be mapped") from error
         except MemoryError as error:

@@ -106,14 +106,20 @@ def map_image(name: str) -> MapImage:
     doubtful = int(counts[_UNKNOWN * channels]) if channels < 4 else 0
     if doubtful and mode != "raw" and not negate and state(np.array([float(_UNKNOWN)]))[0] == 0:
         notes.append(
-            f"{number_of(doubtful, 'pixel')} of grey {_UNKNOWN}, ROS 1's unknown: free by "
-            f"free_thresh = {free:g}: {_UNKNOWN_ABOVE} would make it unknown"
+            f"{number_of(doubtful, 'pixel')} of grey {_UNKNOWN}, which ROS 1 writes for unknown: free, as "
+            f"free_thresh is {free:g}; with {_UNKNOWN_ABOVE} they would be unknown"
         )
     greys = np.arange(len(counts)) / channels
     costs = (state(greys) == -1) & (greys <= (100 if mode == "raw" else 255))
     if mode != "trinary" and (between := int(counts[costs].sum())):
         notes.append(
-            f"{number_of(between, 'pixel')} between free_thresh and occupied_thresh: unknown, in nav2 a cost"
+            f"{number_of(between, 'pixel')} between free_thresh and occupied_thresh: unknown; "
+            "in nav2 free, or a cost with trinary_costmap: false"
+        )
+    if mode == "raw" and (above := int(counts[(greys > 100) & (greys < 255)].sum())):
+        notes.append(
+            f"{number_of(above, 'pixel')} of grey 101 to 254: unknown in mode raw; "
+            "if white is free in this image, its mode is trinary or scale"
         )
     if (states == -1).all():
         notes.append("no pixel is free or occupied: the map is empty")

@@ -315,8 +315,8 @@ def _rounded(value: float) -> float:
     return float(f"{value:.2g}")
 
 
-#: More smallest cells on a beam, or from one scan's origin to the next, than sensors and robots have:
-#: of 0.05 m they are 1 km.
+#: More smallest cells on a beam, from one scan's origin to the next, or along an axis of points alone, than
+#: sensors, robots and files have: of 0.05 m they are 1 km.
 MOST_CELLS = 20_000
 
 
@@ -333,12 +333,16 @@ class Scale:
         self._number = 0
         self._far: tuple[int, float] | None = None
         self._jump: tuple[int, float] | None = None
+        self._span = 0.0
         self._at: np.ndarray | None = None
 
     def add(self, scan: Scan) -> None:
         """Look at the next scan."""
         if len(scan):
             origin = scan.origin if scan.origin.ndim == 1 else scan.origin[0]
+            if scan.points_only:
+                points = scan.endpoints[np.isfinite(scan.endpoints).all(axis=1)]
+                self._span = max(self._span, float(np.ptp(points, axis=0).max()) if len(points) else 0.0)
             if self._far is None and math.isinf(self._max_range):
                 apart = np.abs(scan.endpoints - scan.origin)
                 longest = float(apart[np.isfinite(apart)].max(initial=0.0))
@@ -366,5 +370,10 @@ class Scale:
             return Text(
                 f"scan {number} lies {length:,.0f} m from the one before: expected all scans in one frame, "
                 f"such as UTM or a local one, and {key('origin')} for coordinates far away"
+            )
+        if self._span > self._limit:
+            return Text(
+                f"points span {self._span:,.0f} m, {self._span / self._cell:,.0f} cells: expected metres; "
+                f"if it is right, a larger {key('min_cell_size')} is enough"
             )
         return None

@@ -154,11 +154,11 @@ class Prospect:
         lines = []
         scans, poses = self.spans.get("scans"), self.spans.get("poses")
         if scans is not None and poses is not None:
-            lines.append(
-                f"scans from {scans[0]:.3f} to {scans[1]:.3f} s, "
-                f"poses from {poses[0]:.3f} to {poses[1]:.3f} s "
-                f"(scans begin {_away(scans[0] - poses[0])} and end {_away(scans[1] - poses[1])})"
-            )
+            begin, end = (one - other for one, other in zip(scans, poses))
+            times = "{} from {:.3f} to {:.3f} s".format
+            away = f" (scans begin {_away(begin)} and end {_away(end)})"
+            is_apart = max(abs(begin), abs(end)) >= 0.005  # As it is written.
+            lines.append(f"{times('scans', *scans)}, {times('poses', *poses)}{away if is_apart else ''}")
         lines += self.config.notes
         if self.cost is not None:
             seconds, memory = self.cost

@@ -6,6 +6,7 @@ They are surfaces if nearer readings end there, too, or on the plane that they m
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -42,19 +43,24 @@ class RangeEnd:
     is_empty: bool
 
     def __str__(self) -> str:
-        least = self.limit.at - self.limit.tolerance
+        least, most = self.limit.at - self.limit.tolerance, f"{self.limit.at:.4g}"
+        step = 10.0 ** (math.floor(math.log10(least)) - 2)
+        below = step * (math.ceil(least / step) - 1)  # In three digits.
+        which = f"of {most}" if f"{least:.4g}" == most else f"from {least:.4g} to {most}"
         return Text(
-            f"readings from {least:.4g} to {self.limit.at:.4g} m, the log's largest range, are taken as "
-            "surfaces: its poses cannot tell whether something is there. If nothing is: "
-            f"{key('max_range')} {least:.3g}"
+            f"readings {which} m, the log's largest range, are taken as surfaces: its poses cannot tell "
+            f"whether something is there. If nothing is: {key('max_range')} {below:.3g}"
         )
 
 
 def range_end(sample: list[Scan]) -> RangeEnd | None:
-    """The peak at the end of the ranges of a sample's returned beams; None without one, or on a surface."""
+    """The peak at the end of the ranges of a sample's returned beams; None without one, or on a surface.
+
+    One of another shape than noise has is a surface unless it is seen that nothing is there.
+    """
     if not any(len(scan) for scan in sample):
         return None
-    limit, sigma = _peak(sample)
+    limit, sigma, is_bell = _peak(sample)
     if limit is None:
         return None
     returned = _in_their_plane([replace(scan.returned_only(), range_sigma=None) for scan in sample])
@@ -79,23 +85,25 @@ def range_end(sample: list[Scan]) -> RangeEnd | None:
     if any(moved(returned, cell) > 0.5 for cell in cells):
         return RangeEnd(limit, is_empty=True)
     is_met = any(moved(nearer, cell) < 0.5 for cell in cells if cell <= NEAR * limit.at)
-    return None if is_met or _are_in_a_plane(ends, nearer, sigma) else RangeEnd(limit, is_empty=False)
+    is_surface = not is_bell or is_met or _are_in_a_plane(ends, nearer, sigma)
+    return None if is_surface else RangeEnd(limit, is_empty=False)
 
 
-def _peak(sample: list[Scan]) -> tuple[CutOff | None, float]:
-    """The end of the ranges and the standard deviation of its noise [m]."""
+def _peak(sample: list[Scan]) -> tuple[CutOff | None, float, bool]:
+    """The end of the ranges, the standard deviation of its noise [m], and whether it has a noise's shape."""
     search = CutOffSearch(says_itself=False, least_scans=2)
     for scan in sample:
         search.add(scan)
     found = search.found()
     if found is not None:
-        return found, found.tolerance / 4
+        return found, found.tolerance / 4, True
     ranges = np.concatenate([ranges_of(scan) for scan in sample])
     largest = float(ranges.max())
     if not largest > 0:
-        return None, 0.0
-    reach, sigma = noise_around(largest - ranges[ranges >= (1 - NOISE_REACH) * largest])
-    return (CutOff(largest, reach) if 0 < reach <= NOISE_REACH * largest else None), sigma
+        return None, 0.0, False
+    farthest = NOISE_REACH * largest
+    reach, sigma, is_bell = noise_around(largest - ranges[ranges >= largest - farthest], farthest)
+    return (CutOff(largest, reach) if 0 < reach <= farthest else None), sigma, is_bell
 
 
 def _cells(limit: CutOff, sigma: float) -> Iterator[float]:

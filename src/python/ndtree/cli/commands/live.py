@@ -148,11 +148,12 @@ class _Run:
         if self._given.get("strict") and mapper.figures.left_out.keys() - {NOT_SELECTED}:
             raise ValueError(f"{call.log}: {mapper.figures.summary()}; expected none with --strict")
         name = str(call.log or f"world {call.world}")
-        slam = self._how.slam
+        slam, is_paced = self._how.slam, call.rate > 0
         if self._how.localizer is not None:
-            report_places(mapper, self._how.localizer, self._found, (call.output, call.json_file), name)
+            files = call.output, call.json_file
+            report_places(mapper, self._how.localizer, self._found, files, name, is_paced)
         else:
-            report(mapper, seconds, (call.output, call.json_file), name, slam)
+            report(mapper, seconds, (call.output, call.json_file), name, slam, is_paced)
             if slam is not None and call.output is not None:
                 mapper.session().save(scans_beside(call.output))
         if self._page is not None:

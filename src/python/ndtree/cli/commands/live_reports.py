@@ -76,9 +76,12 @@ def _print_head(mapper: LiveMapper, name: str) -> None:
         print(indented(line))
 
 
-def _delays(mapper: LiveMapper, what: str) -> str:
+def _delays(mapper: LiveMapper, what: str, is_paced: bool) -> str:
+    """How long scans took; nothing where all of a recording waited from the start."""
+    if not is_paced:
+        return ""
     median, late = (1e3 * mapper.figures.delay(q) for q in (0.5, 0.99))
-    return f"from arrival to {what}: median {median:.1f} ms, 99 % within {late:.1f} ms"
+    return f"; from arrival to {what}: median {median:.1f} ms, 99 % within {late:.1f} ms"
 
 
 def _wrote(output: Optional[Path]) -> str:
@@ -86,7 +89,12 @@ def _wrote(output: Optional[Path]) -> str:
 
 
 def report_places(
-    mapper: LiveMapper, localizer: Localizer, found: list[Localization], files: Files, name: str
+    mapper: LiveMapper,
+    localizer: Localizer,
+    found: list[Localization],
+    files: Files,
+    name: str,
+    is_paced: bool,
 ) -> None:
     """What was found, as a trajectory and in a line."""
     figures, (output, json_file) = mapper.figures, files
@@ -107,12 +115,14 @@ def report_places(
         times = localizer.times_lost
         lost = f"lost {number_of(times, 'time')}" if times else "never lost once found"
         counts = f"{len(known)} of {len(found)} scans localized, {lost}"
-        print(f"{counts}; {_delays(mapper, 'pose')}{_wrote(output)}")
+        print(f"{counts}{_delays(mapper, 'pose', is_paced)}{_wrote(output)}")
     said = {"found": len(known), "times_lost": localizer.times_lost, "is_lost": localizer.is_lost}
     write_json({"log": name, "live": figures.as_dict(), **said}, json_file)
 
 
-def report(mapper: LiveMapper, seconds: float, files: Files, name: str, slam: Optional[Slam]) -> None:
+def report(
+    mapper: LiveMapper, seconds: float, files: Files, name: str, slam: Optional[Slam], is_paced: bool
+) -> None:
     """What was mapped, into a file and in some lines."""
     figures, (output, json_file) = mapper.figures, files
     if not figures.mapped:
@@ -127,8 +137,8 @@ def report(mapper: LiveMapper, seconds: float, files: Files, name: str, slam: Op
             print(indented(slam.summary()))
         print_map(of_map)
         print(
-            f"{seconds:.3f} s, of which {figures.insert_seconds:.3f} s inserting; "
-            f"{_delays(mapper, 'map')}{_wrote(output)}"
+            f"{seconds:.3f} s, of which {figures.insert_seconds:.3f} s inserting"
+            f"{_delays(mapper, 'map', is_paced)}{_wrote(output)}"
         )
     for sink, error in mapper.failures.items():
         print(f"ndtree: {sink}: {error}", file=sys.stderr)

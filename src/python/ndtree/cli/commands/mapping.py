@@ -12,7 +12,7 @@ from typing import Any, Optional
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree._errors import WrongValue, key, located, naming
+from ndtree._errors import WrongValue, key, located, marked, naming
 from ndtree._native._core import OccupancyMap
 from ndtree.base.progress import Progress
 from ndtree.base.scan import Scan
@@ -171,6 +171,7 @@ class Passage:
             some = [key(name) for name in ("min_range", "max_range", "box") if name in self.config.values]
             found = f"{number_of(self.scans, 'scan')}, {counted(counts)}"
             why = f", with {listed(some)}" if some else ""
+            why += "".join(f"; {marked(note)}" for note in self.log.notes)
             raise WrongValue(f"{self.log.name}: nothing to map in {found}{why}")
         return counts
 

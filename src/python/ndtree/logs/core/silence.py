@@ -68,11 +68,11 @@ def noise_below_alone(below: Points, farthest: float) -> float:
     return _reach_of_half_a_bell(below[:n], _BESIDE / 2)
 
 
-def noise_around(below: Floats) -> tuple[float, float]:
-    """Where a bell around a largest range ends, and its standard deviation [m]; 0 and 0 if there is none.
+def noise_around(below: Floats, farthest: float) -> tuple[float, float, bool]:
+    """Where a peak at a largest range ends, its standard deviation [m], and whether it is a bell; else 0.
 
     Nothing is just below it. A surface that stays as far away makes one, too.
-    `below` (ndarray, (n,)): Distances of readings from the largest of all [m].
+    `below` (ndarray, (n,)): Distances of readings from the largest of all [m], up to `farthest`.
     """
     below = np.sort(below)
     n, before = 2 * LEAST_NOISY, 0
@@ -85,16 +85,26 @@ def noise_around(below: Floats) -> tuple[float, float]:
             sigma = float(below[:n].std())
         n, beyond = (int(np.searchsorted(below, middle + k * _ALL * sigma, side="right")) for k in (1, 2))
         n = max(beyond if beyond > (1 + _BESIDE) * n else n, before)
-    if n != before:
+    if n == before and (sigma := float(below[:n].std())) > 0:
+        middle = float(below[:n].mean())
+        values, counts = np.unique(np.round(below[:n], _MOST_DECIMALS), return_counts=True)  # In whole steps.
+        shares = [0.5 + 0.5 * math.erf(v) for v in ((values - middle) / (math.sqrt(2) * sigma)).tolist()]
+        apart = np.abs(shares - (np.cumsum(counts) - counts / 2) / n).max()
+        if apart < max(_KOLMOGOROV / math.sqrt(n), _BESIDE / 2):
+            return middle + _ALL * sigma, sigma, True
+    return (*_peak_of_any_shape(below, farthest), False)
+
+
+def _peak_of_any_shape(below: Floats, farthest: float) -> tuple[float, float]:
+    """Of sorted distances: where those end of which hardly more are within twice as much."""
+    n, twice = (np.searchsorted(below, k * below, side="right") for k in (1, 2))
+    ends = (n >= 2 * LEAST_NOISY) & (twice <= (1 + _BESIDE) * n)
+    ends &= (below > 10**-_MOST_DECIMALS) & (2 * below <= farthest)
+    if not ends.any():
         return 0.0, 0.0
-    middle, sigma = float(below[:n].mean()), float(below[:n].std())
-    if not sigma > 0:
-        return 0.0, 0.0
-    values, counts = np.unique(np.round(below[:n], _MOST_DECIMALS), return_counts=True)  # In whole steps.
-    shares = [0.5 + 0.5 * math.erf(v) for v in ((values - middle) / (math.sqrt(2) * sigma)).tolist()]
-    apart = np.abs(shares - (np.cumsum(counts) - counts / 2) / n).max()
-    is_bell = apart < max(_KOLMOGOROV / math.sqrt(n), _BESIDE / 2)
-    return (middle + _ALL * sigma, sigma) if is_bell else (0.0, 0.0)
+    peak = below[: twice[ends.argmax()]]
+    sigma = float(peak.std())
+    return float(peak.mean()) + _ALL * sigma, sigma
 
 
 def _reach_of_half_a_bell(noisy: Floats, beside: float) -> float:
@@ -197,7 +207,8 @@ def _rounding(scan: Scan) -> float:
 
 def _exact(scan: Scan) -> float:
     """By how much, if they were float32 once, as in most files [m]."""
-    known = np.abs(scan.endpoints[np.isfinite(scan.endpoints)])
+    ends = scan.endpoints[scan.did_return]  # Others may be marked by any number.
+    known = np.abs(ends[np.isfinite(ends)])
     largest = max(float(known.max(initial=0.0)), float(np.abs(scan.origin).max(initial=0.0)))
     return 4 * float(np.finfo(np.float32).eps) * largest
 

@@ -126,7 +126,10 @@ class CloudFile:
 
 
 def pcd_viewpoint(path: str) -> Pose:
-    """Pose of the sensor in a PCD's header; the identity where the header has none."""
+    """Pose of the sensor in a PCD's header; the identity where the header has none.
+
+    `0 0 0 0 0 0 1` is the identity, too: many programs write it so, with the quaternion's w last.
+    """
     with open_regular(path) as file:
         for _ in range(100):
             line = file.readline(4096)
@@ -138,7 +141,9 @@ def pcd_viewpoint(path: str) -> Pose:
                 if len(fields) != 7:
                     raise ValueError(said)
                 try:
-                    x, y, z, qw, qx, qy, qz = (float(field) for field in fields)
+                    x, y, z, qw, qx, qy, qz = numbers = [float(field) for field in fields]
+                    if numbers == [0, 0, 0, 0, 0, 0, 1]:
+                        return Pose.identity()
                     return Pose.from_quaternion((x, y, z), (qx, qy, qz, qw))
                 except ValueError as error:
                     raise ValueError(f"{said} ({error})") from None

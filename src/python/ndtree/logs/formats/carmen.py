@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from ndtree._errors import WrongValue, key
 from ndtree._native import _core
 from ndtree.base.scan import Scan
-from ndtree.base.words import number_of
+from ndtree.base.words import listed, number_of
 from ndtree.logs.core.log import LineLog
 from ndtree.logs.core.rules import NO_ECHO, Rules
 from ndtree.logs.core.source import Format, Source
@@ -33,6 +33,7 @@ _LASER_RECORD = re.compile(
 _FIRST_RANGE = {"FLASER": 2, "ROBOTLASER1": 9}
 #: Lasers beside the one that is read.
 _OTHER_LASERS = frozenset("RLASER LASER3 LASER4 LASER5 ROBOTLASER2 REMISSIONRLASER".split())
+_NAME = re.compile(r"[A-Za-z_]")
 _ZERO = re.compile(r"(?<!\S)-?0+(\.0*)?(?!\S)")
 #: As the parser takes it for a beam without return [m]: where records do not say how far their laser sees.
 _NO_ECHO_RANGE = "80"
@@ -60,6 +61,7 @@ class CarmenLog(LineLog):
         parser = _core.CarmenParser(field_of_view=None if self._fov is None else math.radians(self._fov))
 
         others: Counter[str] = Counter()
+        hosts: dict[str, None] = {}  # Computers that recorded scans, in their order.
 
         def parse(line: str) -> Scan | None:
             record = parser.parse_line(_with_no_echo(line) if self.rules.zero_is == NO_ECHO else line)
@@ -67,6 +69,8 @@ class CarmenLog(LineLog):
                 others.update(KEYWORDS.intersection(line.split(maxsplit=1)[:1]))
                 return None
             fields = line.split()
+            if _NAME.match(fields[-2]):
+                hosts[fields[-2]] = None
             if _ZERO.search(line):  # Beams that end at their origin, unless they were replaced.
                 self.zeros += sum(map(_is_zero, fields[_ranges_in(fields)]))
             return Scan(*record, heading=_heading_of(fields))
@@ -80,6 +84,9 @@ class CarmenLog(LineLog):
         if not found:
             found_some = ", ".join(others) or "none of the format"
             raise ValueError(f"{self.path}: no FLASER or ROBOTLASER1, expected one; found {found_some}")
+        if len(hosts) > 1:
+            said = f"scans come from {len(hosts)} computers, {listed(list(hosts))}"
+            self._seen.append(f"{said}: of several robots, map the lines of each alone")
         for name in sorted(_OTHER_LASERS & others.keys()):
             self._seen.append(f"{number_of(others[name], f'{name} record')} of another laser are not read")
 

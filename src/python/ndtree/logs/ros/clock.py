@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Hashable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +33,7 @@ class Clock:
     `streams`: Of each topic, or each transform on a topic: what one writer stamps should rise.
     Attributes:
     `falls`: Stamps at which it began again [s].
+    `unstamped`: Streams most of whose stamps are 0, and no time.
     """
 
     def __init__(self, streams: Mapping[Hashable, Stream]) -> None:
@@ -40,6 +42,11 @@ class Clock:
             others = [stamp for _, stamp in stream if stamp]
             self._zero_is_time[name] = 0 < len(others) < len(stream) and 0 < min(others) < BEGINS
         self._zero_of_others = any(self._zero_is_time.values())
+        self.unstamped: set[Any] = {
+            name
+            for name, stream in streams.items()
+            if not self._zero_is_time[name] and 2 * sum(not stamp for _, stamp in stream) > len(stream)
+        }
         for name, stream in streams.items():  # One message alone cannot tell.
             if len(stream) < 2:
                 del self._zero_is_time[name]

@@ -84,6 +84,12 @@ def planned(bag: Bag, options: BagOptions, dim: int | None, *, so_far: bool, in_
     covariances = _covariances(bag.path, place, survey, options.pose_covariance or AUTO, dim, in_memory)
     again = "what follows is mapped as if it came later"
     notes = [f"the clock begins again at {stamp:.3f} s: {again}" for stamp in survey.clock.falls]
+    clock = survey.clock
+    unstamped = [one for one in used if any(one.name == stream[0] for stream in clock.unstamped)]
+    if unstamped:
+        notes.append(
+            f"stamps of {listed(unstamped)} are 0: messages count as measured when they were recorded"
+        )
     notes += found.notes
     left = [one for one in topics if one not in used]
     if left:

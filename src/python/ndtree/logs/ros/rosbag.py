@@ -178,14 +178,13 @@ def outline(bag: Bag, *, whole: bool = True) -> dict[str, Any]:
     """Topics with their types, numbers and rates of messages and frames, when they were recorded, and /tf.
 
     `whole`: Read all of it. Else what its index says, and the first messages: frames that appear later are
-        missing, and rates are over all of the recording.
+        missing, and rates are not known.
     Returns: "start" and "end" [s]; "topics", each with "topic", "type", "messages", "frame", "rate" [Hz] and
     of images and of what cannot be read "encoding", None where it is not known; "frames", the lines of a
     tree; "damage", lines about files that are not whole.
     """
     framed = [one.name for one in bag.topics if one.messages and one.type in (*SENSORS, *POSES, CAMERA_INFO)]
     survey = Survey(bag if whole else _Beginnings(bag), framed)
-    span = bag.end - bag.start
     topics = []
     encodings = encodings_in(bag)
     for topic in bag.topics:
@@ -194,10 +193,7 @@ def outline(bag: Bag, *, whole: bool = True) -> dict[str, Any]:
         frame = seen.frame if seen is not None and seen.frames else None
         if infos:
             frame = infos[0][1].header.frame_id.lstrip("/")
-        rate = None if seen is None else seen.rate
-        if not whole:  # Over all of the recording; of what is said once there is none.
-            is_once = topic.messages < 2 or topic.name.endswith("tf_static") or span <= 0
-            rate = None if is_once else (topic.messages - 1) / span
+        rate = seen.rate if seen is not None and whole else None
         about = {"frame": frame, "rate": rate, "encoding": encodings.get(topic.name)}
         topics.append({"topic": topic.name, "type": topic.type, "messages": topic.messages, **about})
     for topic, packing in bag.unread:
