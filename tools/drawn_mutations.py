@@ -33,9 +33,9 @@ TESTS = {
     "live/routing.py": "test_live_routing.py",
     "logs/core/silence.py": "test_silence.py",
     "logs/folders/coordinate_system.py": "test_coordinate_systems.py",
-    "tuning/agreement.py": "test_agreement.py",
     "tuning/range_end.py": "test_range_end.py",
     "tuning/heading.py": "test_heading.py",
+    "tuning/mismatch.py": "test_carried.py test_mismatch.py",
     "tuning/revisits.py": "test_revisits.py",
     "tuning/setup.py": "test_setup_error.py test_setup_in_space.py",
 }

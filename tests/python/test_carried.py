@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Robots that were carried, and places that look otherwise when they are visited again, are told of."""
+"""Robots that were carried, wheels that slip, and places that look otherwise when they are visited again."""
 
 from __future__ import annotations
 
@@ -32,6 +32,14 @@ def told_at(scan: Scan, pose: np.ndarray) -> Scan:
     return replace(scan, endpoints=points, origin=pose[:2], heading=float(pose[2]))
 
 
+def slipping(scans: list[Scan], at: int, step: float) -> list[Scan]:
+    """Poses go aside by so much a scan, from one on."""
+    off = step * (np.arange(len(scans)) - at).clip(0)
+    return [
+        told_at(scan, pose_of(scan) + np.array([0.9 * by, 0.3 * by, 0.0])) for scan, by in zip(scans, off)
+    ]
+
+
 def found_in(scans: list[Scan]) -> Mismatch | None:
     return mismatch(spread(scans, keep=Cloud.of)[0])
 
@@ -61,3 +69,31 @@ def test_right_poses_do_not_contradict(office: list[Scan], every: int) -> None:
     assert found_in(noisy) is None and found_in(noisy[:210]) is None
     short = [replace(scan, endpoints=scan.endpoints[:1], returned=None) for scan in noisy[:40]]
     assert all(found_in(few) is None for few in ([], noisy[:1], noisy[:9], short))
+
+
+@pytest.mark.parametrize("step", [0.06, -0.1])
+def test_wheels_that_slip_are_told_of_with_the_time(step: float, office: list[Scan]) -> None:
+    found = found_in(slipping(office[:300], 120, step))
+    assert found is not None and found.kind == "steps" and "wheels slip" in str(found)
+    assert found.since == pytest.approx(12.0, abs=5.0)
+
+
+def test_a_robot_that_is_stuck_is_told_of(office: list[Scan]) -> None:
+    """Its wheels turn on: that each scan is as the one before counts where surfaces contradict the poses."""
+    stuck = [replace(office[120], stamp=scan.stamp) for scan in office[120:300]]
+    found = found_in(slipping([*office[:120], *stuck], 120, 0.05))
+    assert found is not None and found.kind == "steps" and found.since == pytest.approx(12.0, abs=3.0)
+
+
+def corridor(step: float, angles: np.ndarray) -> list[Scan]:
+    """Scans on the way through a smooth corridor, 2 m wide, whose ends are out of sight."""
+    reach = 1.0 / np.abs(np.sin(angles))
+    local = np.column_stack((reach * np.cos(angles), np.sign(angles)))[reach < 14.0]
+    origins = [np.array([step * i, 0.0]) for i in range(160)]
+    return [Scan(local + at, at, stamp=0.1 * i, heading=0.0) for i, at in enumerate(origins)]
+
+
+@pytest.mark.parametrize(("beams", "step"), [(91, 0.12), (181, 0.06), (361, 0.17)])
+def test_a_corridor_that_looks_the_same_everywhere_contradicts_no_pose(beams: int, step: float) -> None:
+    """Each scan is the one before, in its sensor's frame, as if the robot had stood."""
+    assert found_in(corridor(step, np.linspace(-1.99, 2.01, beams))) is None

@@ -87,5 +87,5 @@ def test_pairs_that_turn_far_tell_nothing() -> None:
     unknown = np.full(3, np.nan)
     for turn, moved, is_near in ((0.5, 0.1, True), (1.2, 0.1, False), (0.0, 0.01, False), (0.0, 7.0, False)):
         told = np.array([moved, 0.0, turn])
-        pair = Pair(0, 1, False, told, unknown, np.diag(unknown), None)
+        pair = Pair(told, unknown)
         assert pair.is_near is is_near and not pair.is_matched

@@ -20,11 +20,13 @@ from lidar_drives import measured
 import ndtree
 from ndtree import Scan
 from ndtree.alignment.surfaces import Cloud
+from ndtree.evaluation.pose_noise import PoseNoise
 from ndtree.evaluation.sampling import spread
 from ndtree.tuning.first_look import FirstLook
 from ndtree.tuning.mismatch import Mismatch, mismatch
 from ndtree.tuning.motions import moved_by
-from trial import worlds
+from trial import moving, worlds
+from trial.capabilities import Trial
 from trial.scene import Floats
 from trial.setup_in_space import driven
 
@@ -116,3 +118,10 @@ def test_the_first_look_says_so(drive: tuple[Floats, list[Floats]], tmp_path: Pa
     look: FirstLook = ndtree.first_look(ndtree.read(tmp_path / "log.npz"))
     assert look.mismatch is not None and str(look.mismatch) == look.doubt
     assert math.isnan(look.mismatch.since) and look.figures()["mismatch"]["since"] is None
+
+
+@pytest.mark.parametrize(("row", "seed"), [("static", 16), ("static", 33), ("static", 38), ("clean", 2)])
+def test_rails_that_repeat_are_no_noise_of_poses(row: str, seed: int, tmp_path: Path) -> None:
+    """Poses are exact; patches of rails fit one period on, too, and nothing else tells of the way along."""
+    recording, _, _ = moving.recorded(Trial.of(row, seed, "railing").case())
+    assert PoseNoise.of(ndtree.read(recording.save(tmp_path / "log.npz"))) == PoseNoise()

@@ -125,3 +125,16 @@ def test_what_scans_are_of_one_place(origin: Any, dim: int, points_only: bool, i
     scan = replace(scan, points_only=points_only)
     good = ndtree.Scan(np.ones((2, 2)), [0.0, 0.0])
     assert is_of_one_place([good, scan]) == is_one and is_of_one_place([good])
+
+
+def test_surfaces_are_filled_between_neighbouring_beams_alone() -> None:
+    wall = np.column_stack((3.0 / np.tan(np.linspace(0.3, 1.5, 16)), np.full(16, 3.0)))
+    filled = surface_of(wall)
+    assert np.allclose(filled[:16], wall) and np.allclose(filled[:, 1], 3.0)
+    assert np.diff(np.sort(filled[:, 0])).max() <= 0.2
+    door = np.delete(wall, [6, 7, 8], axis=0)  # Their beams did not return.
+    inside = surface_of(door)[:, 0]
+    assert not ((inside > wall[9, 0] + 0.01) & (inside < wall[5, 0] - 0.01)).any()
+    rods = np.column_stack((np.arange(16.0), np.where(np.arange(16) % 2, 2.0, 4.0)))
+    assert len(surface_of(rods)) == 16
+    assert len(surface_of(wall[:2])) == 2

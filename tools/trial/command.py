@@ -11,7 +11,7 @@ from typing import Any
 
 #: Lines that tell a user to look again: each names what is unsure, or what is not in the answer.
 _DOUBT = re.compile(
-    r"doubt|unsure|not sure|cannot tell|could not be|wheels slip|poses drift|poses err|lie apart|not fit"
+    r"doubt|unsure|not sure|cannot tell|could not be|poses drift|poses err|lie apart|not fit"
     r"|contradict|passed over|[1-9]\d* (left out|dropped)|lost [1-9]|withdrawn|too late|no pose|jumps? back"
 )
 

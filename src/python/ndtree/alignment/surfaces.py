@@ -29,6 +29,7 @@ _LEAST_POINTS, _LEAST_BEAMS = 6, 4  # Of a patch in space and in the plane.
 _FLAT, _WIDE = 0.02, 0.1  # Variances of a plane: the least to the middle one; its root to the edge.
 FITS = 0.3  # Of the patches, in clouds that fit each other.
 _FEWEST = 12  # Patches that tell how a cloud lies.
+_EDGE = 0.04  # What a sensor sees edge-on are beams to a post, not a surface: their plane is so near [m].
 _PARALLEL = 0.9  # Cosine of normals of the same surface.
 _ERROR = 0.02  # Of a patch, beside half of its thickness [m].
 _SLANT = math.sqrt(_FLAT)  # What is flat enough may be turned by that [rad].
@@ -216,21 +217,29 @@ class Cloud:
         """By how much another cloud lies otherwise than the poses say, and the covariance of that.
 
         By the patches that meet where the poses have them, and by no others: what repeats nearby, as rails or
-        the pattern of the rings, would fit, too. None if few meet.
+        the pattern of the rings, would fit, too. Nor does it lie otherwise along what only seems to be told,
+        by normals that err. None if few meet.
 
         Returns (6,) place and turn, on the left, and (6, 6), huge where nothing tells.
         """
         normal, off, arm, variance, slant, which = self._met(other, np.linalg.inv(self.pose) @ other.pose)
+        faces = np.abs(np.einsum("ni,ni->n", normal, arm)) > _EDGE
+        normal, off, arm, variance, slant, which = (
+            one[faces] for one in (normal, off, arm, variance, slant, which)
+        )
         if len(np.unique(which)) < max(_FEWEST, FITS * len(other.patches.keys)):
             return None
         rows = np.hstack((normal, _crossed(arm, normal)))
         change = np.zeros(6)
-        for _ in range(_ROUNDS):
+        for is_near in _ROUNDS * [False] + _ROUNDS * [True]:  # At first, all that is far off seems wrong.
             weights = (_FREEDOM + 1) / (_FREEDOM * variance + (off + rows @ change) ** 2)
             information = (rows * weights[:, None]).T @ rows
             change = -np.linalg.solve(information + np.diag(_START**-2), rows.T @ (weights * off))
-        levels = len(_levels(self.scan.dim == 2))
-        return change, _covariance(information, _of_points(arm, weights * slant), levels)
+            seem = _of_points(arm, weights * slant)
+            if is_near:
+                root, axes, times = _times(information, seem)
+                change = np.linalg.solve(root.T, (axes * (times > 1.0)) @ axes.T @ root.T @ change)
+        return change, _covariance(information, seem, len(_levels(self.scan.dim == 2)))
 
     def matched(self, other: Cloud, motion: Floats) -> tuple[Floats, Floats]:
         """The pose of another cloud as seen from this one, (4, 4), near a guess of it; and its covariance.
@@ -309,10 +318,7 @@ def _covariance(information: Floats, seem: Floats, levels: int) -> Floats:
     Directions are told by how many times as much as that, whatever their units.
     `levels`: Of patches that each surface has.
     """
-    seem = seem + _NONE * np.eye(6)
-    root = np.linalg.cholesky(seem)
-    inverse = np.linalg.inv(root)
-    times, axes = np.linalg.eigh(inverse @ information @ inverse.T)
+    root, axes, times = _times(information, seem)
     told = root @ (axes * (times - 1.0).clip(0.0)) @ axes.T @ root.T / levels
     covariance: Floats = np.linalg.inv(told + _NONE * np.eye(6))
     return covariance
@@ -322,6 +328,14 @@ def _crossed(ones: Floats, others: Floats) -> Floats:
     """(n, 3) cross products."""
     (a, b, c), (x, y, z) = ones.T, others.T
     return np.stack((b * z - c * y, c * x - a * z, a * y - b * x), axis=-1)
+
+
+def _times(information: Floats, seem: Floats) -> tuple[Floats, Floats, Floats]:
+    """How many times as much as only seems so is told, along which axes, in units whose root comes first."""
+    root = np.linalg.cholesky(seem + _NONE * np.eye(6))
+    inverse = np.linalg.inv(root)
+    times, axes = np.linalg.eigh(inverse @ information @ inverse.T)
+    return root, axes, times
 
 
 def _of_points(arm: Floats, weights: Floats) -> Floats:

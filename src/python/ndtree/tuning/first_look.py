@@ -22,7 +22,6 @@ from ndtree.evaluation.sampling import NoReturns, judge, skipping_unmappable, so
 from ndtree.logs.core.log import Log, require_log
 from ndtree.logs.core.rules import UNSEARCHED
 from ndtree.logs.core.silence import CutOff, CutOffSearch
-from ndtree.tuning.agreement import Disagreement, disagreement
 from ndtree.tuning.calibration import range_noise
 from ndtree.tuning.heading import HeadingDrift, heading_drift
 from ndtree.tuning.mismatch import Mismatch, mismatch
@@ -73,8 +72,6 @@ class FirstLook:
         Which readings at the end of the ranges may be beams without return as well.
     zeros : int
         Beams with a range of 0.
-    disagreement : Disagreement or None
-        From when on the poses of a 2-D log do not fit its scans.
     drift : Drift or None
         How far its surfaces lie apart where the robot comes back, if they do.
     heading_drift : HeadingDrift or None
@@ -101,7 +98,6 @@ class FirstLook:
     limit: CutOff | None = None
     unsure_end: str | None = None
     zeros: int = 0
-    disagreement: Disagreement | None = None
     drift: Drift | None = None
     heading_drift: HeadingDrift | None = None
     setup: SetupError | None = None
@@ -110,13 +106,7 @@ class FirstLook:
     @property
     def doubt(self) -> str | None:
         """Why the poses cannot be right, in one line; None where nothing says so."""
-        causes = (
-            self.setup,
-            self.disagreement,
-            self.drift,
-            self.heading_drift,
-            self.mismatch,
-        )
+        causes = (self.setup, self.drift, self.heading_drift, self.mismatch)
         found = next(filter(None, causes), None)
         return None if found is None else str(found)
 
@@ -238,13 +228,11 @@ def _doubts(looked: _Looked, is_planar: bool) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for sensor, runs, clouds in looked.views():
         runs = runs if is_planar else []
-        matched = pairs_of(runs)
         setup = setup_error(clouds)
         other = None if setup else mismatch(clouds)
         told = {
-            "disagreement": disagreement(matched),
             "drift": drift(runs),
-            "heading_drift": heading_drift(matched),
+            "heading_drift": heading_drift(pairs_of(runs)),
             "setup": setup and replace(setup, sensor=sensor),
             "mismatch": other and replace(other, sensor=sensor),
         }

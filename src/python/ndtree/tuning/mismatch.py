@@ -20,7 +20,7 @@ from ndtree._errors import Text, key
 from ndtree.alignment.planar import Floats
 from ndtree.alignment.surfaces import FITS, Cloud
 from ndtree.base.words import number_of, percent
-from ndtree.tuning.motions import errors_of, has_moved, motions_of, pose_noise
+from ndtree.tuning.motions import errors_of, motions_of, pose_noise
 from ndtree.tuning.setup_error import unfit
 
 #: Squared error over variances of a pair that does not fit: of six freedoms, by chance one in a thousand. Of
@@ -33,7 +33,6 @@ _LEAST, _SOME = 3, {"steps": 0.1, "returns": 0.5}
 _MOST = 24  # Pairs of a kind, for the time that they take.
 _ACROSS, _ALL = 3, 0.75  # Clouds before and after a step, and how many of their pairs do not fit, at least.
 _FOLLOWS = 1.5  # Usual steps in time: what comes no later is next.
-_STANDS = (0.1, 0.06)  # Less is no motion [m, rad].
 _RETURNED, _WAY = 1.5, 6.0  # Distance of poses at a place where the sensor returns after a way [m].
 
 Fits = dict[tuple[int, int], "bool | None"]  # Of pairs of clouds; None where nothing tells.
@@ -72,7 +71,8 @@ class Mismatch:
         share = percent(self.wrong / self.pairs)
         return Text(
             f"{found}: the robot did not move as they say, first at {when}, and in "
-            f"{share} of the steps looked at; check the order of scans and poses and their clocks, or {helps}"
+            f"{share} of the steps looked at; check the order of scans and poses, their clocks, and whether "
+            f"wheels slip, or {helps}"
         )
 
 
@@ -88,11 +88,6 @@ def mismatch(runs: Sequence[Sequence[Cloud]]) -> Mismatch | None:
         or log.jump()
         or log.told("returns", log.do_fit(_some(log.returns())))
     )
-
-
-def _stands(motion: Floats) -> bool:
-    """Whether a sensor has hardly moved: then its pattern of rings fits beside any railing."""
-    return not has_moved(np.eye(4), motion, _STANDS)
 
 
 def _some(pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -134,7 +129,7 @@ class _Pairs:
         for start in (told[0], np.eye(4))[: 1 + (may_stand and as_told <= FITS)]:
             seen, covariance = one.matched(other, start)
             fit = one.agreement(other, seen)
-            if fit >= best and not (as_told > FITS and _stands(seen)):
+            if fit >= best:
                 error = errors_of(seen[None], told)[0]
                 best, off = fit, float(error @ np.linalg.solve(covariance + pose_noise(told)[0], error))
         if off is not None:

@@ -2,7 +2,7 @@
 """Scans of a planar laser's log that are near each other on the way, matched with each other.
 
 A match says how the sensor moved, and so by how much the poses err from scan to scan. Scans are matched with
-others of their run and with runs before, once for all who ask.
+others of their run and with runs before.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ndtree.alignment.planar import Floats, between, pose_of, turned, wrapped
+from ndtree.alignment.planar import Floats, between, pose_of, wrapped
 from ndtree.alignment.sensor_scans import SensorScan, sensor_scan
 from ndtree.base.scan import Scan
-from ndtree.tuning.revisits import MOST_RANGE, fitted, is_of_one_place, moved_by
+from ndtree.tuning.revisits import MOST_RANGE, fitted, is_of_one_place
 
 #: What is searched within a run and from one run to another [m, m, rad], with cells [m]; larger errors are
 #: not found. With coarser cells, errors of good poses look large where a robot turns.
@@ -31,21 +31,12 @@ _OF_TURN = 0.5
 class Pair:
     """Two scans, and how the second lies to the first.
 
-    `run`, `other`: Numbers of their runs.
-    `is_whole_run`: First and last of one run, at any distance.
     `told` (3,): By the poses: x, y [m] and yaw [rad] as seen from the first.
-    `seen` (3,), `covariance` (3, 3): The same by the match, and its covariance; nan where none fits well.
-    `shift`: How far the second has to be moved along directions that the surroundings tell [m]; 0 where it
-        fits nearly as well as it is, None where nothing tells.
+    `seen` (3,): The same by the match; nan where none fits well.
     """
 
-    run: int
-    other: int
-    is_whole_run: bool
     told: Floats
     seen: Floats
-    covariance: Floats
-    shift: float | None
 
     @property
     def is_matched(self) -> bool:
@@ -73,12 +64,10 @@ class Pairs:
     """The runs of a log that are each seen from one place, in their sensor's frame, and their pairs.
 
     `near`: Within runs, and of neighbouring ones.
-    `begin`: Time of the log's first scan [s].
     """
 
     runs: list[list[SensorScan]]
     near: list[Pair]
-    begin: float
 
 
 def pairs_of(runs: Sequence[Sequence[Scan]]) -> Pairs:
@@ -87,8 +76,7 @@ def pairs_of(runs: Sequence[Sequence[Scan]]) -> Pairs:
     `runs`: Consecutive scans in each, as from `ndtree.evaluation.sampling.spread`.
     """
     seen = [[_seen(scan) for scan in run] for run in runs if run and is_of_one_place(run)]
-    begin = next((scan.stamp for run in runs for scan in run), 0.0)
-    return Pairs(seen, _near(seen), begin)
+    return Pairs(seen, _near(seen))
 
 
 def _seen(scan: Scan) -> SensorScan:
@@ -100,26 +88,16 @@ def _near(runs: list[list[SensorScan]]) -> list[Pair]:
     pairs = []
     for i, run in enumerate(runs):
         last = len(run) - 1
-        for k in sorted({1, last} if last else ()):
-            pairs.append(_pair(run[:1], run[k], (i, i, k == last), _IN_RUN))
+        pairs += [_pair(run[:1], run[k], _IN_RUN) for k in sorted({1, last} if last else ())]
         if i + 1 < len(runs):
-            pairs.append(_pair(run, runs[i + 1][0], (i, i + 1, False), _ACROSS))
-    return [pair for pair in pairs if pair.is_near or pair.is_whole_run]
+            pairs.append(_pair(run, runs[i + 1][0], _ACROSS))
+    return [pair for pair in pairs if pair.is_near]
 
 
 def _pair(
-    seen: Sequence[SensorScan],
-    scan: SensorScan,
-    what: tuple[int, int, bool],
-    search: tuple[tuple[float, float, float], float],
+    seen: Sequence[SensorScan], scan: SensorScan, search: tuple[tuple[float, float, float], float]
 ) -> Pair:
     first = seen[0].pose
-    told = between(first, scan.pose)
-    pair = Pair(*what, told, np.full(3, np.nan), np.full((3, 3), np.nan), None)
-    found = fitted(seen, scan, *search) if pair.is_whole_run or pair.is_near else None
-    if found is None:
-        return pair
-    match = found[2]
-    covariance = turned(np.asarray(match.covariance, dtype=np.float64), -float(first[2]))
-    at = between(first, pose_of(np.asarray(match.pose)))
-    return replace(pair, seen=at, covariance=covariance, shift=moved_by(scan, *found))
+    pair = Pair(between(first, scan.pose), np.full(3, np.nan))
+    found = fitted(seen, scan, *search) if pair.is_near else None
+    return pair if found is None else replace(pair, seen=between(first, pose_of(np.asarray(found[2].pose))))
