@@ -12,9 +12,7 @@ from conftest import room_scan
 import ndtree
 
 MAKERS: list[Any] = [
-    lambda **options: ndtree.AdaptiveMap(dim=2, **options),
     lambda **options: ndtree.AdaptiveMap(dim=3, branching=3, min_cell_size=0.1, max_cell_size=0.9, **options),
-    lambda **options: ndtree.AdaptiveMap(dim=2, refinement="paper", **options),
     lambda **options: ndtree.FixedMap(dim=2, min_cell_size=0.05, **options),
 ]
 

@@ -317,15 +317,6 @@ def test_unwritable_output_is_refused_before_the_work(
     assert not (tmp_path / "a.ndt").exists()
 
 
-@pytest.mark.parametrize(
-    "arguments", [("fly",), ("map",), ("compare", "LOG", "--held-out", "x"), ("info", "--fast")]
-)
-def test_what_is_no_call_at_all_has_status_2(arguments: tuple[str, ...], log: Path) -> None:
-    done = run(*(str(log) if argument == "LOG" else argument for argument in arguments))
-    assert done.exit_code == 2
-    assert " --help" in done.stderr.splitlines()[-1]
-
-
 # --- The process ------------------------------------------------------------------------------------
 
 

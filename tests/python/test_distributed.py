@@ -37,6 +37,7 @@ def make_map():
     return ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, max_cell_size=0.8, range_sigma=0.02)
 
 
+@functools.cache
 def robot(seed: int, scans: int = 24, late: float = 0.0) -> list[ndtree.Scan]:
     """One that drives through the office; its clock is that of the others."""
     return [
@@ -164,7 +165,7 @@ class Dying(LocalEngine):
 
 def test_a_run_that_was_stopped_goes_on(tmp_path):
     whole = serial(fleet(12))
-    for left in (0, 2, 3, 6, 8):
+    for left in (0, 3, 8):
         url = tmp_path / str(left)
         engine = Dying(left)
         with pytest.raises(KeyboardInterrupt):

@@ -42,24 +42,25 @@ def test_pages_are_those_of_the_commands() -> None:
     assert len(made) == 1 + len(COMMANDS)
 
 
-@pytest.mark.parametrize("command", ["ndtree", *COMMANDS])
-def test_a_page_is_short(command: str) -> None:
-    text = Path(path_of(command)).read_text()
-    assert len(text.splitlines()) <= MOST_LINES
-    assert max(map(len, text.splitlines())) <= 104
-    assert command == "ndtree" or f"more: ndtree {command} --help-all" in text
+def test_a_page_is_short() -> None:
+    for command in ("ndtree", *COMMANDS):
+        text = Path(path_of(command)).read_text()
+        assert len(text.splitlines()) <= MOST_LINES
+        assert max(map(len, text.splitlines())) <= 104
+        assert command == "ndtree" or f"more: ndtree {command} --help-all" in text
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_option_has_its_default_and_is_in_the_table(command: str) -> None:
-    text = " ".join(pages()[command, True].replace(", --no-", "/").split())
-    names = options_of(command)
-    assert names
-    for name in names:
-        flag = max(next(one for one in every()[command].params if one.name == name).opts, key=len)
-        assert re.search(rf"{flag}[ ,/](?:(?! --).)*\((?:must be given|default: [^)]+)\)", text), flag
-    assert sorted(names) == sorted(one.name for one in options.options_of(command))
-    assert len(USUAL[command]) <= 5 and set(USUAL[command]) <= set(names)
+def test_every_option_has_its_default_and_is_in_the_table() -> None:
+    made = pages()
+    for command in COMMANDS:
+        text = " ".join(made[command, True].replace(", --no-", "/").split())
+        names = options_of(command)
+        assert names
+        for name in names:
+            flag = max(next(one for one in every()[command].params if one.name == name).opts, key=len)
+            assert re.search(rf"{flag}[ ,/](?:(?! --).)*\((?:must be given|default: [^)]+)\)", text), flag
+        assert sorted(names) == sorted(one.name for one in options.options_of(command))
+        assert len(USUAL[command]) <= 5 and set(USUAL[command]) <= set(names)
 
 
 def test_a_row_is_of_commands_that_there_are() -> None:
@@ -72,9 +73,9 @@ def test_a_row_is_of_commands_that_there_are() -> None:
 
 def test_defaults_are_those_of_the_program() -> None:
     """Where a parameter has one; those of the maps' options are the maps' own."""
-    checked = 0
+    made, checked = pages(), 0
     for command in COMMANDS:
-        text = " ".join(pages()[command, True].split())
+        text = " ".join(made[command, True].split())
         for parameter in every()[command].params:
             value = getattr(parameter.default, "value", parameter.default)
             if parameter.name in ndtree.default_options():
@@ -89,13 +90,13 @@ def test_defaults_are_those_of_the_program() -> None:
     assert checked > 50
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize("flag", ["--help", "-h", "--help-all"])
-def test_the_command_prints_its_page(command: str, flag: str) -> None:
-    for call in ([command, flag], [command, "nothing", flag, "--no-such"]):
-        done = cli(*call)
-        assert (done.exit_code, done.stderr) == (0, "")
-        assert done.stdout == pages()[command, flag == "--help-all"]
+def test_the_command_prints_its_page() -> None:
+    made = pages()
+    for command in COMMANDS:
+        for words in (["--help"], ["nothing", "-h", "--no-such"], ["nothing", "--help-all"]):
+            done = cli(command, *words)
+            assert (done.exit_code, done.stderr) == (0, ""), command
+            assert done.stdout == made[command, "--help-all" in words]
 
 
 def test_behind_two_dashes_nothing_is_asked_for() -> None:

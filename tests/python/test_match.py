@@ -43,7 +43,7 @@ def room_map() -> ndtree.AdaptiveMap:
 @pytest.mark.parametrize("cell, beams", [(0.025, 90), (0.1, 720)])
 def test_errors_are_as_large_as_told(cell, beams):
     rng, ratios = np.random.default_rng(8), []
-    for _ in range(30):  # Walls are anywhere in the cells.
+    for _ in range(15):  # Walls are anywhere in the cells.
         corner, size = rng.uniform(-0.1, 0.1, 2), rng.uniform((5, 4), (7, 6))
         m = ndtree.AdaptiveMap(dim=2, min_cell_size=cell, range_sigma=0.01)
         for _ in range(15):

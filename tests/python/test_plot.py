@@ -93,7 +93,7 @@ def test_an_occupied_cell_marks_its_pixel_however_small(tmp_path: Path) -> None:
     ax.set_axis_off()
     plot.occupancy(m, ax, region=(0, 900, 0, 900))
     assert ax.images[0].get_array().size > 4_000_000
-    for size in (300, 171, 64):
+    for size in (171, 64):
         ax.figure.savefig(tmp_path / "vast.png", dpi=size / 4)
         shown = imread(tmp_path / "vast.png")[::-1, :, 0]
         for x, y in ends[is_occupied]:
@@ -166,9 +166,7 @@ def faces_of(ax: Any) -> tuple[np.ndarray, np.ndarray]:
     return quads, collection.get_facecolors()[:, :3]
 
 
-@pytest.mark.parametrize(
-    "branching, azimuth, elevation", [(2, -60.0, 50.0), (2, 215.0, -30.0), (3, 35.0, 20.0), (3, 130.0, 60.0)]
-)
+@pytest.mark.parametrize("branching, azimuth, elevation", [(2, 215.0, -30.0), (3, 130.0, 60.0)])
 def test_what_is_in_front_is_drawn_last(branching: int, azimuth: float, elevation: float) -> None:
     m = with_room(ndtree.AdaptiveMap(dim=3, branching=branching, max_cell_size=0.9, min_cell_size=0.1), 30)
     region = (-5.0, 5.0) * 3
@@ -185,7 +183,7 @@ def test_what_is_in_front_is_drawn_last(branching: int, azimuth: float, elevatio
     lower, size = leaves.lower[chosen], leaves.size[chosen]
     generator = np.random.default_rng(2)
     checked = 0
-    for _ in range(150):
+    for _ in range(100):
         # Of the cubes on a line of sight, the nearest one is seen.
         inside = lower[(i := generator.integers(len(size)))] + generator.uniform(0.2, 0.8, 3) * size[i]
         with np.errstate(divide="ignore"):
@@ -208,7 +206,7 @@ def test_what_is_in_front_is_drawn_last(branching: int, azimuth: float, elevatio
         np.testing.assert_allclose(ratio[expected > 0.05], ratio[expected > 0.05].mean(), rtol=1e-6)
         assert 0.6 < ratio[expected > 0.05].mean() <= 1.0 + 1e-9
         checked += 1
-    assert checked > 120
+    assert checked > 80
 
 
 @pytest.mark.parametrize("color", plot.COLORS)

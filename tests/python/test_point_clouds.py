@@ -364,18 +364,9 @@ def by_text(names: str, row: np.ndarray, separator: str = " ") -> str:
 
 @pytest.mark.parametrize(
     "start",
-    [
-        "# .PCD v0.7\n",
-        "#.PCD v.7\n",
-        "# made by hand\n# .PCD v0.7\n\n",
-        "\n",
-        "# made by hand\n",
-        "",
-        "\ufeff",
-    ],
+    ["# .PCD v0.7\n", "#.PCD v.7\n", "# made by hand\n# .PCD v0.7\n\n", "\n", "# by hand\n", "", "\ufeff"],
 )
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
-@pytest.mark.parametrize("by", [" ", "\t"])
+@pytest.mark.parametrize("end, by", [("\n", " "), ("\r\n", "\t")])
 def test_pcd_is_recognised_however_its_header_begins(start: str, end: str, by: str, tmp_path: Path) -> None:
     lines = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n1 2 3\n4 5 6\n"
     path = tmp_path / "cloud.pcd"
@@ -456,8 +447,7 @@ PLY_KINDS = {
 
 
 @pytest.mark.parametrize("order", ["ascii", "binary_little_endian", "binary_big_endian"])
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
-@pytest.mark.parametrize("faces_first", [False, True])
+@pytest.mark.parametrize("end, faces_first", [("\n", True), ("\r\n", False)])
 @pytest.mark.parametrize("case", PLY_KINDS)
 def test_ply_with_all_that_a_vertex_and_a_face_may_have(
     case: str, faces_first: bool, end: str, order: str, tmp_path: Path
@@ -539,14 +529,7 @@ def test_clouds_of_one_point_or_none(tmp_path: Path, encoding: str) -> None:
 def test_names_say_numbers_and_times() -> None:
     assert [number_in(stem) for stem in ("000012", "a-7", "a", "7a")] == [12, 7, None, None]
     stamps = ("1.5", "1305031229528784000", "1305031229528784", "000012", "1.5.2", "a1.5")
-    assert [stamp_in(stem) for stem in stamps] == [
-        1.5,
-        1305031229.528784,
-        1305031229.528784,
-        None,
-        None,
-        None,
-    ]
+    assert [stamp_in(stem) for stem in stamps] == [1.5, 1305031229.528784, 1305031229.528784, *3 * [None]]
 
 
 NAMED = {
@@ -641,8 +624,7 @@ def street(seed: int, n: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("width", [3, 4, 5, 6])
-@pytest.mark.parametrize("n", [48, 1080, 12_000])
-@pytest.mark.parametrize("brightest", [1, 255])
+@pytest.mark.parametrize("n, brightest", [(48, 1), (1080, 255), (12_000, 1)])
 def test_the_numbers_of_a_point_are_told_from_the_content(
     width: int, n: int, brightest: int, tmp_path: Path
 ) -> None:

@@ -292,8 +292,9 @@ ATTRIBUTES = {
 }
 
 
-@pytest.mark.parametrize("layout", [" ", ",", "\t", ";"])
-@pytest.mark.parametrize("order", ["rings", "columns"])
+@pytest.mark.parametrize(
+    "layout, order", [(" ", "rings"), (",", "columns"), ("\t", "columns"), (";", "rings")]
+)
 @pytest.mark.parametrize("name", ATTRIBUTES)
 def test_points_of_walls_are_not_taken_for_beams(name: str, order: str, layout: str, tmp_path: Path) -> None:
     points = lidar_points(order)

@@ -78,18 +78,6 @@ class Scene:
             self.passing,
         )
 
-    def with_others(self, other: Scene) -> Scene:
-        """Both: what stands, and what moves at one time."""
-        return Scene(
-            self.dim,
-            self.segments + other.segments,
-            self.circles + other.circles,
-            self.boxes + other.boxes,
-            self.cylinders + other.cylinders,
-            self.glass + [len(self.segments) + i for i in other.glass],
-            self.passing or other.passing,
-        )
-
     def cast(self, origins: Floats, directions: Floats, rng: np.random.Generator | None = None) -> Floats:
         """(n,) distances along unit directions to the first surface; inf where there is none.
 

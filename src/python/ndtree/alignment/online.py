@@ -23,6 +23,7 @@ from ndtree.alignment.sensor_scans import SensorScan, Track, sensor_scan
 from ndtree.alignment.tracking import Tracker
 from ndtree.base.scan import Scan
 
+_CELL = 0.05  # Of the matched map, as `align` has it [m].
 _TAKEN = 5  # Key scans after which loops count that were looked for.
 _TELL = 100  # Motions that tell odometry's scale.
 _MOST_KEPT = 2000  # Scans that may be matched once more with it.
@@ -41,24 +42,14 @@ class OnlineAlignment:
     """Poses of scans, each as soon as it comes, and those of all when a place was seen again.
 
     `odometry`: Whether scans' poses say how the sensor moved.
-    `max_range`, `cell_size`, `close_loops`: As of `align`.
     `earlier`: That is gone on with.
     Attributes:
     `state`: How things stood when loops were looked for last.
     `covariance` (3, 3) float64: Of the last scan's x, y [m] and yaw [rad], in what was seen shortly before.
     """
 
-    def __init__(
-        self,
-        *,
-        odometry: bool = True,
-        max_range: float = MAX_RANGE,
-        cell_size: float = 0.05,
-        close_loops: bool = True,
-        earlier: Drive | None = None,
-    ) -> None:
-        self._how = cell_size, Motion() if odometry else NO_ODOMETRY, odometry
-        self._max_range, self._close_loops = max_range, close_loops
+    def __init__(self, *, odometry: bool = True, earlier: Drive | None = None) -> None:
+        self._how = _CELL, Motion() if odometry else NO_ODOMETRY, odometry
         track = None if earlier is None else earlier.track.copy()
         self._tracker = Tracker(*self._how, track=track)
         self._first: list[SensorScan] = []  # Until they have told odometry's scale.
@@ -93,7 +84,7 @@ class OnlineAlignment:
         Returns (3,) float64: x, y [m] and yaw [rad] of its sensor in the map.
         """
         keys = len(self.track.keys)
-        found = sensor_scan(scan, self._max_range)
+        found = sensor_scan(scan, MAX_RANGE)
         self._stamps.append(scan.stamp)
         self._odometry.append(found.pose)
         if covariance is None:
@@ -103,7 +94,7 @@ class OnlineAlignment:
         self._is_new = self._is_new or self._tracker.is_smoothed
         self._tracker.is_smoothed = False
         self._learn_scale(found)
-        if len(self.track.keys) > keys and self._close_loops:
+        if len(self.track.keys) > keys:
             self._look()
         return self._last_in_map()
 
@@ -124,8 +115,7 @@ class OnlineAlignment:
         self._take()
         if not self._is_told:
             self._match_again()
-        if self._close_loops:
-            self._found(self._searched(len(self.track.keys), True))
+        self._found(self._searched(len(self.track.keys), True))
         self._thread.shutdown()
         return self._state_of(len(self.track.poses), len(self.track.keys))
 

@@ -202,7 +202,7 @@ class Tracker:
         if goes_on and _is_outside(step, self._step, window):
             free = NO_ODOMETRY.sigmas(self._step, True)
             as_before = best_near(near, scan, composed(last, self._step), free, pieces, AS_BEFORE)
-            best = max(best, as_before, key=_posterior)
+            best = max(best, as_before, key=lambda one: one.posterior)
         before = self._scores[-_REMEMBERED:]
         usual = _POOR * float(np.median(before)) if len(before) > 5 else 0.0
         is_against = self._has_odometry and _is_outside(best.pose, guess, window)
@@ -278,10 +278,6 @@ def _untold(covariance: Floats) -> float:
 def _is_leap(before: Floats, step: Floats, window: Floats) -> bool:
     """Whether a step is longer than the one before it, or goes elsewhere, by more than usual."""
     return bool((np.abs(step - before) > window)[:2].any())
-
-
-def _posterior(hypothesis: Hypothesis) -> float:
-    return hypothesis.posterior
 
 
 def _is_outside(pose: Floats, guess: Floats, window: Floats) -> bool:
