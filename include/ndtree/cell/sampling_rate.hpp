@@ -15,7 +15,7 @@ namespace ndtree {
 /// Beams of one scan are correlated, and what a cell remembers is limited: the fewer beams it samples of each
 /// scan, the more scans it remembers.
 /// - A well observed cell (of known_evidence nats) samples b = sample_beams beams for each smallest cell of
-///   its cross-section, (edge / min_cell_size)^(D - 1) of them; any other cell, and one that is contradicted
+///   its cross-section, (edge / smallest)^(D - 1) of them; any other cell, and one that is contradicted
 ///   (a saturated one in which more beams end than errors explain, an occupied one that the last scans' beams
 ///   all passed), samples 5 b.
 /// - At most scan_beams misses of one scan count per cell, if all of the scan's beams passed it.

@@ -21,7 +21,7 @@ struct CoverageOptions {
   /// out of a part is no deeper. Few beams have to see this fraction of the whole cell. 0: any beam is
   /// enough. (Whether an observed cell is *covered* is another question: CoverageVerdict.)
   double covered_share = 0.5;
-  /// Cells whose edge is longer than this many min_cell_size split to show what was seen.
+  /// Cells whose edge is longer than this many smallest cells split to show what was seen.
   double coverage_cells = 2.0;
 };
 
