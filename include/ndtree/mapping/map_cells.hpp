@@ -3,7 +3,6 @@
 /// What a map holds, whatever its rules: cells, options and counters. Queries need no more.
 #pragma once
 
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <type_traits>
@@ -57,9 +56,7 @@ class MapCells {
   [[nodiscard]] double smallest_cell() const { return tree_.geometry().cell_size(finest_level()); }
   /// The edge of a level's cells in theirs, at least 1.
   [[nodiscard]] double edge_in_smallest(int level) const {
-    const auto& geometry = tree_.geometry();
-    return static_cast<double>(
-        std::max<std::int64_t>(1, geometry.edge(level) / geometry.edge(finest_level())));
+    return tree_.geometry().edge_in(level, finest_level());
   }
   [[nodiscard]] const MapCells& cells() const { return *this; }
   /// The cells as they are now. Takes microseconds for each megabyte.

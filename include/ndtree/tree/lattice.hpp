@@ -91,6 +91,10 @@ class LatticeGeometry {
   [[nodiscard]] double cell_size(int level) const {
     return unfused(static_cast<double>(edge(level)) * unit_);
   }
+  /// Edge of a level's cells in those of another level, at least 1.
+  [[nodiscard]] double edge_in(int level, int other) const {
+    return static_cast<double>(std::max<std::int64_t>(1, edge(level) / edge(other)));
+  }
   /// The finest level whose cells have at least this edge [m]; at most 0.
   [[nodiscard]] int level_of(double size) const {
     int level = finest_level();

@@ -50,11 +50,9 @@ class LeafCoverage {
     const LatticeGeometry<N, D>& geometry = partition.geometry();
     levels_.reserve(static_cast<std::size_t>(-geometry.finest_level()));
     const double smallest = geometry.cell_size(beams.finest_level());
-    const auto smallest_edge = static_cast<double>(geometry.edge(beams.finest_level()));
     for (int level = geometry.finest_level() + 1; level <= 0; ++level) {
       const float per_child = 1.0f / static_cast<float>(geometry.cell_size(level - 1));
-      const CoverageLimits limits =
-          model.limits<N>(static_cast<double>(geometry.edge(level)) / smallest_edge);
+      const CoverageLimits limits = model.limits<N>(geometry.edge_in(level, beams.finest_level()));
       constexpr double kChildrenAcross = kNumChildren / (N * mean_chord_of_unit_cube(D)) / Sum::kUnitsOfOne;
       levels_.push_back({limits, per_child, static_cast<float>(smallest) * per_child,
                          static_cast<std::int64_t>(2.0 * kBelowRounding * kChildrenAcross *
