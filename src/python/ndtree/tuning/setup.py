@@ -197,7 +197,12 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     far = is_far[at]
     if np.count_nonzero(far) < LEAST_PAIRS or log.unit != 1.0:
         return None
-    pairs, seen, whitening = pairs[at[far]], seen[far], whitening[far]
+    causes = _causes(log, pairs[at[far]], seen[far], whitening[far])
+    return replace(causes[0], others=(*causes[1:], *misread)) if causes else None
+
+
+def _causes(log: _Log, pairs: Floats, seen: Floats, whitening: Floats) -> list[SetupError]:
+    """What explains errors that depend on the motion, the likeliest first; none if nothing does."""
     told = log.motions(pairs)
     raw = log.slopes(pairs, told)
     errors = log.errors(seen, told)
@@ -208,15 +213,14 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     if not _is_clock(log, pairs, seen, whitening, *fits["clock"]):
         del fits["clock"]
     found = likeliest(np.einsum("nij,nj->ni", whitening, errors), fits)
-    if "clock" in found and not log.has_times:
-        return None
+    if not found or ("clock" in found and not log.has_times):
+        return []
     first, second = np.triu_indices(len(log.poses), 1)
     beside = np.linalg.norm(log.poses[first, :3, 3] - log.poses[second, :3, 3], axis=1) < NEARER
     around = np.stack((first[beside], second[beside]), axis=1)
     slopes = log.slopes(around, log.motions(around))
     said = [said_of(kind, fits[kind][0], slopes[:, :, _KINDS[kind]] @ fits[kind][0]) for kind in found]
-    causes = [one for one in said if one is not None]
-    return replace(causes[0], others=(*causes[1:], *misread)) if causes else None
+    return [one for one in said if one is not None]
 
 
 def _is_clock(log: _Log, pairs: Floats, seen: Floats, whitening: Floats, by: Floats, left: Floats) -> bool:
