@@ -155,7 +155,7 @@ class _Pairs:
     def jump(self) -> Mismatch | None:
         """A step from which on clouds do not fit those before, while these or those fit each other.
 
-        It is the one that fits worst, of those that tell.
+        Looked at is the worst step beside which clouds can be compared.
         """
         ends = self._ends()
         for worst in self._worst_first(ends):
@@ -166,11 +166,12 @@ class _Pairs:
             pairs = [(i, k) for i in before for k in after]
             across = list(self.do_fit(pairs, may_stand=self._follows(at)).values())
             known = sum(fits is not None for fits in across)
+            if known < _LEAST:
+                continue
             wrong = across.count(False)
             is_one = [all(self.do_fit(zip(some, some[1:])).values()) for some in (before, after)]
-            if known >= _LEAST:
-                is_told = wrong >= max(_LEAST, _ALL * known) and any(is_one)
-                return Mismatch("jump", wrong, known, self.since(at)) if is_told else None
+            is_told = wrong >= max(_LEAST, _ALL * known) and any(is_one)
+            return Mismatch("jump", wrong, known, self.since(at)) if is_told else None
         return None
 
     def _follows(self, cloud: int) -> bool:
