@@ -24,7 +24,7 @@ from ndtree.live.slam import NOT_FOUND, Slam
 from ndtree.tuning.config import Config
 
 #: Scans that are compared with a saved map, and end points of each: as many tell all there is to know.
-MOST_COMPARED, _ENDS = 100, 500
+_COMPARED, _ENDS = 100, 500
 
 
 class LeftOut(Exception):
@@ -35,25 +35,23 @@ class SavedMap:
     """Whether scans fit the map that is gone on with: another frame is told by ends where it is free."""
 
     def __init__(self, m: OccupancyMap) -> None:
-        self._map: OccupancyMap | None = m.snapshot()
+        self._map = m.snapshot()
         self._scans = self._fit = self._against = 0
 
     def look(self, scan: Scan) -> None:
         """Take note of a scan before it is mapped."""
-        if self._map is None or scan.points_only or scan.dim != self._map.dim:
+        if scan.points_only or scan.dim != self._map.dim:
             return
         ends = scan.endpoints[scan.hits()]
         moved = self._map.moved(ends[:: max(1, len(ends) // _ENDS)])
         fit, against = int((moved < 0.5).sum()), int((moved > 0.5).sum())
         self._fit, self._against = self._fit + fit, self._against + against
         self._scans += 1
-        if self._scans == MOST_COMPARED:
-            self._map = None
 
     @property
     def is_done(self) -> bool:
-        """Whether no more scans are looked at."""
-        return self._map is None
+        """Whether no more scans are to be looked at."""
+        return self._scans >= _COMPARED
 
     @property
     def doubt(self) -> Text | None:
