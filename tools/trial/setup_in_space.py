@@ -153,7 +153,7 @@ def _told(true: Poses, fault: str, rng: Random) -> Poses:
 
 
 def _true_and_told(drive: Poses, fault: str, rng: Random) -> tuple[Poses, Poses]:
-    """Poses of the robot, and those that its log has, wrong from some time on or all along."""
+    """True poses of the robot, and its log's, wrong from some time on or all along."""
     begin, by = rng.uniform(1.5, 4.0), rng.uniform(1.5, 3.0)
     turn = _turned(*rng.normal(0, 0.02, 2), rng.choice([-1, 1]) * rng.uniform(0.2, 1.5))
     leap = turn.copy()

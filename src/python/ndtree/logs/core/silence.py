@@ -96,7 +96,7 @@ def noise_around(below: Floats, farthest: float) -> tuple[float, float, bool]:
 
 
 def _peak_of_any_shape(below: Floats, farthest: float) -> tuple[float, float]:
-    """Of sorted distances: where those end of which hardly more are within twice as much."""
+    """Where a peak of sorted distances ends: twice as far are hardly more; and its deviation; else 0."""
     n, twice = (np.searchsorted(below, k * below, side="right") for k in (1, 2))
     ends = (n >= 2 * LEAST_NOISY) & (twice <= (1 + _BESIDE) * n)
     ends &= (below > 10**-_MOST_DECIMALS) & (2 * below <= farthest)
