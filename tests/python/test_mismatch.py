@@ -125,3 +125,9 @@ def test_rails_that_repeat_are_no_noise_of_poses(row: str, seed: int, tmp_path: 
     """Poses are exact; patches of rails fit one period on, too, and nothing else tells of the way along."""
     recording, _, _ = moving.recorded(Trial.of(row, seed, "railing").case())
     assert PoseNoise.of(ndtree.read(recording.save(tmp_path / "log.npz"))) == PoseNoise()
+
+
+def test_what_meets_elsewhere_all_along_is_told_of() -> None:
+    """By its poses the robot drives backwards; of the way along the straight corridor little is told."""
+    _, outcome = Trial.of("setup", 83).run()
+    assert any("the robot did not move as they say" in one for one in outcome.words), outcome.words

@@ -28,6 +28,7 @@ from ndtree.tuning.setup import setup_error
 from ndtree.tuning.setup_error import SetupError
 from trial import bag, worlds
 from trial import setup_in_space as setup_trials
+from trial.capabilities import Trial
 from trial.scene import Floats
 from trial.setup_in_space import _turned, driven
 
@@ -249,6 +250,12 @@ def test_a_sensor_that_looks_aside_or_back(drive: tuple[Poses, list[Floats]], de
     assert found is not None and found.kind == "yaw" and "mount" in str(found)
     assert abs((math.degrees(found.values[0]) - degrees + 180) % 360 - 180) < 5
     assert found_in(told @ mount(0, 0, 0, 0, degrees), drive[1]) is None
+
+
+def test_a_mount_that_is_turned_much_is_no_place_along_a_bend() -> None:
+    """A place a radius aside explains as much as the turn's sine, but not its cosine."""
+    words = Trial.of("setup_in_space", 4020).run()[1].words
+    assert any("the sensor looked 8 degrees further to the" in one for one in words), words
 
 
 def test_no_ground_is_needed(drive: tuple[Poses, list[Floats]]) -> None:

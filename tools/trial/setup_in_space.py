@@ -222,6 +222,7 @@ def setup_trial(case: Case) -> tuple[Recording, Outcome]:
     said = found_in(scans)
     outcome.words = [str(said)] if said else []
     ends = np.concatenate([scan.endpoints[:: max(1, len(scan) // 3000)] for scan in scans])
+    ends = ends[np.isfinite(ends).all(axis=1)]  # A robot that was set down in a wall has others.
     cells = np.floor(ends / _CELL).astype(int)
     keys = np.ravel_multi_index(tuple((cells - cells.min(axis=0)).T), tuple(np.ptp(cells, axis=0) + 1))
     _, first = np.unique(keys, return_index=True)

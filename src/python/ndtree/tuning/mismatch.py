@@ -26,12 +26,16 @@ from ndtree.tuning.setup_error import unfit
 #: Squared error over variances of a pair that does not fit: of six freedoms, by chance one in a thousand. Of
 #: logs with good poses nine pairs of ten have at most 5, of wrong ones hundreds.
 _OFF = 22.5
+#: By how much more of two clouds meets elsewhere than as told, farther than poses err, where they do not fit
+#: although nothing tells some direction: of good poses in at most one pair of 20, with rings in two of five.
+_MORE = 0.1
 #: Of what a cloud sees, how much lies in what the other saw free, where none fits. With crowds it is less.
 _THROUGH = 0.1
 #: Pairs that do not fit, at least, and their share of all known ones: what moves changes some places.
 _LEAST, _SOME = 3, {"steps": 0.1, "returns": 0.5}
 _MOST = 24  # Pairs of a kind, for the time that they take.
-_ACROSS, _ALL = 3, 0.75  # Clouds before and after a step, and how many of their pairs do not fit, at least.
+_ACROSS = 3  # Clouds before and after a step.
+_ALL = 0.75  # Of pairs, where what is wrong is wrong in all of them.
 _FOLLOWS = 1.5  # Usual steps in time: what comes no later is next.
 _RETURNED, _WAY = 1.5, 6.0  # Distance of poses at a place where the sensor returns after a way [m].
 
@@ -101,6 +105,7 @@ class _Pairs:
         self._clouds = [one for run in runs for one in run]
         self._poses = np.array([one.pose for one in self._clouds]).reshape(-1, 4, 4)
         self._views: dict[int, _View] = {}
+        self._elsewhere: set[tuple[int, int]] = set()  # Pairs more of which meets elsewhere.
         behind = np.cumsum([len(run) for run in runs if run], dtype=int).tolist()
         #: First and last cloud of each run.
         self._runs = [(first, end - 1) for first, end in zip([0, *behind], behind)]
@@ -125,13 +130,15 @@ class _Pairs:
         one, other = self._clouds[first], self._clouds[second]
         told = motions_of(self._poses, np.array([[first, second]]))
         as_told = one.agreement(other, told[0])
-        best, off = max(FITS, as_told), None
+        best, off, noise = max(FITS, as_told), None, pose_noise(told)[0]
         for start in (told[0], np.eye(4))[: 1 + (may_stand and as_told <= FITS)]:
             seen, covariance = one.matched(other, start)
             fit = one.agreement(other, seen)
             if fit >= best:
                 error = errors_of(seen[None], told)[0]
-                best, off = fit, float(error @ np.linalg.solve(covariance + pose_noise(told)[0], error))
+                best, off = fit, float(error @ np.linalg.solve(covariance + noise, error))
+                if as_told > FITS and fit > as_told + _MORE and error @ np.linalg.solve(noise, error) > _OFF:
+                    self._elsewhere.add((first, second))
         if off is not None:
             return off < _OFF
         if as_told > FITS:
@@ -148,6 +155,9 @@ class _Pairs:
         """The mismatch, if too many pairs do not fit."""
         wrong = [pair for pair, does in fits.items() if does is False]
         known = sum(does is not None for does in fits.values())
+        elsewhere = self._elsewhere & set(fits)
+        if len(elsewhere) >= _ALL * known:
+            wrong = sorted({*wrong, *elsewhere})
         if len(wrong) < max(_LEAST, _SOME[kind] * known):
             return None
         return Mismatch(kind, len(wrong), known, self.since(wrong[0][1]))

@@ -68,7 +68,7 @@ _AS_WELL = 0.02  # A match fits no better.
 _SAME = 0.03  # Motions that differ by less lead to one match [m, rad].
 #: What may be wrong, and its columns of `_Log.slopes`.
 _KINDS = {
-    "yaw": [0], "scale": [1], "way": [0, 1], "place": [2, 3], "clock": [4], "turns": [5], "mount": [0, 2, 3],
+    "yaw": [0, 1], "scale": [1], "place": [2, 3], "clock": [4], "turns": [5], "mount": [0, 2, 3],
     "tilt": [6, 7],
 }  # fmt: skip
 _ROUNDS = 4  # Of what is not small.
@@ -208,6 +208,7 @@ def _causes(log: _Log, pairs: Floats, seen: Floats, whitening: Floats) -> list[S
     errors = log.errors(seen, told)
     columns = {kind: one for kind, one in _KINDS.items() if kind != "tilt" or not log.is_planar}
     fits = fits_of(errors, raw, whitening, columns)
+    fits["yaw"] = _turned(fits["yaw"][0], np.einsum("nij,nj->ni", whitening, errors), whitening @ raw)
     for kind in {"clock", "tilt"} & set(fits):
         fits[kind] = _again(log, pairs, seen, whitening, kind, fits[kind][0])
     if not _is_clock(log, pairs, seen, whitening, *fits["clock"]):
@@ -221,6 +222,13 @@ def _causes(log: _Log, pairs: Floats, seen: Floats, whitening: Floats) -> list[S
     slopes = log.slopes(around, log.motions(around))
     said = [said_of(kind, fits[kind][0], slopes[:, :, _KINDS[kind]] @ fits[kind][0]) for kind in found]
     return [one for one in said if one is not None]
+
+
+def _turned(way: Floats, errors: Floats, slopes: Floats) -> tuple[Floats, Floats]:
+    """As of `fits_of`, the mount whose turn is that of a way: a large one makes it shorter along, too."""
+    angle = math.atan2(way[0], 1.0 + way[1])
+    values = np.array([math.sin(angle), math.cos(angle) - 1.0])
+    return values, errors - slopes[:, :, :2] @ values
 
 
 def _is_clock(log: _Log, pairs: Floats, seen: Floats, whitening: Floats, by: Floats, left: Floats) -> bool:

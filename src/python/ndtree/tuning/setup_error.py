@@ -32,7 +32,6 @@ LEAST_PAIRS = 12
 _FREEDOM = 2.0  # Of Student's t: some matches are wrong.
 _MEDIAN = {1: 0.455, 3: 2.37, 6: 5.35}  # Of the squared length of 1, 3 or 6 standard normal numbers.
 _ROUNDS = 30
-_ANGLE = math.radians(1.5)  # Of a mount that is turned; else only the scale is wrong.
 _LEAST_SCALE = 0.2  # Nearer to 0, nothing was seen to move.
 
 #: Positions in mm, cm or inches, and points: what positions are to be multiplied by to fit, and the names.
@@ -148,17 +147,11 @@ def said_of(kind: str, values: Floats, beside: Floats) -> SetupError | None:
     apart = float(np.quantile(_size(beside), _MOST))
     if apart < APART:
         return None
-    if kind == "turns" and 1.0 + values[0] < _LEAST_SCALE:
+    if kind in ("turns", "scale") and 1.0 + values[0] < _LEAST_SCALE:
         return None
-    if kind not in ("way", "scale"):
-        return SetupError(kind, tuple(map(float, values)), apart)
-    aside, along = values if kind == "way" else (0.0, values[0])
-    angle, scale = math.atan2(aside, 1.0 + along), math.hypot(aside, 1.0 + along)
-    if scale < _LEAST_SCALE:
-        return None
-    if abs(angle) > max(_ANGLE, abs(scale - 1.0)):
-        return SetupError("yaw", (angle,), apart)
-    return SetupError("scale", (scale - 1.0,), apart)
+    if kind == "yaw":
+        values = np.array([math.atan2(values[0], 1.0 + values[1])])
+    return SetupError(kind, tuple(map(float, values)), apart)
 
 
 Fits = dict[str, tuple[Floats, Floats]]  # Of kinds: their values, and what is left of whitened errors.
@@ -183,14 +176,14 @@ def likeliest(errors: Floats, fits: Fits) -> list[str]:
     beside its place sees what a scale does.
     """
     likely = {
-        kind: likelihood(left) - 0.5 * float(values @ values) - BOTH * (kind in ("mount", "way"))
+        kind: likelihood(left) - 0.5 * float(values @ values) - BOTH * (kind == "mount")
         for kind, (values, left) in fits.items()
     }
     best, *others = sorted(likely, key=lambda kind: -likely[kind])
     if not is_gain(errors, fits[best][1]):
         return []
     near = [kind for kind in others if likely[kind] >= likely[best] - CLEAR]
-    return [best, *(kind for kind in near if not {kind, best} & {"mount", "way"})]
+    return [best, *(kind for kind in near if "mount" not in (kind, best))]
 
 
 def is_gain(errors: Floats, left: Floats) -> bool:
