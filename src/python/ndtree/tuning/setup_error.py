@@ -32,7 +32,7 @@ LEAST_PAIRS = 12
 _FREEDOM = 2.0  # Of Student's t: some matches are wrong.
 _MEDIAN = {1: 0.455, 3: 2.37, 6: 5.35}  # Of the squared length of 1, 3 or 6 standard normal numbers.
 _ROUNDS = 30
-_LEAST_SCALE = 0.2  # Nearer to 0, nothing was seen to move.
+_LENGTHS, _LEAST_SCALE = ("scale", "turns"), 0.2  # Nearer to 0, nothing was seen to move.
 
 #: Positions in mm, cm or inches, and points: what positions are to be multiplied by to fit, and the names.
 UNITS = {0.001: "mm", 0.01: "cm", 0.0254: "inches", 1000.0: "mm", 100.0: "cm", 1 / 0.0254: "inches"}
@@ -147,8 +147,6 @@ def said_of(kind: str, values: Floats, beside: Floats) -> SetupError | None:
     apart = float(np.quantile(_size(beside), _MOST))
     if apart < APART:
         return None
-    if kind in ("turns", "scale") and 1.0 + values[0] < _LEAST_SCALE:
-        return None
     if kind == "yaw":
         values = np.array([math.atan2(values[0], 1.0 + values[1])])
     return SetupError(kind, tuple(map(float, values)), apart)
@@ -172,9 +170,11 @@ def fits_of(errors: Floats, raw: Floats, whitening: Floats, kinds: dict[str, lis
 def likeliest(errors: Floats, fits: Fits) -> list[str]:
     """Which explains whitened errors best, then others that do nearly as well; none if none does.
 
-    Values are of about 1 before anything is known, as in `_fitted`: along a bend, a sensor that sits a radius
-    beside its place sees what a scale does.
+    That nothing moved is none: other rings on the ground look the same. Values are of about 1 before
+    anything is known, as in `_fitted`: along a bend, a sensor that sits a radius beside its place sees what a
+    scale does.
     """
+    fits = {kind: fit for kind, fit in fits.items() if kind not in _LENGTHS or fit[0][0] > _LEAST_SCALE - 1.0}
     likely = {
         kind: likelihood(left) - 0.5 * float(values @ values) - BOTH * (kind == "mount")
         for kind, (values, left) in fits.items()
