@@ -246,8 +246,7 @@ class InSpace(Surroundings):
         return np.maximum(np.minimum(away, 1.0) - 0.5 * self._cell, 0.0)
 
     def covariance(self, match: Any) -> Floats:
-        # A surface is anywhere in its cells.
-        return np.asarray(match.covariance)[_UPRIGHT] + np.diag([self._grid**2 / 12.0] * 3 + [0.0])
+        return np.asarray(match.covariance)[_UPRIGHT]
 
     def match(
         self, ends: Floats, guess: Floats, window: tuple[float, float], prior: Floats | None = None

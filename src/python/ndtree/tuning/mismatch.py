@@ -26,8 +26,9 @@ from ndtree.tuning.setup_error import unfit
 #: Squared error over variances of a pair that does not fit: of six freedoms, by chance one in a thousand. Of
 #: logs with good poses nine pairs of ten have at most 5, of wrong ones hundreds.
 _OFF = 22.5
-#: By how much more of two clouds meets elsewhere than as told, farther than poses err, where they do not fit
-#: although nothing tells some direction: of good poses in at most one pair of 20, with rings in two of five.
+#: By how much more of two planar scans meets elsewhere than as told, farther than poses err, where they do
+#: not fit although nothing tells some direction: of good poses in at most one pair of 20. Rings on the ground
+#: meet best as if nothing had moved.
 _MORE = 0.1
 #: Of what a cloud sees, how much lies in what the other saw free, where none fits. With crowds it is less.
 _THROUGH = 0.1
@@ -137,7 +138,8 @@ class _Pairs:
             if fit >= best:
                 error = errors_of(seen[None], told)[0]
                 best, off = fit, float(error @ np.linalg.solve(covariance + noise, error))
-                if as_told > FITS and fit > as_told + _MORE and error @ np.linalg.solve(noise, error) > _OFF:
+                is_far = error @ np.linalg.solve(noise, error) > _OFF
+                if one.scan.dim == 2 and is_far and as_told > FITS and fit > as_told + _MORE:
                     self._elsewhere.add((first, second))
         if off is not None:
             return off < _OFF
