@@ -300,6 +300,7 @@ _ANSWERS = {
     "align": "the poses of a drive",
     "slam": "the poses of a drive, scan by scan",
     "match": "one scan's pose in a map, and its covariance",
+    "match_in_space": "a lidar's scan in a 3-D map, and its covariance",
     "localize_in_space": "a lidar in a saved 3-D map",
     "localize": "the robot in a saved map",
     "plan": "paths through that map, for a ball",

@@ -17,6 +17,7 @@ from trial.worlds import PLANAR, SPATIAL, WORLDS
 
 _SPATIAL = tuple(make.__name__ for make in SPATIAL)
 _PLANAR = tuple(make.__name__ for make in PLANAR)
+_STANDING = ("street", "chamber", "storeys", "shelves", "passage", "flat", "bend", "ramp", "railing")
 _MOVES = ("none", "person", "stood_and_left")
 _ODOMETRY = ("none", "drift", "scale", "wrong_sign", "jump", "stall", "slip", "dropped", "no_odometry")
 
@@ -106,6 +107,7 @@ CAPABILITIES = {
     "align": Capability(poses.align_trial, _PLANAR, _ODOMETRY, (0, 15, 32, 36, 38, 39, 53, 61, 64, 67)),
     "slam": Capability(poses.slam_trial, _PLANAR, _ODOMETRY, (1, 6, 9, 32, 43, 44, 57, 58, 60, 65)),
     "match": Capability(poses.match_trial, _PLANAR, ("near", "far"), (0, 4, 12, 29, 33, 34, 39, 44, 50, 54)),
+    "match_in_space": Capability(poses.match_trial, _STANDING, ("near", "far"), tuple(range(9))),
     "localize": Capability(
         poses.localize_trial,
         _PLANAR,
@@ -120,7 +122,7 @@ CAPABILITIES = {
     ),
     "localize_in_space": Capability(
         poses.localize_trial,
-        ("street", "chamber", "storeys", "shelves", "passage", "flat", "bend", "ramp", "railing"),
+        _STANDING,
         ("none", "drift", "no_guess", "jump", "carried", "stall", "other_building"),
         tuple(range(9)),
     ),

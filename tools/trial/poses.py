@@ -14,6 +14,7 @@ import ndtree
 from ndtree.alignment import Alignment
 from ndtree.alignment.aligning import moves
 from ndtree.alignment.online import OnlineAlignment
+from ndtree.alignment.surfaces import turned_by
 from ndtree.live.localizing import Localizer
 from trial import faults
 from trial.maps import mapped
@@ -23,6 +24,8 @@ from trial.worlds import chamber, room
 
 _MATCHES = 10  # In one trial: 30 normalized errors.
 _BEST = 1e-3  # No smaller standard deviation is taken in earnest [m].
+_POINTS = 500  # Of a cloud that are matched, about.
+_UPRIGHT = 2 * [1e-4]  # Variances of roll and pitch [rad²].
 
 
 def align_trial(case: Case) -> tuple[Recording, Outcome]:
@@ -76,14 +79,17 @@ def _in_a_row(values: np.ndarray) -> np.ndarray:
 
 def match_trial(case: Case) -> tuple[Recording, Outcome]:
     """Scans matched with a map of exact poses, from guesses that are off; errors against what is told."""
-    cell, sensor = float(case.rng.choice([0.025, 0.05, 0.1])), laser(case.rng)
+    cell = float(case.rng.choice([0.025, 0.05, 0.1]))
+    sensor = laser(case.rng)
+    if case.dim == 3:
+        cell, sensor = 2.0 * cell, rings(case.rng, int(case.rng.choice([16, 32])))
     r, m, off, told = matched(case, sensor, cell)
     outcome = Outcome()
     if len(off) < _MATCHES // 2:
         outcome.refused = "too few scans see anything"
         return r, outcome
-    outcome.figures["error"] = round(float(np.sqrt(np.mean(np.square(off[:, :2])))), 4)
-    outcome.figures["told"] = round(float(np.sqrt(np.mean(np.square(told[:, :2])))), 4)
+    outcome.figures["error"] = round(float(np.sqrt(np.mean(np.square(off[:, :-1])))), 4)
+    outcome.figures["told"] = round(float(np.sqrt(np.mean(np.square(told[:, :-1])))), 4)
     outcome.expect("normalized error", np.sqrt(np.mean((off / told) ** 2)))
     outcome.drawn["map"] = m
     return r, outcome
@@ -92,26 +98,35 @@ def match_trial(case: Case) -> tuple[Recording, Outcome]:
 def matched(
     case: Case, sensor: Sensor, cell: float
 ) -> tuple[Recording, ndtree.OccupancyMap, np.ndarray, np.ndarray]:
-    """What a map is of, the map, and of each match (n, 3): errors of x, y, yaw, and the told deviations."""
-    world, rng, half = case.world, case.rng, np.array(_GUESSES[case.fault])
+    """What a map is of, the map, and of each match (n, dim + 1): errors of place and yaw, and those told."""
+    world, rng, d = case.world, case.rng, case.dim
+    half = np.repeat(_GUESSES[case.fault][1:], (d, 1))
     r = record(world.scene, sensor, poses_along(world, rng, 40, "drives"), rng)
     m = mapped(r, cell, is_fixed=case.is_fixed)
     matcher, off, told = m.matcher(), [], []
+    # What is along a smooth wall is odometry's to say; in space, gravity says roll and pitch.
+    variances = np.insert(half**2 / 3, 3, _UPRIGHT if d == 3 else [])
     for i in rng.choice(len(r), _MATCHES, replace=False):
-        truth = planar(r.true[i : i + 1])[0]
+        true = r.true[i]
         fresh = record(world.scene, sensor, r.true[i : i + 1], rng)
-        guess = truth + rng.uniform(-1, 1, 3) * half
+        by = rng.uniform(-1, 1, d + 1) * half
         points = fresh.points(0)
         if len(points) < 10:
             continue
-        # What is along a smooth wall is odometry's to say.
-        prior = np.diag(1.0 / (half / np.sqrt(3)) ** 2)
-        found = matcher.match(points, guess, window=tuple(2 * half), information=prior)
-        error = found.pose[:2, 2] - truth[:2]
-        turn = np.angle(np.exp(1j * (np.arctan2(found.pose[1, 0], found.pose[0, 0]) - truth[2])))
-        off.append([*error, turn])
-        told.append(np.sqrt(np.diag(found.covariance)).clip([_BEST, _BEST, _BEST / 10]))
-    return r, m, np.array(off).reshape(-1, 3), np.array(told).reshape(-1, 3)
+        guess = true.copy()
+        guess[:d, 3] += by[:d]
+        guess[:3, :3] = turned_by(np.array([0.0, 0.0, by[d]])) @ guess[:3, :3]
+        found = matcher.match(
+            points[:: -(-len(points) // _POINTS)] if d == 3 else points,
+            guess if d == 3 else planar(guess[None])[0],
+            window=tuple(2 * half),
+            information=np.diag(1.0 / variances),
+        )
+        turn = np.arctan2(found.pose[1, 0], found.pose[0, 0]) - np.arctan2(true[1, 0], true[0, 0])
+        off.append([*(found.pose[:d, d] - true[:d, 3]), np.angle(np.exp(1j * turn))])
+        sigma = np.sqrt(np.diag(found.covariance))[[*range(d), -1]]
+        told.append(sigma.clip([_BEST] * d + [_BEST / 10]))
+    return r, m, np.array(off).reshape(-1, d + 1), np.array(told).reshape(-1, d + 1)
 
 
 #: Half the width of what guesses are off by [m, m, rad].

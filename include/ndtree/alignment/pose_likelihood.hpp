@@ -41,10 +41,11 @@ template <int D>
 /// Normal equations of a pose, point by point; see "Poses" in docs/derivation.md.
 ///
 /// Strategy: residuals e = n·(x - p) of end points x from flat pieces of surface have the covariance
-/// S = diag(own variances) + B P B': each piece of a row shifts and tilts as a whole, and each side of walls
-/// shifts as a whole. Woodbury's identity reduces J' S^-1 J to sums over each piece, so that nothing larger
-/// than a Motion is inverted. Where n is not sure, J seems to vary at random: the information of that is
-/// known, and directions in which there is no more say nothing. A Cauchy kernel weighs outliers. O(points).
+/// S = diag(own variances) + B P B': each piece of a row shifts and tilts as a whole, each side of walls
+/// shifts as a whole, and in space all does. Woodbury's identity reduces J' S^-1 J to sums over each piece,
+/// so that nothing larger than a Motion is inverted. Where n is not sure, J seems to vary at random: the
+/// information of that is known, and directions in which there is no more say nothing. A Cauchy kernel
+/// weighs outliers. O(points).
 template <int D>
 class PoseLikelihood {
  public:
@@ -128,6 +129,7 @@ class PoseLikelihood {
       information_ -= side.jacobian * side.jacobian.transpose() / denominator;
       gradient_ -= side.jacobian * (side.error / denominator);
     }
+    if (D == 3 && shared_ > 0.0) share_shift();
     Result result{information_, gradient_, weights_ > 0.0 ? std::max(squares_ / weights_, 1.0) : 1.0,
                   inliers_};
     leave_out_chance(result);
@@ -214,6 +216,15 @@ class PoseLikelihood {
     side.jacobian += jb.col(axis) - jb * (inverse * bb.col(axis));
     side.ones += bb(axis, axis) - bb.col(axis).dot(inverse * bb.col(axis));
     side.error += be[axis] - bb.col(axis).dot(inverse * be);
+  }
+  /// Lets all surfaces lie beside their places by one shift, with the variance of a piece on each axis.
+  void share_shift() {
+    Eigen::Matrix<double, D, D> inner = information_.template topLeftCorner<D, D>();
+    inner.diagonal().array() += 1.0 / shared_;
+    const Eigen::Matrix<double, K, D> columns = information_.template leftCols<D>();
+    const Eigen::Matrix<double, K, D> share = columns * inner.inverse();
+    gradient_ -= share * gradient_.template head<D>().eval();
+    information_ -= share * columns.transpose();
   }
   /// Takes what the normals' errors alone would give off the information, direction by direction.
   void leave_out_chance(Result& result) const {
