@@ -25,6 +25,7 @@ struct SurfacePoints {
   Points<D> points;
   Points<D> sides;       ///< As many, or none: vectors to where each is seen from, or 0 for any side.
   double lattice = 0.0;  ///< Edge of the cells whose centres they are; 0 for points that were measured [m].
+  Points<D> open{};      ///< As many, or none: 1 for axes along which there is free space beside, else 0.
 };
 
 /// The shape of a surface around a point.
@@ -46,7 +47,8 @@ struct SurfaceShape {
 ///
 /// A piece is what errs alike. In a lattice of cells a surface may be anywhere in its row of cells, so the
 /// flat pieces of a row, along an axis or a diagonal as their normal says, are one piece. What is not flat is
-/// a piece by itself. O(points · points within the radius).
+/// a piece by itself; along axes without free space beside it, only beams end there, as where rings lie on
+/// the ground. O(points · points within the radius).
 template <int D>
 class SurfaceElements {
  public:
@@ -76,6 +78,7 @@ class SurfaceElements {
 
   Points<D> points;
   Points<D> sides;  ///< Unit vectors, or 0.
+  Points<D> open;   ///< 1 for axes along which what is not flat has a place, else 0.
   std::vector<SurfaceShape<D>> shapes;
   std::int32_t num_pieces = 0;
   double shared = 0.0;  ///< Variance of a flat piece's place, which end points on it share [m²].
@@ -111,6 +114,7 @@ class SurfaceElements {
     const std::vector<Keyed> keyed = sorted(all.points, cell_size);
     points.resize(D, all.points.cols());
     sides = Points<D>::Zero(D, all.points.cols());
+    open = Points<D>::Constant(D, all.points.cols(), all.open.cols() > 0 ? 0.0 : 1.0);
     Eigen::Index count = 0;
     for (std::size_t i = 0; i < keyed.size(); ++count) {
       Vector<D> sum = Vector<D>::Zero();
@@ -118,6 +122,7 @@ class SurfaceElements {
       for (; j < keyed.size() && keyed[j].key == keyed[i].key; ++j) {
         sum += all.points.col(keyed[j].point);
         if (all.sides.cols() > 0) sides.col(count) += all.sides.col(keyed[j].point);
+        if (all.open.cols() > 0) open.col(count) = open.col(count).cwiseMax(all.open.col(keyed[j].point));
       }
       points.col(count) = sum / static_cast<double>(j - i);
       const double length = sides.col(count).norm();
@@ -126,6 +131,7 @@ class SurfaceElements {
     }
     points.conservativeResize(D, count);
     sides.conservativeResize(D, count);
+    open.conservativeResize(D, count);
   }
 
   /// Shapes of the points around points. @param least variance. @param wants whether a point's is looked for,
@@ -167,7 +173,9 @@ class SurfaceElements {
           ++count;
         }
       }
-      shapes[static_cast<std::size_t>(one.point)] = shape_of(sum, squares, count, side, least);
+      SurfaceShape<D>& found = shapes[static_cast<std::size_t>(one.point)];
+      found = shape_of(sum, squares, count, side, least);
+      if (!found.is_flat) found.across = open.col(one.point).asDiagonal() * found.across;
     }
   }
 

@@ -77,8 +77,8 @@ class SurfaceOfBoxes {
   /// @param states of beside(). Where there is no free space at all, every candidate is a surface of any
   /// side.
   [[nodiscard]] SurfacePoints<D> surface(const std::vector<std::int8_t>& states) const {
-    SurfacePoints<D> surface{candidates(), {}, cell_size_};
-    surface.sides = Points<D>::Zero(D, surface.points.cols());
+    SurfacePoints<D> surface{candidates(), {}, cell_size_, {}};
+    surface.sides = surface.open = Points<D>::Zero(D, surface.points.cols());
     Eigen::Index count = 0;
     for (Eigen::Index i = 0; i < surface.points.cols(); ++i) {
       Vector<D> side = Vector<D>::Zero();
@@ -88,11 +88,13 @@ class SurfaceOfBoxes {
           continue;
         is_surface = true;
         side[k / 2] += k % 2 == 0 ? -1.0 : 1.0;
+        surface.open(k / 2, count) = 1.0;
       }
       if (!is_surface) continue;
       surface.points.col(count) = surface.points.col(i);
       surface.sides.col(count++) = side;
     }
+    surface.open.conservativeResize(D, count);
     if (count == 0) return surface;
     surface.points.conservativeResize(D, count);
     surface.sides.conservativeResize(D, count);
