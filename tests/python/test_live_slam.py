@@ -87,12 +87,13 @@ def test_poses_are_those_of_align(drive: Drive) -> None:
 
 
 def test_odometry_that_counts_backwards_is_learned(drive: Drive) -> None:
-    steps = between(drive.odometry[:-1], drive.odometry[1:]) * (-1.0, -1.0, 1.0)
+    forward = drive.odometry[: N // 2]
+    steps = between(forward[:-1], forward[1:]) * (-1.0, -1.0, 1.0)
     poses = [drive.odometry[0]]
     for step in steps:
         poses.append(composed(poses[-1], step))
     online = OnlineAlignment()
-    for scan, before, after in zip(drive.scans, drive.odometry, poses):
+    for scan, before, after in zip(drive.scans, forward, poses):
         online.add(moved(scan, after) if before is not after else scan)
     found = online.finish()
     assert found.odometry_scale < -0.7 and drive.wrong(found.poses).max() < 0.2
