@@ -231,15 +231,16 @@ def test_the_command_refuses_what_it_cannot_do(words: list[str], monkeypatch, ca
 
 #: Rows of C++ alone, which tests/cpp tries in worlds of its own: each fault once.
 OF_CPP = ("map", "match", "moved", "plan")
-#: Rows whose faults test_setup_error and test_setup_in_space tell apart on a drive or two: one trial in five.
-OF_SETUPS = ("setup", "setup_in_space")
+#: Rows whose faults have tests of their own on a drive or two, one trial in five: test_setup_error,
+#: test_mismatch, test_setup_in_space, test_live_localizing_in_space, test_live and test_live_decisions.
+OF_OWN_TESTS = ("setup", "setup_in_space", "poses_in_space", "localize_in_space", "live")
 
 
 @pytest.mark.parametrize("name", CAPABILITIES)
 def test_nothing_is_silently_wrong_that_was_not(name: str) -> None:
     """Each world and each fault once; what is wrong today is in the committed table, with its seed."""
     trials = [Trial.of(name, seed) for seed in CAPABILITIES[name].short]
-    if name in OF_SETUPS:
+    if name in OF_OWN_TESTS:
         trials = trials[::5]
     if name in OF_CPP:
         trials = list({trial.fault: trial for trial in trials}.values())
