@@ -293,8 +293,8 @@ def test_the_command_does_what_the_library_does(log: Path, tmp_path: Path) -> No
     "log, limit, max_range, expected",
     [
         ("laser2d_intel", 500, 20, {2.0: 0.017}),
-        ("laser2d_freiburg_079", 600, 20, {1.9: 0.020}),
-        ("laser2d_mrpt_sena", None, 50, {8.6: 0.014}),
+        pytest.param("laser2d_freiburg_079", 600, 20, {1.9: 0.020}, marks=pytest.mark.long),
+        pytest.param("laser2d_mrpt_sena", None, 50, {8.6: 0.014}, marks=pytest.mark.long),
         ("kinect_7scenes", 40, 10, {r: 0.005 + 0.0015 * r**2 for r in (1.0, 2.0, 3.0)}),
         ("lidar_avia_hku_mb", 120, 100, {10.0: 0.016}),
     ],
