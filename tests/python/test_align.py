@@ -346,6 +346,7 @@ def test_the_command_writes_poses_map_and_picture(tmp_path, office):
     assert (tmp_path / "same.ndt").read_bytes() == (tmp_path / "drive.ndt").read_bytes()
 
 
+@pytest.mark.long
 def test_a_real_drive_fits_relations_that_people_measured(recordings):
     """The first minutes of ACES, and those of its relations that lie in them."""
     folder = there(recordings / "laser2d_raw_aces")
