@@ -16,6 +16,7 @@ from ndtree.live.figures import LiveFigures
 from ndtree.live.intake import Intake
 from ndtree.live.queue import Entry, ScanQueue
 from ndtree.live.settings import LiveSettings
+from ndtree.logs.poses.following import FALL
 
 #: Threads look up so often although nothing happens [s].
 _LOOKS = 0.05
@@ -29,7 +30,7 @@ class Feed:
         self._changed = threading.Condition()
         self._queue = ScanQueue(how.queue)
         self._poses: deque[tuple[Any, float]] = deque()
-        self._latest = -math.inf
+        self._latest, self._ahead = -math.inf, 0.0
         self._is_closing = self._is_starved = self._ordered = False
         self._error: BaseException | None = None
         #: Taken, and not mapped yet.
@@ -45,15 +46,17 @@ class Feed:
             self.check()
             if self._is_closing:
                 raise RuntimeError("the mapper is closed, expected no more items")
-            if self._intake.is_pose(item):
-                self._latest = max(self._latest, received)
+            is_pose = self._intake.is_pose(item)
+            while wait and not is_pose and self._queue.is_full and not self._is_starved:
+                self._changed.wait(_LOOKS)
+                self.check()
+            received = self._time(received)
+            if self._ahead:
+                item = self._intake.moved(item, received)
+            if is_pose:
                 self._figures.poses += 1
                 self._poses.append((item, received))
             else:
-                while wait and self._queue.is_full and not self._is_starved:
-                    self._changed.wait(_LOOKS)
-                    self.check()
-                self._latest = max(self._latest, received)
                 self._figures.received += 1
                 self._intake.begin(received)
                 if self._queue.is_full and not wait and self._may_drop():
@@ -61,6 +64,13 @@ class Feed:
                 self._queue.put(Entry(item, received, time.perf_counter()))
             self._is_starved = False
             self._changed.notify_all()
+
+    def _time(self, received: float) -> float:
+        """When something came, by a clock that goes on where that of the source is set back [s]."""
+        if received + self._ahead < self._latest - FALL:
+            self._ahead = self._latest - received
+        self._latest = max(self._latest, received + self._ahead)
+        return received + self._ahead
 
     def _may_drop(self) -> bool:
         """Whether the queue is full of more than what was looked at before mapping began."""
@@ -73,7 +83,7 @@ class Feed:
     def advance(self, now: float) -> None:
         """As `LiveMapper.advance`."""
         with self._changed:
-            self._latest = max(self._latest, now)
+            self._time(now)
             self._is_starved = False
             self._changed.notify_all()
 

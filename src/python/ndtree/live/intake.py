@@ -66,6 +66,10 @@ class Intake(ABC):
         """Take note of when a measurement came [s]."""
         return
 
+    def moved(self, item: Any, received: float) -> Any:
+        """An item as if it had come at another time [s]."""
+        return item
+
     def is_decidable(self, now: float) -> bool:
         """Whether enough was seen to decide how to map, or to decide it anew."""
         return True

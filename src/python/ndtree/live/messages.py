@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from ndtree.base.options import default_of
@@ -220,6 +221,9 @@ class MessagesIntake(PosedIntake):
     def too_early(self) -> list[tuple[Any, float]]:
         later, self._later = self._later, []
         return [(raw, 1e-9 * raw.received) for raw in later]
+
+    def moved(self, item: Any, received: float) -> Any:
+        return replace(item, received=round(1e9 * received))
 
     def is_decidable(self, now: float) -> bool:
         return now >= self._until
