@@ -416,6 +416,23 @@ def test_a_slow_sink_holds_nobody_up_and_a_broken_one_is_told_of() -> None:
     assert mapper.figures.delay(0.99, of="published") > 0
 
 
+def test_a_sink_that_works_again_has_not_failed() -> None:
+    class Shaky:
+        period, said = 0.0, iter([OSError("no space left")])
+
+        def update(self, m: Any, stamp: float) -> None:
+            for error in self.said:
+                raise error
+
+    with LiveMapper(ScansIntake(SETTINGS, 2), sinks=[Shaky()]) as mapper:
+        for failures in ({"Shaky": "OSError: no space left"}, {}):
+            mapper.put(scans(1)[0])
+            deadline = time.monotonic() + PATIENCE
+            while mapper.failures != failures:
+                assert time.monotonic() < deadline
+                time.sleep(0.01)
+
+
 def test_a_map_is_saved_meanwhile_and_gone_on_with(tmp_path: Path) -> None:
     some, file = scans(30), tmp_path / "part.ndt"
     with LiveMapper(ScansIntake(SETTINGS, 2), sinks=[Saver(file, 1e-3)]) as mapper:

@@ -28,7 +28,7 @@ from ndtree.alignment.loops import Graph
 from ndtree.alignment.online import OnlineAlignment
 from ndtree.alignment.planar import between, composed
 from ndtree.alignment.sensor_scans import moved, pose_in_log
-from ndtree.live import Corrections, LiveMapper, Localization, ScansIntake, Session, Slam
+from ndtree.live import Corrections, LiveMapper, Localization, Saver, ScansIntake, Session, Slam
 from ndtree.live.slam import NOT_FOUND, scans_beside
 from ndtree.tuning.config import Config
 
@@ -123,7 +123,11 @@ def test_a_drive_goes_on_from_its_file(drive: Drive, tmp_path: Path) -> None:
     half = 200
     before = mapped(drive.scans[:half], Slam(odometry=True))
     before.session().save(tmp_path / "a.scans.npz")
-    loaded = Session.load(tmp_path / "a.scans.npz")
+    loaded, empty = Session.load(tmp_path / "a.scans.npz"), Corrections()
+    empty.begin(2, CONFIG.options)
+    for early in (mapped([], Slam()).session, lambda: Session.of(loaded.drive, empty, {})):
+        Saver(tmp_path / "b.ndt", 1.0, early).update(empty.map, 0.0)  # Before the first scan is mapped.
+        assert not (tmp_path / "b.scans.npz").exists()
     assert loaded.options == {**CONFIG.options, "max_range": 20.0}
     first, away = half - 30, np.array([3.0, -2.0, 0.5])
     later = [moved(scan, between(away, pose_in_log(scan))) for scan in drive.scans[first:]]

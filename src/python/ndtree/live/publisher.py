@@ -90,6 +90,7 @@ class Publisher:
             begin = time.thread_time()
             try:
                 sink.update(m, stamp)
+                self.failures.pop(type(sink).__name__, None)
             except Exception as error:  # A sink that fails does not stop the map.
                 self.failures[type(sink).__name__] = f"{type(error).__name__}: {error}"
             took = time.thread_time() - begin

@@ -33,5 +33,10 @@ class Saver:
     def update(self, m: OccupancyMap, stamp: float) -> None:
         """Write a map."""
         write(m, Path(self.path))
-        if self.session is not None:
-            self.session().save(scans_beside(self.path))
+        if self.session is None:
+            return
+        try:
+            session = self.session()
+        except RuntimeError:  # Nothing is placed yet.
+            return
+        session.save(scans_beside(self.path))

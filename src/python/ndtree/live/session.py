@@ -41,7 +41,7 @@ class Session:
 
     @staticmethod
     def of(drive: Drive, corrections: Corrections, options: dict[str, float]) -> Session:
-        """Of a drive and its map; ValueError if some of the scans are frozen."""
+        """Of a drive and its map; ValueError if scans are frozen, RuntimeError if there are none."""
         rows: dict[str, list[Any]] = {
             name: [] for name in ("counts", "numbers", "points", "starts", "returned", "sigmas")
         }
@@ -57,6 +57,8 @@ class Session:
             sigma = np.nan if scan.range_sigma is None else scan.range_sigma
             rows["sigmas"].append(np.broadcast_to(sigma, len(scan)))
             poses.append(pose)
+        if not poses:
+            raise RuntimeError("no scan is mapped yet: there is nothing to go on with")
         arrays: dict[str, Any] = {name: np.array(rows[name], np.int64) for name in ("counts", "numbers")}
         for name in ("points", "starts", "sigmas"):
             arrays[name] = np.concatenate(rows[name]).astype(np.float32)

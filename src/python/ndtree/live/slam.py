@@ -188,10 +188,10 @@ class Slam:
         return None if self._earlier is None else self._earlier.drive
 
     def session(self, corrections: Corrections, options: dict[str, float]) -> Session:
-        """What can be gone on with, mapped with these options; ValueError if nothing was placed."""
+        """What can be gone on with, mapped with these options; RuntimeError if nothing was placed."""
         drive = self._drive()
         if drive is None:
-            raise ValueError("no scan was placed yet: there is nothing to go on with")
+            raise RuntimeError("no scan was placed yet: there is nothing to go on with")
         return Session.of(drive, corrections, options)
 
 

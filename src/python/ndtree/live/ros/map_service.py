@@ -171,7 +171,7 @@ class MapService:
             self.mapper.close()
             if file and self.mapper.has_map and self._makes:
                 self.services.write(file)
-        except (ValueError, OSError) as error:
+        except (ValueError, OSError, RuntimeError) as error:
             self._node.say(Level.error, in_parameters(error))
         if self._server is not None:
             self._server.close()
