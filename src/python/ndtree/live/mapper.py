@@ -216,11 +216,8 @@ class LiveMapper:
 
     def _decided(self, now: float, closing: bool) -> bool:
         if closing or self.intake.is_decidable(now):
-            waiting = self._feed.entries()
-            if closing and not waiting:
-                return False
             try:
-                self.intake.decide(waiting, closing)
+                self.intake.decide(self._feed.entries(), closing)
             except ValueError as error:
                 if closing:
                     raise

@@ -11,6 +11,7 @@ from typing import Any
 from ndtree.live.mapper import LiveMapper
 from ndtree.logs.core.log import Log
 from ndtree.logs.ros.files.bag import Bag
+from ndtree.logs.ros.storage import OnDamage
 
 #: A longer time between two items is no pause, but a clock that has jumped [s].
 LONGEST_PAUSE = 10.0
@@ -18,9 +19,9 @@ LONGEST_PAUSE = 10.0
 NO_TIMES = 0.1
 
 
-def messages_of(bag: Bag) -> Iterator[tuple[Any, float]]:
-    """Messages of a bag, and when each was recorded [s]; up to where it is damaged."""
-    for raw in bag.messages([one.name for one in bag.topics], on_damage=lambda error: None):
+def messages_of(bag: Bag, on_damage: OnDamage | None = None) -> Iterator[tuple[Any, float]]:
+    """Messages of a bag, and when each was recorded [s]; raises, or notes, where it is damaged."""
+    for raw in bag.messages([one.name for one in bag.topics], on_damage):
         yield raw, 1e-9 * raw.received
 
 

@@ -13,6 +13,7 @@ from ndtree.base.options import flag_of
 from ndtree.cli.commands.flags import Call, LogArgument, command, require_taken
 from ndtree.cli.commands.live_reports import Page, line, report, report_places
 from ndtree.cli.commands.logs import inspected, load_map, made, open_log
+from ndtree.cli.commands.messages import laid_out
 from ndtree.cli.commands.shows import sinks_of, url_of, wait_at
 from ndtree.live import (
     Intake,
@@ -35,6 +36,7 @@ from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files.bag import Bag, open_bag
 from ndtree.logs.ros.messages.beams import short
 from ndtree.logs.ros.options import listed
+from ndtree.logs.ros.storage import OnDamage
 from ndtree.logs.ros.survey import PATH
 from ndtree.tuning.config import Config
 
@@ -171,13 +173,28 @@ def _source(
         require_taken(given, path)
         bag = stack.enter_context(open_bag(str(path.parent if path.name == "metadata.yaml" else path)))
         _check_followed(bag, options.follow or "")
-        return made(lambda: options.intake(str(path), given)), messages_of(bag)
+        for damage in bag.damage:
+            if given.get("strict"):
+                raise ValueError(f"{damage}, expected a whole bag")
+            print(laid_out(damage), file=sys.stderr)
+        return made(lambda: options.intake(str(path), given)), messages_of(bag, _damaged(given))
     if options.localize is not None:
         raise WrongCall("--localize: expected a ROS bag, whose transforms have the odometry")
     if options.follow:
         raise WrongCall("--follow: expected a ROS bag, which has the poses that a SLAM corrects")
     log, config = inspected(open_log(path, call.world, given), given)
     return ScansIntake(config, log.dim), scans_of(log)
+
+
+def _damaged(given: Config) -> OnDamage:
+    """Says what is damaged and goes on, or ends there, as ``ndtree map``."""
+
+    def damaged(error: ValueError) -> None:
+        if not given.get("keep_going"):
+            raise error
+        print(laid_out(error), file=sys.stderr)
+
+    return damaged
 
 
 def _check_followed(bag: Bag, follow: str) -> None:
