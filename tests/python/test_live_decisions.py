@@ -318,6 +318,17 @@ def test_what_cannot_be_read_of_a_bag_is_said_as_by_map(tmp_path: Path) -> None:
         assert done.exit_code == status and bag.name in done.stderr
 
 
+def test_an_interrupt_loses_nothing_that_has_come(moving: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(items: Any, mapper: LiveMapper, **_: Any) -> None:
+        for item in items:
+            mapper.put(*item)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ndtree.cli.commands.live.play", interrupted)
+    done = cli("live", moving, "--queue", 1000, *FIXED)
+    assert done.exit_code == 0 and "88 scans received: 88 mapped, 0 dropped" in done.stdout, done.stderr
+
+
 def test_strict_refuses_scans_that_are_left_out(moving: Path, tmp_path: Path) -> None:
     bag = robot(tmp_path, "mcap", stands=1.0, first_pose=0.3)
     done = cli("live", bag, "--rate", 0, "--strict", "-o", tmp_path / "live.ndt", *FIXED)

@@ -4,7 +4,7 @@
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import Any, Optional
 
 from ndtree.alignment.aligning import moves
@@ -69,11 +69,9 @@ def live(call: Call, given: Config, log: LogArgument = None) -> None:
     with ExitStack() as stack:
         items = run.prepared(stack)
         begin = time.perf_counter()
-        try:
-            with run.mapper, line(run.mapper):
-                play(items, run.mapper, rate=call.rate)
-        except KeyboardInterrupt:
-            run.mapper.close()
+        # Whoever interrupts gets a map of all that came until then.
+        with run.mapper, line(run.mapper), suppress(KeyboardInterrupt):
+            play(items, run.mapper, rate=call.rate)
         run.report(time.perf_counter() - begin)
 
 
