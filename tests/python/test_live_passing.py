@@ -228,3 +228,21 @@ def test_points_without_a_sensor_and_heights_of_the_plane_say_nothing() -> None:
     assert not len(passing.places())
     passing.note(m, ndtree.Scan(ends, np.zeros(2)))
     assert len(passing.places()) == len(MARKED)
+
+
+@pytest.mark.parametrize("beams", [2400, 1 << 20])
+def test_of_an_image_some_beams_tell_as_much_as_all(beams: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Somebody half a metre wide walks between a depth camera and a wall."""
+    monkeypatch.setattr("ndtree.live.passing.BEAMS", beams)
+    y, z = np.meshgrid(np.linspace(-0.7, 0.7, 160), np.linspace(-0.5, 0.5, 120))
+    ways = np.stack([np.ones(y.size), y.ravel(), z.ravel()], axis=1)
+    m, passing = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1), Passing(lambda: 2.0)
+    for i in range(20):
+        is_person = (np.abs(4.05 * ways[:, 1] + 1.5 - 0.1 * i) < 0.25) & (i >= 8)
+        scan = ndtree.Scan(ways * np.where(is_person, 4.05, 6.05)[:, None], np.zeros(3), stamp=0.1 * i)
+        passing.note(m, scan)
+        scan.insert_into(m)
+        if i >= 8:
+            seen_at = {*map(tuple, np.floor(scan.endpoints[is_person, :2] / 0.1).astype(int))}
+            marked = {*map(tuple, np.floor(passing.places() / 0.1).astype(int))}
+            assert len(seen_at) > 3 and seen_at <= marked

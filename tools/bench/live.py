@@ -24,6 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "python"))
 from bags import Messages
 
 from ndtree.live import GridFollower, LiveMapper, MessagesIntake, play
+from ndtree.live.passing import STAYS, Passing
 from ndtree.logs.ros.storage import Connection, Raw
 from ndtree.tuning.config import Config
 
@@ -143,8 +144,10 @@ def measured(kind: str, scans: int) -> dict[str, list[float]]:
     took: dict[str, list[float]] = defaultdict(list)
     intake = MessagesIntake(kind, Config.of(**options, no_return="free"), look=0.5)
     timed(intake, "scan", took["read and placed"])
-    mapper = LiveMapper(intake, threads=1, sinks=[Grid(took["grid"])])
-    timed(mapper._target, "add", took["inserted"])
+    passing = Passing(lambda: STAYS, lambda: (-1.0, 1.0))
+    timed(passing, "note", took["what moves"])
+    mapper = LiveMapper(intake, threads=1, sinks=[Grid(took["grid"])], passing=passing)
+    timed(mapper._target, "_inserted", took["inserted"])
     with mapper:
         play(messages(kind, scans), mapper, rate=0)
     assert mapper.figures.is_complete and mapper.figures.mapped == scans

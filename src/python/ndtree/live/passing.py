@@ -24,6 +24,8 @@ Ints = NDArray[np.int64]
 
 #: For how long something has to stand, unless another time is given [s].
 STAYS: float = default_of("grid_stays")
+#: Beams of a scan that are looked at, or up to twice as many; others the next time: neighbours say the same.
+BEAMS = 1 << 15
 #: A mark is forgotten after this many times the time that something has to stand for.
 _FORGOTTEN = 5.0
 #: Columns beside one, and itself.
@@ -42,10 +44,12 @@ class Passing:
     ) -> None:
         self._stays, self._height = stays, height
         self._size = 0.0
-        self._marks: tuple[Ints, NDArray[np.float64]] = np.zeros(0, np.int64), np.zeros(0)
+        self._marks: tuple[Ints, NDArray[np.float64]]
+        self.begin()
 
     def begin(self) -> None:
         """Forget all marks."""
+        self._scans = 0
         self._marks = np.zeros(0, np.int64), np.zeros(0)
 
     def note(self, m: OccupancyMap, scan: Scan) -> None:
@@ -55,6 +59,12 @@ class Passing:
             self.begin()
             return
         self._size = m.options["min_cell_size"]
+        self._scans += 1
+        step = len(scan) // BEAMS
+        if step > 1:  # One of `step` that follow each other, drawn: not the same columns of an image.
+            some, first = np.zeros(len(scan), dtype=bool), np.arange(0, len(scan) - step + 1, step)
+            some[first + np.random.default_rng(self._scans).integers(step, size=len(first))] = True
+            scan = scan.only(some)
         ends = scan.endpoints[scan.hits()]
         if self._height is not None and m.dim == 3:
             low, high = self._height()
