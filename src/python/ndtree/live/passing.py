@@ -70,8 +70,8 @@ class Passing:
             low, high = self._height()
             ends = ends[(ends[:, 2] >= low) & (ends[:, 2] < high)]
         columns, since = self._marks
-        young = scan.stamp - since <= _FORGOTTEN * stays
-        columns, since = columns[young & (since <= scan.stamp)], since[young & (since <= scan.stamp)]
+        young = (scan.stamp - since <= _FORGOTTEN * stays) & (since <= scan.stamp)
+        columns, since = columns[young], since[young]
         moved = m.moved(ends)
         # Where somebody walked a scan ago, the map is free, but undecided.
         came = self._columns_of(ends[(moved > 0.5) | ((moved >= 0.5) & (m.state(ends) == FREE))])

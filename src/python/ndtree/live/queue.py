@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-#: Measurements of several sensors are put into the order of their stamps if they come no later than this [s].
-LATEST = 1.0
+from ndtree.logs.ros.clock import LATEST
 
 
 @dataclass(frozen=True)

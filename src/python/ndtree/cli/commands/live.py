@@ -36,7 +36,6 @@ from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files.bag import Bag, open_bag
 from ndtree.logs.ros.messages.beams import short
 from ndtree.logs.ros.options import listed
-from ndtree.logs.ros.storage import OnDamage
 from ndtree.logs.ros.survey import PATH
 from ndtree.tuning.config import Config
 
@@ -69,7 +68,7 @@ def live(call: Call, given: Config, log: LogArgument = None) -> None:
     with ExitStack() as stack:
         items = run.prepared(stack)
         begin = time.perf_counter()
-        # Whoever interrupts gets a map of all that came until then.
+        # A user who interrupts gets a map of all that came until then.
         with run.mapper, line(run.mapper), suppress(KeyboardInterrupt):
             play(items, run.mapper, rate=call.rate)
         run.report(time.perf_counter() - begin)
@@ -172,10 +171,9 @@ def _source(
         bag = stack.enter_context(open_bag(str(path.parent if path.name == "metadata.yaml" else path)))
         _check_followed(bag, options.follow or "")
         for damage in bag.damage:
-            if given.get("strict"):
-                raise ValueError(f"{damage}, expected a whole bag")
-            print(laid_out(damage), file=sys.stderr)
-        return made(lambda: options.intake(str(path), given)), messages_of(bag, _damaged(given))
+            _note_damage(f"{damage}, expected a whole bag", given.get("strict"))
+        messages = messages_of(bag, lambda error: _note_damage(error, not given.get("keep_going")))
+        return made(lambda: options.intake(str(path), given)), messages
     if options.localize is not None:
         raise WrongCall("--localize: expected a ROS bag, whose transforms have the odometry")
     if options.follow:
@@ -184,15 +182,11 @@ def _source(
     return ScansIntake(config, log.dim), scans_of(log)
 
 
-def _damaged(given: Config) -> OnDamage:
-    """Says what is damaged and goes on, or ends there, as ``ndtree map``."""
-
-    def damaged(error: ValueError) -> None:
-        if not given.get("keep_going"):
-            raise error
-        print(laid_out(error), file=sys.stderr)
-
-    return damaged
+def _note_damage(error: Any, ends: Any) -> None:
+    """Say what is damaged and go on, or end there, as ``ndtree map``."""
+    if ends:
+        raise ValueError(error)
+    print(laid_out(error), file=sys.stderr)
 
 
 def _check_followed(bag: Bag, follow: str) -> None:
