@@ -32,7 +32,7 @@ def main() -> None:
         assert client.wait_for_service(PATIENCE), name
         for _ in range(10):  # The first request after a service was found may be lost.
             future = client.call_async(request or kind.Request())
-            rclpy.spin_until_future_complete(node, future, timeout_sec=6.0)
+            rclpy.spin_until_future_complete(node, future, timeout_sec=30.0)
             if future.done():
                 return future.result()
         raise TimeoutError(name)
