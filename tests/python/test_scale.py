@@ -60,6 +60,33 @@ def test_points_alone_in_millimetres_are_told_of(cell: float, said: str) -> None
     assert (scale.warning() or "").startswith(said) and bool(scale.warning()) == bool(said)
 
 
+@pytest.mark.parametrize("size, cell, said", [
+    (2e-4, 0.05, "900 points span 0.0002 m across, less than 10 cells"), (0.4, 0.05, "900 points span 0.4 m"),
+    (0.4, 0.01, ""), (0.6, 0.05, ""),
+])  # fmt: skip
+def test_points_alone_in_degrees_are_told_of(size: float, cell: float, said: str) -> None:
+    scale = Scale(cell)
+    for part in np.split(np.linspace([8.5, 47.0, 400.0], [8.5 + size, 47.0 + size / 2, 430.0], 900), 3):
+        scale.add(Scan(part, part, points_only=True))
+    assert (scale.warning() or "").startswith(said) and bool(scale.warning()) == bool(said)
+
+
+def test_a_cloud_of_both_sides_of_a_wall_is_no_scan(tmp_path: Path) -> None:
+    def room(begin: float) -> np.ndarray:
+        """4 m of floor and walls, the nearer of which closes it."""
+        a, b = (part.ravel() for part in np.meshgrid(np.linspace(0, 4, 81), np.linspace(0, 2, 41)))
+        floor = np.c_[begin + a, 2 * b, np.zeros(a.size)]
+        return np.concatenate([floor, *(np.c_[np.full(a.size, begin + x), a, b] for x in (0, 4))])
+
+    clouds = {"one": room(0.0), "both": np.concatenate([room(0.0), room(4.0)])}
+    for name, points in clouds.items():
+        np.savetxt(tmp_path / f"{name}.xyz", points, fmt="%.4f")
+        call = [f"{tmp_path / name}.xyz", "--origin-of-scan", "2,2,1", "--range-sigma", "0.01"]
+        for output in (f"{name}.ndt", f"{name}.tiles"):
+            said = cli("map", *call, "-o", str(tmp_path / output)).output
+            assert ("lie behind others of it" in said) == (name == "both"), said
+
+
 def test_map_and_compare_say_it_in_one_line(tmp_path: Path) -> None:
     some = scans(1000.0)
     np.savez(

@@ -18,6 +18,7 @@ from ndtree.alignment.surfaces import Cloud
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.base.typing import MapOptions
+from ndtree.base.voxels import voxelise
 from ndtree.evaluation.sampling import NoReturns, judge, skipping_unmappable, some_of, spread
 from ndtree.logs.core.log import Log, require_log
 from ndtree.logs.core.rules import UNSEARCHED
@@ -304,12 +305,16 @@ def _rounded(value: float) -> float:
 
 
 #: More smallest cells on a beam, from one scan's origin to the next, or along an axis of points alone, than
-#: sensors, robots and files have: of 0.05 m they are 1 km.
-MOST_CELLS = 20_000
+#: sensors, robots and files have, of 0.05 m they are 1 km; and fewer than any room has along x and y.
+MOST_CELLS, FEWEST_CELLS = 20_000, 10
+#: Of points of one scan, more than this share behind others: of sensors' own scans at most 0.08 are, in
+#: cells [m] that are smaller than what blocks a view. Fewer points are too far apart to block any, and of
+#: more some tell as much.
+_HIDDEN, _BLOCKING, _TELLING, _MOST = 0.15, 0.05, 2000, 300_000
 
 
 class Scale:
-    """What of some scans is absurdly large for cells of a size; silent for those who gave a `max_range`.
+    """What of some scans is absurd for cells of a size; beams are not too long for who gave a `max_range`.
 
     `cell_size`: Of the smallest cells [m].
     `max_range`: Longer beams are cut there: those who say so mean it [m].
@@ -321,7 +326,9 @@ class Scale:
         self._number = 0
         self._far: tuple[int, float] | None = None
         self._jump: tuple[int, float] | None = None
-        self._span = 0.0
+        self._hidden: tuple[int, float] | None = None  # Of the first scan with enough points.
+        self._span, self._points = 0.0, 0
+        self._bounds: np.ndarray | None = None  # Of points alone.
         self._at: np.ndarray | None = None
 
     def add(self, scan: Scan) -> None:
@@ -329,8 +336,7 @@ class Scale:
         if len(scan):
             origin = scan.origin if scan.origin.ndim == 1 else scan.origin[0]
             if scan.points_only:
-                points = scan.endpoints[np.isfinite(scan.endpoints).all(axis=1)]
-                self._span = max(self._span, float(np.ptp(points, axis=0).max()) if len(points) else 0.0)
+                self._add_points(scan.endpoints[np.isfinite(scan.endpoints).all(axis=1)])
             if self._far is None and math.isinf(self._max_range):
                 apart = np.abs(scan.endpoints - scan.origin)
                 longest = float(apart[np.isfinite(apart)].max(initial=0.0))
@@ -342,7 +348,17 @@ class Scale:
                     self._jump = (self._number, jump)
             if np.isfinite(origin).all():
                 self._at = origin
+            if self._hidden is None and len(scan) >= _TELLING and not scan.points_only:
+                self._hidden = (self._number, hidden(scan))
         self._number += 1
+
+    def _add_points(self, points: np.ndarray) -> None:
+        if len(points):
+            ends = np.array([points.min(axis=0), points.max(axis=0)])
+            self._span = max(self._span, float(np.ptp(ends, axis=0).max()))
+            every = ends if self._bounds is None else np.concatenate([self._bounds, ends])
+            self._bounds = np.array([every.min(axis=0), every.max(axis=0)])
+            self._points += len(points)
 
     def warning(self) -> str | None:
         """The first that is absurd, and what it may be, in one line; None if nothing is."""
@@ -359,9 +375,33 @@ class Scale:
                 f"scan {number} lies {length:,.0f} m from the one before: expected all scans in one frame, "
                 f"such as UTM or a local one, and {key('origin')} for coordinates far away"
             )
+        if self._hidden is not None and self._hidden[1] > _HIDDEN:
+            number, share = self._hidden
+            return Text(
+                f"{100 * share:.0f} % of the points of scan {number} lie behind others of it, as no sensor "
+                "sees them: is it a cloud of several places? Where its beams pass, what it has is free"
+            )
         if self._span > self._limit:
             return Text(
                 f"points span {self._span:,.0f} m, {self._span / self._cell:,.0f} cells: expected metres; "
                 f"if it is right, a larger {key('min_cell_size')} is enough"
             )
+        if self._bounds is not None and self._points > FEWEST_CELLS**2:
+            across = float(np.ptp(self._bounds, axis=0)[:2].max())
+            if across < FEWEST_CELLS * self._cell:
+                return Text(
+                    f"{self._points:,} points span {across:.2g} m across, less than {FEWEST_CELLS} cells: "
+                    f"expected metres, not degrees; if it is right, set a smaller {key('min_cell_size')}"
+                )
         return None
+
+
+def hidden(scan: Scan) -> float:
+    """The share of a scan's end points with others of it at less than 4/5 of their way from the sensor."""
+    start, way, length = (part[:: 1 + len(scan) // _MOST] for part in scan.returned_beams())
+    m = _core.FixedMap(dim=scan.dim, cell_size=_BLOCKING)
+    with skipping_unmappable():
+        voxelise(start + length[:, None] * way, m)
+        before = m.cast_rays(start, way, max_range=float(length.max()))
+        return float(np.mean(before < 0.8 * length - 2 * _BLOCKING))
+    return 0.0

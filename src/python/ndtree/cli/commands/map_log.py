@@ -80,6 +80,7 @@ def map_into_tiles(
         "scans": passage.scans,
         "known_scans": known,
         "beams": report,
+        "absurd": passage.scale.warning(),
         "seconds": mapper.seconds,
         "read_seconds": passage.read_seconds,
         "tiles": len(tiles.manifest.tiles),
@@ -94,7 +95,7 @@ def print_tiled(figures: dict[str, Any], config: Config, output: Path) -> None:
     """What map_into_tiles() did."""
     known = f", {figures['known_scans']} of them known already" if figures["known_scans"] else ""
     print(f"{figures['log']}: {number_of(figures['scans'], 'scan')}{known}, {counted(figures['beams'])}")
-    for line in config.notes:
+    for line in [*config.notes] + ([figures["absurd"]] if figures["absurd"] else []):
         print(indented(line))
     print(
         f"  {number_of(figures['observed_leaves'], 'cell')} in {number_of(figures['tiles'], 'tile')} "

@@ -82,7 +82,7 @@ class Mapped:
     seconds: float
     read_seconds: float
     track: NDArray[np.float64]  # (2, dim): least and largest coordinates of the sensor [m].
-    scale: Scale
+    absurd: Optional[str]
     static_scans: Optional[StaticScans] = None
 
     def figures(self) -> dict[str, Any]:
@@ -94,6 +94,7 @@ class Mapped:
             "chosen": None if self.config.look is None else self.config.look.figures(),
             "scans": self.scans,
             "beams": self.report,
+            "absurd": self.absurd,
             "seconds": self.seconds,
             "read_seconds": self.read_seconds,
             "skipped": skipped(self.log),
@@ -109,9 +110,8 @@ class Mapped:
     def print(self, *written: Optional[Path]) -> None:
         """What was mapped, and which files were written: the map first."""
         print(f"{self.log.name}: {number_of(self.scans, 'scan')}, {counted(self.report)}")
-        absurd = self.scale.warning()
         lines = [f"uses {self.log.uses}"] if self.log.uses else []
-        for line in [*lines, *self.config.notes] + ([absurd] if absurd else []):
+        for line in [*lines, *self.config.notes] + ([self.absurd] if self.absurd else []):
             print(indented(line))
         if self.static_scans is not None:
             print(indented(str(self.static_scans)))
@@ -131,6 +131,12 @@ class Passage:
     scans: int = 0
     ignored: int = 0  # Beams without return, which the settings leave out.
     invalid: int = 0  # Of these, those without a direction or length.
+
+    @cached_property
+    def scale(self) -> Scale:
+        """What of the inserted scans is absurd."""
+        size = self.config.new_map(self.log.dim).options["min_cell_size"]
+        return Scale(size, self.config.get("max_range", math.inf))
 
     def into(
         self, insert: Callable[[Scan], Any], is_final: Callable[[ValueError], bool] = lambda _: False
@@ -157,6 +163,7 @@ class Passage:
                 said = ValueError(str(error) if "max_memory" in str(error) else BEYOND_MEMORY)
                 raise located(name, naming(said, "max_range", "min_cell_size", "max_memory")) from None
             self.scans += 1
+            self.scale.add(scan)
             yield scan, one
 
     def report(self, counts: dict[str, int]) -> dict[str, int]:
@@ -192,7 +199,6 @@ def mapped(
     counts = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
     seconds = 0.0
     track = np.full((2, log.dim), np.nan)
-    scale = Scale(target.options["min_cell_size"], config.get("max_range", math.inf))
     static_scans: Optional[StaticScans] = None
     if static:
         with progress() as show:
@@ -208,7 +214,6 @@ def mapped(
         for scan, one in passage.into(insert):
             counts = {key: count + getattr(one, key) for key, count in counts.items()}
             seconds += one.seconds
-            scale.add(scan)
             origins = np.atleast_2d(scan.origin)
             if len(origins):
                 track = np.stack([np.fmin(track[0], origins.min(0)), np.fmax(track[1], origins.max(0))])
@@ -218,8 +223,9 @@ def mapped(
     report = passage.report(counts)
     if static_scans is not None:
         static_scans.finish(target)
+    absurd = passage.scale.warning()
     return Mapped(
-        log, target, config, report, passage.scans, seconds, passage.read_seconds, track, scale, static_scans
+        log, target, config, report, passage.scans, seconds, passage.read_seconds, track, absurd, static_scans
     )
 
 
