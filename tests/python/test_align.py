@@ -20,6 +20,7 @@ from ndtree.alignment.loops import Graph
 from ndtree.alignment.motion import LearnedRate, Motion
 from ndtree.alignment.planar import between, composed, placed, pose_of, seen_from, turned
 from ndtree.alignment.sensor_scans import Outline, SensorScan, Track, moved, pose_in_log
+from ndtree.alignment.stalls import _stands_since
 from ndtree.alignment.tracking import Tracker, _is_leap
 from ndtree.logs.core.log import Log
 from ndtree.logs.ros.reading import heading_of
@@ -136,6 +137,14 @@ def test_scans_of_a_stall_are_placed_when_odometry_has_caught_up(start):
     odometry[start : start + 7] = odometry[start]
     found = ndtree.align(Drifting(list(seen_in(walls, truth, reach=12.0, beams=240)), odometry))
     assert np.hypot(*(found.poses - truth)[:, :2].T).max() < 0.25
+
+
+def test_a_stall_begins_after_the_last_scan_that_odometry_moved_to():
+    """Its last step is the leap that makes up for it, and tells nothing."""
+    told = [SimpleNamespace(pose=np.array([x, 0.0, 0.0])) for x in (0.0, 0.1, 0.2, 0.2, 0.2, 0.5)]
+    track = SimpleNamespace(poses=[np.array([0.1 * i, 0.0, 0.0]) for i in range(-4, 6)])
+    assert _stands_since(track, told) == 4 + 2
+    assert _stands_since(track, told[2:]) == 4 + 2  # It stood all the time.
 
 
 def test_a_jump_of_odometry_leaves_the_poses_where_they_were():

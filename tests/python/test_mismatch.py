@@ -23,7 +23,7 @@ from ndtree.alignment.surfaces import Cloud
 from ndtree.evaluation.pose_noise import PoseNoise
 from ndtree.evaluation.sampling import spread
 from ndtree.tuning.first_look import FirstLook
-from ndtree.tuning.mismatch import Mismatch, mismatch
+from ndtree.tuning.mismatch import _AROUND, _UP, Mismatch, _spread, mismatch
 from ndtree.tuning.motions import moved_by
 from trial import moving, worlds
 from trial.capabilities import Trial
@@ -131,3 +131,11 @@ def test_what_meets_elsewhere_all_along_is_told_of() -> None:
     """By its poses the robot drives backwards; of the way along the straight corridor little is told."""
     _, outcome = Trial.of("setup", 83).run()
     assert any("the robot did not move as they say" in one for one in outcome.words), outcome.words
+
+
+def test_what_is_seen_beside_a_direction_counts_around_it() -> None:
+    """Of a map of directions: one cell on each side, over its seam, too, and not over its poles."""
+    seen = np.zeros((_UP, _AROUND))
+    seen[_UP - 1, 0] = 1.0
+    rows, columns = np.nonzero(_spread(seen.ravel(), np.maximum).reshape(_UP, _AROUND))
+    assert set(zip(rows, columns)) == {(row, at) for row in (_UP - 2, _UP - 1) for at in (0, 1, _AROUND - 1)}
