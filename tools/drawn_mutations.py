@@ -19,6 +19,7 @@ TESTS = {
     "alignment/loops.py": "test_align.py",
     "alignment/motion.py": "test_align.py",
     "alignment/planar.py": "test_align.py",
+    "alignment/stalls.py": "test_align.py",
     "alignment/tracking.py": "test_align.py",
     "evaluation/delayed.py": "test_moved.py",
     "evaluation/exact_truth.py": "test_exact_truth.py",
@@ -33,10 +34,13 @@ TESTS = {
     "live/routing.py": "test_live_routing.py",
     "logs/core/silence.py": "test_silence.py",
     "logs/folders/coordinate_system.py": "test_coordinate_systems.py",
+    "logs/folders/point_clouds.py": "test_point_clouds.py test_readers.py test_text_clouds.py",
+    "tuning/first_look.py": "test_no_returns.py test_scale.py",
     "tuning/range_end.py": "test_range_end.py",
     "tuning/heading.py": "test_heading.py",
     "tuning/mismatch.py": "test_carried.py test_mismatch.py",
     "tuning/revisits.py": "test_revisits.py",
+    "tuning/setup_error.py": "test_setup_error.py test_setup_in_space.py",
     "tuning/setup.py": "test_setup_error.py test_setup_in_space.py",
 }
 _TURNED = {ast.Lt: ">", ast.Gt: "<", ast.LtE: ">=", ast.GtE: "<=", ast.Eq: "!=", ast.NotEq: "=="}
