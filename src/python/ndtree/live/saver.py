@@ -31,12 +31,11 @@ class Saver:
         self.path, self.period, self.session = path, period, session
 
     def update(self, m: OccupancyMap, stamp: float) -> None:
-        """Write a map."""
-        write(m, Path(self.path))
-        if self.session is None:
-            return
+        """Write a map; with slam from the first scan that is placed on."""
         try:
-            session = self.session()
+            session = None if self.session is None else self.session()
         except RuntimeError:  # Nothing is placed yet.
             return
-        session.save(scans_beside(self.path))
+        write(m, Path(self.path))
+        if session is not None:
+            session.save(scans_beside(self.path))

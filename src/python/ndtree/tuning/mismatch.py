@@ -74,8 +74,9 @@ class Mismatch:
                 f"{key('stop')}, or use {key('align')}"
             )
         share = percent(self.wrong / self.pairs)
+        first = f"first at {when}, and " if math.isfinite(self.since) else ""
         return Text(
-            f"{found}: the robot did not move as they say, first at {when}, and in "
+            f"{found}: the robot did not move as they say, {first}in "
             f"{share} of the steps looked at; check the order of scans and poses, their clocks, and whether "
             f"wheels slip, or {helps}"
         )
