@@ -79,8 +79,8 @@ class PoseLikelihood {
       const double weight = weighed((shape.across * error).squaredNorm() / (loose_ + noise_));
       Piece& piece = piece_of(2 * static_cast<std::size_t>(shape.piece), shape);
       piece.weight += weight;
-      piece.jacobian += weight * jacobian;
-      piece.error += weight * error;
+      piece.jacobian += weight * shape.across * jacobian;
+      piece.error += weight * shape.across * error;
       return;
     }
     const bool is_behind = shape.normal.dot(turned) > 0.0;
@@ -187,8 +187,8 @@ class PoseLikelihood {
   }
   void add_loose(const Piece& piece) {
     if (piece.weight <= 0.0) return;
-    const Eigen::Matrix<double, D, K> jacobian = piece.shape->across * piece.jacobian / piece.weight;
-    const Vector<D> error = piece.shape->across * piece.error / piece.weight;
+    const Eigen::Matrix<double, D, K> jacobian = piece.jacobian / piece.weight;
+    const Vector<D> error = piece.error / piece.weight;
     const double information = std::min(1.0, piece.weight) / (noise_ / piece.weight + loose_);
     information_ += information * jacobian.transpose() * jacobian;
     gradient_ += information * jacobian.transpose() * error;

@@ -47,8 +47,8 @@ struct SurfaceShape {
 ///
 /// A piece is what errs alike. In a lattice of cells a surface may be anywhere in its row of cells, so the
 /// flat pieces of a row, along an axis or a diagonal as their normal says, are one piece. What is not flat is
-/// a piece by itself; along axes without free space beside it, only beams end there, as where rings lie on
-/// the ground. O(points · points within the radius).
+/// one piece with what is near; along axes without free space beside it, only beams end there, as where rings
+/// lie on the ground. O(points · points within the radius).
 template <int D>
 class SurfaceElements {
  public:
@@ -71,7 +71,7 @@ class SurfaceElements {
       shape(kShorter * options.radius, least,
             [&](int count, bool is_flat) { return !is_flat && !is_sparse(count, is_flat); });
     shape(kWider * options.radius, least, is_sparse);
-    group(all.lattice);
+    group(all.lattice, options.radius);
   }
 
   static constexpr int kDirections = D + D * (D - 1);
@@ -205,18 +205,24 @@ class SurfaceElements {
     return shape;
   }
 
-  /// Gives pieces their numbers. @param row of cells [m]; 0: flat pieces share nothing, and all have 0.
-  void group(double row) {
-    num_pieces = 1;
+  /// Gives pieces their numbers. @param row of cells [m]; 0: flat pieces share nothing and all have 0, and
+  /// what is not flat is apart. @param radius of what is not flat and errs alike [m].
+  void group(double row, double radius) {
+    num_pieces = 0;
+    Key last{};
+    for (const Keyed& one : sorted(points, radius)) {
+      SurfaceShape<D>& loose = shapes[static_cast<std::size_t>(one.point)];
+      if (loose.is_flat) continue;
+      if (row == 0.0 || num_pieces == 0 || one.key != last) ++num_pieces;
+      loose.piece = num_pieces;
+      last = one.key;
+    }
+    ++num_pieces;
     std::vector<std::pair<std::pair<int, std::int64_t>, std::size_t>> rows;
-    for (std::size_t i = 0; i < shapes.size(); ++i) {
-      SurfaceShape<D>& one = shapes[i];
-      if (!one.is_flat) {
-        one.piece = num_pieces++;
-      } else if (row > 0.0) {
-        rows.push_back({{0, row_of(points.col(static_cast<Eigen::Index>(i)), row, one)}, i});
-        rows.back().first.first = one.direction;
-      }
+    for (std::size_t i = 0; row > 0.0 && i < shapes.size(); ++i) {
+      if (!shapes[i].is_flat) continue;
+      rows.push_back({{0, row_of(points.col(static_cast<Eigen::Index>(i)), row, shapes[i])}, i});
+      rows.back().first.first = shapes[i].direction;
     }
     std::sort(rows.begin(), rows.end());
     for (std::size_t i = 0; i < rows.size(); ++i) {
