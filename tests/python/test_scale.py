@@ -71,17 +71,6 @@ def test_points_alone_in_degrees_are_told_of(size: float, cell: float, said: str
     assert (scale.warning() or "").startswith(said) and bool(scale.warning()) == bool(said)
 
 
-@pytest.mark.parametrize("factor, noise, is_said", [
-    (1e-5, 0.0, True), (1e-3, 0.0, False), (0.0, 0.0, False), (0.0, 0.01, False)
-])  # fmt: skip
-def test_poses_in_degrees_are_told_of(factor: float, noise: float, is_said: bool) -> None:
-    scale, rng = Scale(0.05), np.random.default_rng(0)
-    for i in range(20):
-        at = np.array([8.55, 47.37]) + factor * np.array([i, i / 2]) + rng.normal(0, noise, 2)
-        scale.add(Scan(at + scans()[0].endpoints, at))
-    assert ("longitude" in (scale.warning() or "")) == is_said
-
-
 def test_a_cloud_of_both_sides_of_a_wall_is_no_scan(tmp_path: Path) -> None:
     def room(begin: float) -> np.ndarray:
         """4 m of floor and walls, the nearer of which closes it."""

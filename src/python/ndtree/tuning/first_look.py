@@ -312,9 +312,6 @@ MOST_CELLS, FEWEST_CELLS = 20_000, 10
 #: more some tell as much.
 _HIDDEN, _BLOCKING, _TELLING, _MOST = 0.15, 0.05, 2000, 300_000
 
-#: Of a sensor that moves less [m], but moves, places may be degrees: of a kilometre they are.
-_STANDS = 0.01
-
 
 class Scale:
     """What of some scans is absurd for cells of a size; beams are not too long for who gave a `max_range`.
@@ -330,22 +327,16 @@ class Scale:
         self._far: tuple[int, float] | None = None
         self._jump: tuple[int, float] | None = None
         self._hidden: tuple[int, float] | None = None  # Of the first scan with enough points.
-        self._span, self._places, self._are_points = 0.0, 0, False
-        self._bounds: np.ndarray | None = None  # Of points alone, or of origins.
+        self._span, self._points = 0.0, 0
+        self._bounds: np.ndarray | None = None  # Of points alone.
         self._at: np.ndarray | None = None
 
     def add(self, scan: Scan) -> None:
         """Look at the next scan."""
         if len(scan):
             origin = scan.origin if scan.origin.ndim == 1 else scan.origin[0]
-            self._are_points = scan.points_only
-            places = scan.endpoints if scan.points_only else origin[None]
-            places = places[np.isfinite(places).all(axis=1)]
-            if scan.points_only and len(places):
-                self._span = max(self._span, float(np.ptp(places, axis=0).max()))
-            every = places if self._bounds is None else np.concatenate([self._bounds, places])
-            self._bounds = np.array([every.min(axis=0), every.max(axis=0)]) if len(every) else None
-            self._places += len(places)
+            if scan.points_only:
+                self._add_points(scan.endpoints[np.isfinite(scan.endpoints).all(axis=1)])
             if self._far is None and math.isinf(self._max_range):
                 apart = np.abs(scan.endpoints - scan.origin)
                 longest = float(apart[np.isfinite(apart)].max(initial=0.0))
@@ -360,6 +351,14 @@ class Scale:
             if self._hidden is None and len(scan) >= _TELLING and not scan.points_only:
                 self._hidden = (self._number, hidden(scan))
         self._number += 1
+
+    def _add_points(self, points: np.ndarray) -> None:
+        if len(points):
+            ends = np.array([points.min(axis=0), points.max(axis=0)])
+            self._span = max(self._span, float(np.ptp(ends, axis=0).max()))
+            every = ends if self._bounds is None else np.concatenate([self._bounds, ends])
+            self._bounds = np.array([every.min(axis=0), every.max(axis=0)])
+            self._points += len(points)
 
     def warning(self) -> str | None:
         """The first that is absurd, and what it may be, in one line; None if nothing is."""
@@ -387,20 +386,13 @@ class Scale:
                 f"points span {self._span:,.0f} m, {self._span / self._cell:,.0f} cells: expected metres; "
                 f"if it is right, a larger {key('min_cell_size')} is enough"
             )
-        if self._bounds is None:
-            return None
-        across = float(np.ptp(self._bounds, axis=0)[:2].max())
-        if self._are_points and self._places > FEWEST_CELLS**2 and across < FEWEST_CELLS * self._cell:
-            return Text(
-                f"{self._places:,} points span {across:.2g} m across, less than {FEWEST_CELLS} cells: "
-                f"expected metres, not degrees; if it is right, set a smaller {key('min_cell_size')}"
-            )
-        x, y = np.abs(self._bounds[0, :2])
-        if not self._are_points and 0 < across < _STANDS and x <= 360 and 1 < y <= 90 and self._places > 4:
-            return Text(
-                f"the sensor moves by {across:.2g} m in all, near ({x:.5g}, {y:.5g}): expected metres, not "
-                "longitude and latitude"
-            )
+        if self._bounds is not None and self._points > FEWEST_CELLS**2:
+            across = float(np.ptp(self._bounds, axis=0)[:2].max())
+            if across < FEWEST_CELLS * self._cell:
+                return Text(
+                    f"{self._points:,} points span {across:.2g} m across, less than {FEWEST_CELLS} cells: "
+                    f"expected metres, not degrees; if it is right, set a smaller {key('min_cell_size')}"
+                )
         return None
 
 
