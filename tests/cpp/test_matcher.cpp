@@ -289,24 +289,24 @@ TEST(SurfaceElements, CellsOfADiagonalWallAreOnePiece) {
   }
 }
 
-/// Where rings lie on the ground, only beams end: they do not tell how far a scan is along; kerbs do.
+/// Where rings lie on the ground, only beams end: they do not tell how far a scan is along; thin bars do.
 TEST(SurfaceElements, RingsOnTheGroundTellNoPlaceAlong) {
   constexpr double kCell = 0.1;
   MatchOptions options;
   options.cell_size = options.sigma = kCell;
   options.radius = 10 * kCell;
-  for (const bool are_kerbs : {false, true}) {
+  for (const bool are_bars : {false, true}) {
     SurfacePoints<3> cells{Points<3>(3, 600), Points<3>(3, 600), kCell, Points<3>(3, 600)};
     for (int i = 0; i < 600; ++i) {
       cells.points.col(i) << 1.5 * (i / 100) + 0.05, (i % 100 - 49.5) * kCell, 0.05;
       cells.sides.col(i) << 0.0, 0.0, 1.0;
-      cells.open.col(i) << (are_kerbs ? 1.0 : 0.0), 0.0, 1.0;
+      cells.open.col(i) << (are_bars ? 1.0 : 0.0), 0.0, 1.0;
     }
     MotionMatrix<3> known = MotionMatrix<3>::Identity();
     known.diagonal() << 25.0, 25.0, 25.0, 1e4, 1e4, 1e4;
     Match<3> match;
     Matcher<3>(cells, options).refine(cells.points, Pose<3>{}, Pose<3>{}, known, match);
-    if (are_kerbs)
+    if (are_bars)
       EXPECT_LT(match.covariance(0, 0), 0.1 / 25.0);
     else
       EXPECT_NEAR(match.covariance(0, 0), 1.0 / 25.0, 0.01 / 25.0);

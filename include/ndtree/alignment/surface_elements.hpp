@@ -25,7 +25,7 @@ struct SurfacePoints {
   Points<D> points;
   Points<D> sides;       ///< As many, or none: vectors to where each is seen from, or 0 for any side.
   double lattice = 0.0;  ///< Edge of the cells whose centres they are; 0 for points that were measured [m].
-  Points<D> open{};      ///< As many, or none: 1 for axes along which there is free space beside, else 0.
+  Points<D> open{};      ///< As many, or none: 1 for axes with free space on both sides, else 0.
 };
 
 /// The shape of a surface around a point.
@@ -47,8 +47,8 @@ struct SurfaceShape {
 ///
 /// A piece is what errs alike. In a lattice of cells a surface may be anywhere in its row of cells, so the
 /// flat pieces of a row, along an axis or a diagonal as their normal says, are one piece. What is not flat is
-/// one piece with what is near; along axes without free space beside it, only beams end there, as where rings
-/// lie on the ground. O(points · points within the radius).
+/// one piece with what is near; it has a place along axes where it is thin, with free space on both sides:
+/// else only beams may end there, as rings do on the ground. O(points · points within the radius).
 template <int D>
 class SurfaceElements {
  public:

@@ -82,16 +82,16 @@ class SurfaceOfBoxes {
     Eigen::Index count = 0;
     for (Eigen::Index i = 0; i < surface.points.cols(); ++i) {
       Vector<D> side = Vector<D>::Zero();
-      bool is_surface = false;
+      Vector<D> open = Vector<D>::Zero();
       for (int k = 0; k < 2 * D; ++k) {
         if (states[static_cast<std::size_t>(2 * D * i + k)] != static_cast<std::int8_t>(CellState::free))
           continue;
-        is_surface = true;
         side[k / 2] += k % 2 == 0 ? -1.0 : 1.0;
-        surface.open(k / 2, count) = 1.0;
+        open[k / 2] += 1.0;
       }
-      if (!is_surface) continue;
+      if (open.isZero()) continue;
       surface.points.col(count) = surface.points.col(i);
+      surface.open.col(count) = (open.array() == 2.0).template cast<double>();
       surface.sides.col(count++) = side;
     }
     surface.open.conservativeResize(D, count);
