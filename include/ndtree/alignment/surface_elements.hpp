@@ -25,7 +25,7 @@ struct SurfacePoints {
   Points<D> points;
   Points<D> sides;       ///< As many, or none: vectors to where each is seen from, or 0 for any side.
   double lattice = 0.0;  ///< Edge of the cells whose centres they are; 0 for points that were measured [m].
-  Points<D> open{};      ///< As many, or none: 1 for axes with free space on both sides, else 0.
+  Points<D> open{};      ///< As many, or none: 1 for axes along which what is not flat is told.
 };
 
 /// The shape of a surface around a point.
@@ -47,8 +47,7 @@ struct SurfaceShape {
 ///
 /// A piece is what errs alike. In a lattice of cells a surface may be anywhere in its row of cells, so the
 /// flat pieces of a row, along an axis or a diagonal as their normal says, are one piece. What is not flat is
-/// one piece with what is near; it has a place along axes where it is thin, with free space on both sides:
-/// else only beams may end there, as rings do on the ground. O(points · points within the radius).
+/// one piece with what is near, and is told along some axes alone. O(points · points within the radius).
 template <int D>
 class SurfaceElements {
  public:
@@ -78,7 +77,7 @@ class SurfaceElements {
 
   Points<D> points;
   Points<D> sides;  ///< Unit vectors, or 0.
-  Points<D> open;   ///< 1 for axes along which what is not flat has a place, else 0.
+  Points<D> open;   ///< 1 for axes along which what is not flat is told, else 0.
   std::vector<SurfaceShape<D>> shapes;
   std::int32_t num_pieces = 0;
   double shared = 0.0;  ///< Variance of a flat piece's place, which end points on it share [m²].

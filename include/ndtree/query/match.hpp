@@ -24,6 +24,9 @@ namespace ndtree {
 /// The surfaces of occupied boxes: the centres of their outermost cells beside which there is free space. It
 /// is from there that beams came; cells behind were never reached, or by noise.
 ///
+/// What is not flat is told along axes with free space beside it; in space with free space on both sides,
+/// where nothing is above or below: rings on the ground end where beams do, and not where the ground ends.
+///
 /// Boxes are added; then the states of their neighbours are asked for, at the centres that `beside()`
 /// returns, 2 D for each candidate. A lattice of cells has no better estimate of where the surface is than
 /// its cells' centres: see "Poses" in docs/derivation.md.
@@ -83,15 +86,18 @@ class SurfaceOfBoxes {
     for (Eigen::Index i = 0; i < surface.points.cols(); ++i) {
       Vector<D> side = Vector<D>::Zero();
       Vector<D> open = Vector<D>::Zero();
+      bool stands = D == 2;
       for (int k = 0; k < 2 * D; ++k) {
-        if (states[static_cast<std::size_t>(2 * D * i + k)] != static_cast<std::int8_t>(CellState::free))
-          continue;
+        const auto beside = static_cast<CellState>(states[static_cast<std::size_t>(2 * D * i + k)]);
+        if (k >= 4 && beside == CellState::occupied) stands = true;
+        if (beside != CellState::free) continue;
         side[k / 2] += k % 2 == 0 ? -1.0 : 1.0;
         open[k / 2] += 1.0;
       }
       if (open.isZero()) continue;
+      const double least = stands ? 1.0 : 2.0;  // Free sides of what is told along an axis.
       surface.points.col(count) = surface.points.col(i);
-      surface.open.col(count) = (open.array() == 2.0).template cast<double>();
+      surface.open.col(count) = (open.array() >= least).template cast<double>();
       surface.sides.col(count++) = side;
     }
     surface.open.conservativeResize(D, count);
