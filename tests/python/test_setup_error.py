@@ -262,3 +262,11 @@ def test_of_several_lasers_the_one_is_named_that_is_turned(wrong: str, tmp_path:
         return
     assert found is not None and found.kind == "yaw" and f"scans of {wrong} in {wrong[1:]}." in str(found)
     assert found.values[0] == pytest.approx(-0.2, rel=0.25)
+
+
+@pytest.mark.parametrize(("scale", "causes"), [(-0.85, ["yaw"]), (-0.75, ["scale"])])
+def test_that_nothing_moved_is_no_cause(scale: float, causes: list[str]) -> None:
+    """A scale that leaves a fifth of the way or less explains the most, and is left out."""
+    errors = np.full((40, 3), 5.0)
+    fits = {"scale": (np.array([scale]), 0.0 * errors), "yaw": (np.array([0.1, 0.0]), 0.2 * errors)}
+    assert likeliest(errors, fits) == causes
