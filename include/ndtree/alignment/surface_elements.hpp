@@ -47,7 +47,8 @@ struct SurfaceShape {
 ///
 /// A piece is what errs alike. In a lattice of cells a surface may be anywhere in its row of cells, so the
 /// flat pieces of a row, along an axis or a diagonal as their normal says, are one piece. What is not flat is
-/// one piece with what is near, and is told along some axes alone. O(points · points within the radius).
+/// a piece by itself, in space with what is near, and is told along some axes alone. O(points · points within
+/// the radius).
 template <int D>
 class SurfaceElements {
  public:
@@ -205,14 +206,14 @@ class SurfaceElements {
   }
 
   /// Gives pieces their numbers. @param row of cells [m]; 0: flat pieces share nothing and all have 0, and
-  /// what is not flat is apart. @param radius of what is not flat and errs alike [m].
+  /// what is not flat is apart, as in the plane. @param radius of what is not flat and errs alike [m].
   void group(double row, double radius) {
     num_pieces = 0;
     Key last{};
     for (const Keyed& one : sorted(points, radius)) {
       SurfaceShape<D>& loose = shapes[static_cast<std::size_t>(one.point)];
       if (loose.is_flat) continue;
-      if (row == 0.0 || num_pieces == 0 || one.key != last) ++num_pieces;
+      if (D == 2 || row == 0.0 || num_pieces == 0 || one.key != last) ++num_pieces;
       loose.piece = num_pieces;
       last = one.key;
     }

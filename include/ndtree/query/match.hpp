@@ -24,8 +24,8 @@ namespace ndtree {
 /// The surfaces of occupied boxes: the centres of their outermost cells beside which there is free space. It
 /// is from there that beams came; cells behind were never reached, or by noise.
 ///
-/// What is not flat is told along axes with free space beside it; in space with free space on both sides,
-/// where nothing is above or below: rings on the ground end where beams do, and not where the ground ends.
+/// In space, what is not flat is told along axes with free space beside it, on both sides where nothing is
+/// above or below: rings on the ground end where beams do, and not where the ground ends.
 ///
 /// Boxes are added; then the states of their neighbours are asked for, at the centres that `beside()`
 /// returns, 2 D for each candidate. A lattice of cells has no better estimate of where the surface is than
@@ -86,7 +86,7 @@ class SurfaceOfBoxes {
     for (Eigen::Index i = 0; i < surface.points.cols(); ++i) {
       Vector<D> side = Vector<D>::Zero();
       Vector<D> open = Vector<D>::Zero();
-      bool stands = D == 2;
+      bool stands = false;
       for (int k = 0; k < 2 * D; ++k) {
         const auto beside = static_cast<CellState>(states[static_cast<std::size_t>(2 * D * i + k)]);
         if (k >= 4 && beside == CellState::occupied) stands = true;
@@ -95,7 +95,7 @@ class SurfaceOfBoxes {
         open[k / 2] += 1.0;
       }
       if (open.isZero()) continue;
-      const double least = stands ? 1.0 : 2.0;  // Free sides of what is told along an axis.
+      const double least = D == 2 ? 0.0 : stands ? 1.0 : 2.0;  // Free sides of what is told along an axis.
       surface.points.col(count) = surface.points.col(i);
       surface.open.col(count) = (open.array() >= least).template cast<double>();
       surface.sides.col(count++) = side;
