@@ -100,7 +100,7 @@ def matched(
 ) -> tuple[Recording, ndtree.OccupancyMap, np.ndarray, np.ndarray]:
     """What a map is of, the map, and of each match (n, dim + 1): errors of place and yaw, and those told."""
     world, rng, d = case.world, case.rng, case.dim
-    half = np.repeat(_GUESSES[case.fault][1:], (d, 1))
+    half = np.repeat(_GUESSES[case.fault], (d, 1))
     r = record(world.scene, sensor, poses_along(world, rng, 40, "drives"), rng)
     m = mapped(r, cell, is_fixed=case.is_fixed)
     matcher, off, told = m.matcher(), [], []
@@ -129,8 +129,8 @@ def matched(
     return r, m, np.array(off).reshape(-1, d + 1), np.array(told).reshape(-1, d + 1)
 
 
-#: Half the width of what guesses are off by [m, m, rad].
-_GUESSES = {"near": (0.1, 0.1, 0.05), "far": (0.3, 0.3, 0.15)}
+#: Half the width of what guesses are off by: place on each axis and yaw [m, rad].
+_GUESSES = {"near": (0.1, 0.05), "far": (0.3, 0.15)}
 
 
 def localize_trial(case: Case) -> tuple[Recording, Outcome]:

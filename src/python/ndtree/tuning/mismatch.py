@@ -107,7 +107,7 @@ class _Pairs:
         self._clouds = [one for run in runs for one in run]
         self._poses = np.array([one.pose for one in self._clouds]).reshape(-1, 4, 4)
         self._views: dict[int, _View] = {}
-        self._elsewhere: set[tuple[int, int]] = set()  # Pairs more of which meets elsewhere.
+        self._elsewhere: set[tuple[int, int]] = set()  # Pairs that meet better elsewhere.
         behind = np.cumsum([len(run) for run in runs if run], dtype=int).tolist()
         #: First and last cloud of each run.
         self._runs = [(first, end - 1) for first, end in zip([0, *behind], behind)]

@@ -208,12 +208,13 @@ def _causes(log: _Log, pairs: Floats, seen: Floats, whitening: Floats) -> list[S
     errors = log.errors(seen, told)
     columns = {kind: one for kind, one in _KINDS.items() if kind != "tilt" or not log.is_planar}
     fits = fits_of(errors, raw, whitening, columns)
-    fits["yaw"] = _turned(fits["yaw"][0], np.einsum("nij,nj->ni", whitening, errors), whitening @ raw)
+    whitened = np.einsum("nij,nj->ni", whitening, errors)
+    fits["yaw"] = _turned(fits["yaw"][0], whitened, whitening @ raw)
     for kind in {"clock", "tilt"} & set(fits):
         fits[kind] = _again(log, pairs, seen, whitening, kind, fits[kind][0])
     if not _is_clock(log, pairs, seen, whitening, *fits["clock"]):
         del fits["clock"]
-    found = likeliest(np.einsum("nij,nj->ni", whitening, errors), fits)
+    found = likeliest(whitened, fits)
     if not found or ("clock" in found and not log.has_times):
         return []
     first, second = np.triu_indices(len(log.poses), 1)

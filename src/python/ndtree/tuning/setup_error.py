@@ -32,7 +32,7 @@ LEAST_PAIRS = 12
 _FREEDOM = 2.0  # Of Student's t: some matches are wrong.
 _MEDIAN = {1: 0.455, 3: 2.37, 6: 5.35}  # Of the squared length of 1, 3 or 6 standard normal numbers.
 _ROUNDS = 30
-_LENGTHS, _LEAST_SCALE = ("scale", "turns"), 0.2  # Nearer to 0, nothing was seen to move.
+_SCALES, _LEAST_SCALE = ("scale", "turns"), 0.2  # Nearer to 0, nothing was seen to move.
 
 #: Positions in mm, cm or inches, and points: what positions are to be multiplied by to fit, and the names.
 UNITS = {0.001: "mm", 0.01: "cm", 0.0254: "inches", 1000.0: "mm", 100.0: "cm", 1 / 0.0254: "inches"}
@@ -174,7 +174,7 @@ def likeliest(errors: Floats, fits: Fits) -> list[str]:
     anything is known, as in `_fitted`: along a bend, a sensor that sits a radius beside its place sees what a
     scale does.
     """
-    fits = {kind: fit for kind, fit in fits.items() if kind not in _LENGTHS or fit[0][0] > _LEAST_SCALE - 1.0}
+    fits = {kind: fit for kind, fit in fits.items() if kind not in _SCALES or fit[0][0] > _LEAST_SCALE - 1.0}
     likely = {
         kind: likelihood(left) - 0.5 * float(values @ values) - BOTH * (kind == "mount")
         for kind, (values, left) in fits.items()
