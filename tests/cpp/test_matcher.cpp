@@ -314,6 +314,30 @@ TEST(SurfaceElements, RingsOnTheGroundTellNoPlaceAlong) {
   }
 }
 
+/// Far along a corridor, cells of its wall are single: they do not tell how far a scan is along; posts do.
+TEST(SurfaceElements, SingleCellsOfAWallTellNoPlaceAlong) {
+  constexpr double kCell = 0.05;
+  constexpr auto kFree = static_cast<std::int8_t>(CellState::free);
+  constexpr auto kUnknown = static_cast<std::int8_t>(CellState::unknown);
+  for (const bool are_posts : {false, true}) {
+    SurfaceOfBoxes<2> boxes(kCell);
+    std::vector<std::int8_t> states;
+    for (int i = 0; i < 20; ++i) {
+      boxes.add({Vector<2>(3.0 * i, 0.0), Vector<2>(3.0 * i + kCell, kCell)});
+      states.insert(states.end(), {kFree, are_posts ? kFree : kUnknown, kFree, kFree});
+    }
+    const SurfacePoints<2> cells = boxes.surface(states);
+    const MotionMatrix<2> known = Motion<2>(25.0, 25.0, 1e4).asDiagonal();
+    Match<2> match;
+    Matcher<2>(cells).refine(cells.points, Pose<2>{}, Pose<2>{}, known, match);
+    if (are_posts)
+      EXPECT_LT(match.covariance(0, 0), 0.1 / 25.0);
+    else
+      EXPECT_NEAR(match.covariance(0, 0), 1.0 / 25.0, 0.01 / 25.0);
+    EXPECT_LT(match.covariance(1, 1), 0.1 / 25.0);
+  }
+}
+
 /// The walls of a room that looks different from everywhere.
 template <int D>
 Points<D> room(double spacing) {

@@ -13,6 +13,7 @@
 #include <cstdint>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "ndtree/alignment/likelihood_pyramid.hpp"
@@ -89,7 +90,7 @@ class Matcher {
     }
     grid.set_prior(information, LikelihoodPyramid<D>::kMaximum *
                                     std::max(1.0, static_cast<double>(points.cols())) /
-                                    std::max(1.0, static_cast<double>(pieces_of(points))));
+                                    std::max(1.0, static_cast<double>(pieces_of(points).count)));
     return grid;
   }
   /// Of one pose: what search() maximises.
@@ -155,12 +156,12 @@ class Matcher {
     const Points<D> good = finite(points);
     const PoseGrid<D> grid = grid_of(good, window.half, information);
     NearPoses<D> near;
-    near.margin = static_cast<std::int64_t>(kLeastLikely * grid.worth);
+    near.margin = static_cast<std::int64_t>((D == 2 ? kLeastLikely : kFarBelow) * grid.worth);
     const std::vector<GridPose<D>> found = search(good, guess, grid, window, wants_second ? 2 : 1, &near);
     Match<D> match = refined(good, guess, grid, found.front(), information);
     if (found.size() > 1 && found[1].score > 0)
       match.second = score(good, moved(guess, grid.motion(found[1])));
-    match.covariance = with_others(match, guess, grid, near.poses);
+    match.covariance = with_others(match, good, guess, grid, near.poses);
     return match;
   }
   /// The best poses of a window, each `apart` from those before it, refined, and with the covariance of its
@@ -190,17 +191,6 @@ class Matcher {
                                                     static_cast<double>(count));
   }
 
-  /// Pieces of surface that a scan sees: end points on one are wrong alike, and count once in the search.
-  [[nodiscard]] std::size_t pieces_of(const Points<D>& points) const {
-    std::vector<std::array<std::int64_t, std::size_t{D}>> cells(static_cast<std::size_t>(points.cols()));
-    for (std::size_t i = 0; i < cells.size(); ++i)
-      for (int a = 0; a < D; ++a)
-        cells[i][static_cast<std::size_t>(a)] = static_cast<std::int64_t>(
-            std::floor(points(a, static_cast<Eigen::Index>(i)) / (kCellsOfPiece * options_.cell_size)));
-    std::sort(cells.begin(), cells.end());
-    return static_cast<std::size_t>(std::unique(cells.begin(), cells.end()) - cells.begin());
-  }
-
   /// Columns without NaN or infinity.
   [[nodiscard]] static Points<D> finite(const Points<D>& points) {
     Points<D> good(D, points.cols());
@@ -215,12 +205,37 @@ class Matcher {
   static constexpr int kAngles = kFreedoms<D> - D;
   static constexpr double kMostSteps = PoseSearch<D>::kMostSteps;
   static constexpr double kCellsOfPiece = 4.0;
-  // Poses count whose log-likelihood is at most this much less than the best one's.
+  // Poses count whose log-likelihood is at most this much less than the best one's; in space, those are
+  // looked at that are by the scores' sum.
   static constexpr double kLeastLikely = 5.0;
+  static constexpr double kFarBelow = 20.0;
 
   /// Of a MotionMatrix.
   using Decomposition = Eigen::PartialPivLU<SmallMatrix<kFreedoms<3>>>;
 
+  /// Pieces of surface that a scan sees: end points on one are wrong alike, and count once in the search.
+  struct Pieces {
+    std::vector<std::int32_t> of;  ///< Each point's.
+    std::int32_t count = 0;
+  };
+  [[nodiscard]] Pieces pieces_of(const Points<D>& points) const {
+    using Key = std::array<std::int64_t, std::size_t{D}>;
+    Pieces pieces;
+    pieces.of.resize(static_cast<std::size_t>(points.cols()));
+    std::vector<std::pair<Key, std::size_t>> keyed(pieces.of.size());
+    for (std::size_t i = 0; i < keyed.size(); ++i) {
+      keyed[i].second = i;
+      for (int a = 0; a < D; ++a)
+        keyed[i].first[static_cast<std::size_t>(a)] = static_cast<std::int64_t>(
+            std::floor(points(a, static_cast<Eigen::Index>(i)) / (kCellsOfPiece * options_.cell_size)));
+    }
+    std::sort(keyed.begin(), keyed.end());
+    for (std::size_t i = 0; i < keyed.size(); ++i) {
+      if (i == 0 || keyed[i].first != keyed[i - 1].first) ++pieces.count;
+      pieces.of[keyed[i].second] = pieces.count - 1;
+    }
+    return pieces;
+  }
   [[nodiscard]] static const MatchOptions& validated(const MatchOptions& options) {
     options.validate();
     return options;
@@ -235,20 +250,65 @@ class Matcher {
     refine(points, pose, guess, information, match);
     return match;
   }
+  /// What the pieces of a scan score at a pose of a grid, without the prior.
+  [[nodiscard]] std::vector<double> scores_of(const Pieces& pieces, const Points<D>& points,
+                                              const Pose<D>& guess, const PoseGrid<D>& grid,
+                                              const GridPose<D>& pose) const {
+    std::vector<double> scores(static_cast<std::size_t>(pieces.count), 0.0);
+    auto piece = pieces.of.begin();
+    for (Cell cell : cells_of(pyramid_, points, guess, grid, pose)) {
+      for (std::size_t a = 0; a < std::size_t{D}; ++a) cell[a] += pose.steps[a];
+      scores[static_cast<std::size_t>(*piece++)] += pyramid_.bound(0, cell);
+    }
+    return scores;
+  }
+  /// What the scores of pieces at a pose tell for it against those at the best, as a log-likelihood.
+  ///
+  /// A sum over many pieces differs by chance, too. So it tells no more than that the changes have a mean
+  /// beside their own spread (Q. H. Vuong, "Likelihood ratio tests for model selection and non-nested
+  /// hypotheses", Econometrica 57, 1989). Where few pieces tell, as the edges of a recess in a long wall,
+  /// that is too little: in the plane, the sum counts.
+  [[nodiscard]] static double told(const std::vector<double>& best, const std::vector<double>& scores,
+                                   double worth) {
+    double changed = 0.0;
+    double sum = 0.0;
+    double squares = 0.0;
+    for (std::size_t i = 0; i < best.size(); ++i) {
+      const double change = scores[i] - best[i];
+      changed += change != 0.0 ? 1.0 : 0.0;
+      sum += change;
+      squares += change * change;
+    }
+    if (squares == 0.0) return 0.0;
+    const double mean = -0.5 * changed * std::log1p(-sum * sum / (changed * squares));  // May be infinite.
+    return std::copysign(std::min(std::abs(sum) / worth, mean), sum);
+  }
   /// The covariance of a match and of the posterior's other modes around it: poses that are farther than
-  /// kMode standard deviations and steps of the grid, and likelier than on the slope of the first mode.
-  [[nodiscard]] MotionMatrix<D> with_others(const Match<D>& match, const Pose<D>& guess,
-                                            const PoseGrid<D>& grid,
+  /// kMode standard deviations and half a step of the grid, and likelier than on the slope of the first mode.
+  [[nodiscard]] MotionMatrix<D> with_others(const Match<D>& match, const Points<D>& points,
+                                            const Pose<D>& guess, const PoseGrid<D>& grid,
                                             const std::vector<GridPose<D>>& near) const {
     constexpr double kMode = 3.0;
     constexpr double kValley = 1.0;  // Log-likelihood.
     MotionMatrix<D> width = match.covariance;
-    width.diagonal() += grid.step.cwiseAbs2();
+    width.diagonal() += 0.25 * grid.step.cwiseAbs2();
     const Decomposition inverse(width);
+    Pieces pieces;
+    std::vector<double> best;
+    if (D == 3) {
+      pieces = pieces_of(points);
+      best = scores_of(pieces, points, guess, grid, match.grid);
+    }
     MotionMatrix<D> others = MotionMatrix<D>::Zero();
     double all = 0.0;
+    Pace pace;
     for (const GridPose<D>& pose : near) {
-      const double likely = static_cast<double>(pose.score - match.grid.score) / grid.worth;
+      pace.spend(best.size());
+      const double likely =
+          D == 2 ? static_cast<double>(pose.score - match.grid.score) / grid.worth
+                 : static_cast<double>(grid.penalty(match.grid) - grid.penalty(pose)) / grid.worth +
+                       told(best, scores_of(pieces, points, guess, grid, pose), grid.worth);
+      if (likely < -kLeastLikely) continue;
       const Motion<D> off = motion_between(match.pose, moved(guess, grid.motion(pose)));
       const double square = off.dot(inverse.solve(off));
       all += std::exp(likely);

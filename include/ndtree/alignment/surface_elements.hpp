@@ -47,7 +47,8 @@ struct SurfaceShape {
 ///
 /// A piece is what errs alike. In a lattice of cells a surface may be anywhere in its row of cells, so the
 /// flat pieces of a row, along an axis or a diagonal as their normal says, are one piece. What is not flat is
-/// a piece by itself, in space with what is near, and is told along some axes alone. O(points · points within
+/// a piece by itself, in space with what is near, and is told along some axes alone, in the plane only if it
+/// is single, so that it may be a part of a wall. O(points · points within
 /// the radius).
 template <int D>
 class SurfaceElements {
@@ -175,7 +176,9 @@ class SurfaceElements {
       }
       SurfaceShape<D>& found = shapes[static_cast<std::size_t>(one.point)];
       found = shape_of(sum, squares, count, side, least);
-      if (!found.is_flat) found.across = open.col(one.point).asDiagonal() * found.across;
+      // In the plane, what is not flat is a corner or a thing, if its shape is known.
+      if (!found.is_flat && (D == 3 || count <= D))
+        found.across = open.col(one.point).asDiagonal() * found.across;
     }
   }
 

@@ -24,7 +24,7 @@ namespace ndtree {
 /// The surfaces of occupied boxes: the centres of their outermost cells beside which there is free space. It
 /// is from there that beams came; cells behind were never reached, or by noise.
 ///
-/// In space, what is not flat is told along axes with free space beside it, on both sides where nothing is
+/// What is not flat is told along axes with free space on both sides, in space on one where something is
 /// above or below: rings on the ground end where beams do, and not where the ground ends.
 ///
 /// Boxes are added; then the states of their neighbours are asked for, at the centres that `beside()`
@@ -95,7 +95,7 @@ class SurfaceOfBoxes {
         open[k / 2] += 1.0;
       }
       if (open.isZero()) continue;
-      const double least = D == 2 ? 0.0 : stands ? 1.0 : 2.0;  // Free sides of what is told along an axis.
+      const double least = D == 3 && stands ? 1.0 : 2.0;  // Free sides of what is told along an axis.
       surface.points.col(count) = surface.points.col(i);
       surface.open.col(count) = (open.array() >= least).template cast<double>();
       surface.sides.col(count++) = side;
