@@ -85,6 +85,21 @@ def test_the_frame_that_a_registered_cloud_was_seen_from_may_be_said(tmp_path: P
         np.testing.assert_allclose(scan.endpoints, POINTS, atol=1e-6)
 
 
+@pytest.mark.parametrize("child", ["base_link", "camera_link"])
+def test_no_beams_come_from_where_a_map_begins(child: str, tmp_path: Path) -> None:
+    """The robot stands: no transform moves, and yet the frame of a map is no sensor's."""
+    parts = [fixed("map", child), clouds("map")]
+    if child != "base_link":
+        (tmp_path / "unsaid").mkdir()
+        with pytest.raises(
+            ValueError, match=r"(?s)are in map, which is no sensor's frame,.* of camera_link\n"
+        ):
+            log_of(tmp_path / "unsaid", *parts)
+    for scan in log_of(tmp_path, *parts, **({} if child == "base_link" else {"base_frame": child})):
+        np.testing.assert_allclose(scan.origin, MOUNT, atol=1e-6)
+        np.testing.assert_allclose(scan.endpoints, POINTS, atol=1e-6)
+
+
 def test_points_in_a_fixed_frame_were_moved_there_before(tmp_path: Path) -> None:
     """Whatever times of their own they have, all of a cloud go into the map by the pose of its stamp."""
     timed = clouds("odom")[:-2]

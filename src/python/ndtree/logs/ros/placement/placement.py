@@ -210,6 +210,10 @@ class Finder:
         if observer is not None:
             fixed = self._fixed_frame(observer)
             return Placement(tree, fixed, frame, False, TRANSFORMS, (self._said(observer),), observer)
+        if self.may_be_registered and posixpath.basename(frame) in USUAL:
+            said = f"{self.path}: the points of {self.topic} are in {frame}, which is no sensor's frame"
+            base = f"{key('base_frame')} FRAME, where the sensor is, of {some_of(tree.below(frame))}"
+            raise NowhereKnown(f"{said}, expected one of:{typed(base, _TRAJECTORY, _STILL)}")
         fixed = self._fixed_frame(sensor)
         if self._share_known(fixed, sensor) < ENOUGH:
             # Transforms that were said only once in a while, though nothing moves in them.
@@ -273,19 +277,20 @@ class Finder:
         if frame in self.tree.refused:
             refused = self.tree.refused[frame]
             what += f" ({refused}, expected finite numbers, a quaternion of length 1)"
+        by_scans = f"ndtree align {self.path} -o poses.txt, to find poses by the scans alone"
+        found = [by_scans] if os.path.exists(self.path) else []  # And no messages of a robot that drives.
         if frames:
             base = next(bases_in(frames), "FRAME")
             ways = typed(
                 f"{key('base_frame')} {base} {MOUNT}, where the sensor sits [m, rad or 90deg]",
                 f"{key('sensor_frame')} FRAME, if it sits in one of these frames",
                 f"ndtree calibrate {self.path} --find-mount, to measure where it sits",
+                *found,
             )
             return NowhereKnown(f"{what}, expected one of:{ways}\nthe frames of /tf are {some_of(frames)}")
         none = "" if self.sources else ", nor any other poses"
         sources = [f"{one}, and {MOUNT} unless the poses are those of the sensor" for one in self.sources]
-        found = [f"ndtree align {self.path} -o poses.txt, to find poses by the scans alone"]
-        is_bag = not sources and os.path.exists(self.path)
-        ways = typed(*sources, _TRAJECTORY, _STILL, *(found if is_bag else ()))
+        ways = typed(*sources, _TRAJECTORY, _STILL, *([] if sources else found))
         return NowhereKnown(f"{what}: there is no /tf{none}, expected one of:{ways}")
 
     def _share_known(self, fixed: str, sensor: str) -> float:
@@ -314,8 +319,8 @@ def observer_of(tree: TransformTree, frame: str, wanted: str | None) -> str | No
 
     SLAM publishes clouds that it has moved into the frame of its map, in which the robot drives: that frame
     is no sensor's. It is a usual fixed one, or the root of the tree, and a frame below it moves about. Of
-    these the one that is `wanted` counts, else a robot's usual base, else the uppermost. None where the
-    cloud's frame may be that of a sensor.
+    these the one that is `wanted` counts, else a robot's usual base, else the uppermost. Below a usual fixed
+    one the robot may stand, too. None where the cloud's frame may be that of a sensor, or no frame is one's.
     """
     if posixpath.basename(frame) in BASES:
         return None
@@ -323,14 +328,15 @@ def observer_of(tree: TransformTree, frame: str, wanted: str | None) -> str | No
     if not roots and posixpath.basename(frame) not in USUAL:
         return None
     below = tree.below(frame)
-    if posixpath.basename(frame) not in USUAL and any(posixpath.basename(one) in USUAL for one in below):
+    is_usual = posixpath.basename(frame) in USUAL
+    if not is_usual and any(posixpath.basename(one) in USUAL for one in below):
         return None  # The tree stands on its head.
-    below = [one for one in below if _moves_about(tree, frame, one)]
-    if not below:
-        return None
-    if wanted is not None and plain(wanted) in below:
+    moving = [one for one in below if _moves_about(tree, frame, one)]
+    if wanted is not None and plain(wanted) in (below if is_usual else moving):
         return plain(wanted)
-    return next(bases_in(below), below[0])
+    if moving:
+        return next(bases_in(moving), moving[0])
+    return next(bases_in(below), None) if is_usual else None
 
 
 def bases_in(frames: list[str]) -> Iterator[str]:
