@@ -97,7 +97,7 @@ def moving(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_walls_are_not_erased_by_what_two_seconds_say(standing: Path, tmp_path: Path) -> None:
     said = same_as_map(standing, tmp_path).stdout
-    assert "decided again after " in said and " mapped again" in said and "--no-return ignore" in said, said
+    assert "chosen anew after " in said and " mapped again" in said and "--no-return ignore" in said, said
     m = ndtree.load(tmp_path / "live.ndt")
     wall = np.stack([np.linspace(-2, 3, 60), np.full(60, ROOM)], axis=1)
     near = np.min([m.probability(wall + np.array([0, by])) < 0.5 for by in (-0.04, 0.0, 0.04)], axis=0)
@@ -147,7 +147,7 @@ def test_odometry_that_comes_later_is_no_standing_robot(tmp_path: Path) -> None:
         while mapper.figures.left_out != {"before the first pose": 12}:
             assert time.monotonic() < deadline, mapper.figures.summary()
             time.sleep(0.01)
-        assert "decided again after 3 s" in str(intake.notes) and not intake.log.place.stands
+        assert "chosen anew after 3 s" in str(intake.notes) and not intake.log.place.stands
 
 
 def test_what_never_moved_is_released_when_it_does() -> None:
@@ -171,7 +171,7 @@ def test_a_recording_of_more_bytes_than_are_kept_is_decided_of_these(
     monkeypatch.setattr("ndtree.live.messages.KEPT", 40_000)
     done = cli("live", standing, "--rate", 0)
     assert done.exit_code == 0, done.stderr
-    assert "220 mapped" in done.stdout and "decided again after 9 s" not in done.stdout
+    assert "220 mapped" in done.stdout and "chosen anew after 9 s" not in done.stdout
 
 
 def test_a_map_that_was_changed_by_hand_is_not_mapped_again(tmp_path: Path) -> None:

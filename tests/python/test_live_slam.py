@@ -216,7 +216,7 @@ def test_the_command_with_a_bag(tmp_path: Path) -> None:
         "live", bag, "--slam", "--rate", 0, "-o", target, "--json", said, "--range-sigma", 0.02, *decided
     )
     assert done.exit_code == 0, done.stderr
-    assert "140 mapped, 0 dropped" in done.stdout and "poses are sure" in done.stdout
+    assert "140 mapped, 0 dropped" in done.stdout and "no reason to doubt the poses" in done.stdout
     slam = json.loads(said.read_text())["slam"]
     assert slam["verdict"] == "sure" and slam["scans"] == 140 and slam["has_odometry"]
     found = np.array(Session.load(scans_beside(target)).drive.track.poses)
@@ -233,6 +233,15 @@ def test_the_command_with_a_bag(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.stderr
     slam = json.loads(said.read_text())["slam"]
     assert slam["verdict"] == "sure" and slam["scans"] > 220
+
+
+def test_scans_that_slam_cannot_place_are_told_with_the_reason(tmp_path: Path) -> None:
+    path = tmp_path / "in_space.npz"
+    ways = np.random.default_rng(1).normal(size=(300, 3))
+    np.savez(path, origins=np.zeros((2, 3)), points=np.concatenate([ways, 2 * ways]), offsets=[0, 300, 600])
+    done = run("live", path, "--slam", "--rate", 0, "-o", tmp_path / "a.ndt")
+    said = " ".join(done.stderr.split())
+    assert done.exit_code == 1 and "(scans that slam cannot place: a scan is 3-D, expected" in said, said
 
 
 def test_wrong_calls_are_said(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def test_programs_run(tmp_path, monkeypatch):
         more = ["--scans", "40"] if command[1] == "simulate" else []
         done = cli(*command[1:], *more)
         assert done.exit_code == 0, (command, done.stderr)
-    agreement = re.search(r"agreeing cells among cells observed in both: ([0-9.]+) %", done.stdout)
+    agreement = re.search(r"of the cells observed in both, alike in both: ([0-9.]+) %", done.stdout)
     assert agreement and 98 < float(agreement[1]) < 100, "all but single thin things"
 
 

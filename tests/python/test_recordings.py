@@ -45,7 +45,7 @@ def test_good_poses_are_not_doubted(recordings, path):
 @pytest.mark.parametrize("name", ["aces", "csail"])
 def test_raw_odometry_is_doubted_before_it_is_mapped(recordings, name):
     notes = ndtree.inspect(there(recordings / f"laser2d_raw_{name}" / f"{name}.clf.bz2")).notes
-    assert any("from scan to scan, poses turn otherwise" in note and "align" in note for note in notes)
+    assert any("from scan to scan, poses turn differently" in note and "align" in note for note in notes)
 
 
 def test_drift_is_seen_where_a_drive_returns(recordings):

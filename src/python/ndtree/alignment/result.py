@@ -149,7 +149,7 @@ class Alignment:
         broken = np.flatnonzero((self.through > _MOST_THROUGH) & ~is_in_loop[self.key_scans])
         if len(broken):
             doubts.append(
-                f"points of {number_of(len(broken), 'scan')} lie where those before saw through, "
+                f"points of {number_of(len(broken), 'scan')} lie where earlier scans saw free space, "
                 f"the first at {self.stamps[self.key_scans[broken[0]]]:.1f} s"
             )
         unsure = self.unconfirmed

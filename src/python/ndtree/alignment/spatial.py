@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ndtree._errors import WrongValue, key
+from ndtree._errors import WrongValue
 from ndtree._lazy import needs
 from ndtree.alignment.planar import Floats
 from ndtree.alignment.result import MOST_CONTRADICTED
@@ -271,7 +271,7 @@ def _by_odometry(log: Log, max_range: float, progress: Progress) -> SpatialAlign
 
 
 def _kiss_icp(max_range: float) -> Any:
-    with needs(f"{key('odometry')} kiss-icp needs kiss-icp", "kiss-icp"):
+    with needs("finding poses in space needs kiss-icp", "kiss-icp"):
         from kiss_icp.config import KISSConfig
         from kiss_icp.kiss_icp import KissICP
     config = KISSConfig()

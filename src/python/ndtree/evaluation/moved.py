@@ -68,7 +68,10 @@ class MovedPoints:
         show = no_progress if progress is None else progress
         self.noise = PoseNoise.of(self.again)
         self._evidence = self._new_evidence()
-        for what, use in (("collecting points", self._evidence.add), ("seeing through", self._evidence.look)):
+        for what, use in (
+            ("collecting points", self._evidence.add),
+            ("looking through", self._evidence.look),
+        ):
             total = len(self.log) if isinstance(self.log, SizedLog) else 0
             is_noted = not self.again.are_kept
             for number, scan in enumerate(self.again):

@@ -41,7 +41,7 @@ class PoseNoise:
     def __str__(self) -> str:
         sizes = {f"{self.place:.2f} m": self.place, f"{np.degrees(self.turn):.1f} degrees": self.turn}
         by = " and ".join(words for words, size in sizes.items() if size)
-        return f"poses err by about {by} between scans of a place: points that this explains are kept"
+        return f"poses err by about {by} between scans of the same place: points that this explains are kept"
 
     @classmethod
     def of(cls, scans: Iterable[Scan]) -> PoseNoise:

@@ -257,7 +257,7 @@ class MessagesIntake(PosedIntake):
         is_other = self._decided != before
         if log is not None and is_other:
             seconds = 1e-9 * raws[-1].received - self._began
-            anew = f"decided again after {seconds:.0f} s; all scans before were mapped again"
+            anew = f"chosen anew after {seconds:.0f} s; all earlier scans were mapped again"
             self.config, self.dim = config, log.dim
             self.notes = [f"uses {log.uses}", *config.notes, *log.notes, *([anew] if before else [])]
             self._take(log, bag, until)

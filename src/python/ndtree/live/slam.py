@@ -170,7 +170,8 @@ class Slam:
 
     def summary(self) -> str:
         """The verdict and its reasons, in one line."""
-        return f"poses are {self.verdict}" + (f": {'; '.join(self.doubts)}" if self.doubts else "")
+        said = {"sure": "no reason to doubt the poses", "too early": "too early to judge the poses"}
+        return said.get(self.verdict) or f"poses are doubtful: {'; '.join(self.doubts)}"
 
     def figures(self) -> dict[str, Any]:
         """For a script: the verdict, and what it stands on."""

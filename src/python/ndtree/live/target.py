@@ -299,7 +299,7 @@ class MovingTarget(Target):
             with self.lock:
                 placed = slam.placed(scan, self._intake.motion())
         except ValueError as error:
-            raise LeftOut("scans that slam cannot place") from error
+            raise LeftOut(f"scans that slam cannot place: {error}") from error
         if placed is None:
             raise LeftOut(NOT_FOUND)
         if self._how.localized is not None and is_new:

@@ -36,7 +36,7 @@ _SURE = ((1, 1.92), (len(_SIDES), 3.69))
 
 @dataclass(frozen=True)
 class HeadingDrift:
-    """By how much poses of a log turn otherwise than its scans, from `heading_drift`."""
+    """By how much poses of a log turn differently from its scans, from `heading_drift`."""
 
     turned: float  # On the way [rad].
     least: float  # The same on `MOST_WAY` at most, with 97.5 %.
@@ -46,8 +46,9 @@ class HeadingDrift:
         """What was found and what helps, in one line."""
         turned = math.degrees(self.turned)
         return Text(
-            f"from scan to scan, poses turn otherwise than what the laser sees: about {turned:.0f} degrees "
-            f"over the {self.way:.0f} m of the path; use {key('align')} or the poses of a SLAM system"
+            "from scan to scan, poses turn differently from what the laser sees: by about "
+            f"{turned:.0f} degrees over a path of {self.way:.0f} m; use {key('align')} or the poses of a "
+            "SLAM system"
         )
 
 

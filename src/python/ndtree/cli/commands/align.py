@@ -80,6 +80,7 @@ def opened_at_rest(given: Config, path: Path) -> Log:
             raise
         why = marked(error).partition(", expected one of")[0].removeprefix(f"{path}: ")
     log = opened(given.overridden(Config.of(still=True).values), path)
+    log.uses = f"{log.uses.rpartition(', ')[0]}, poses from its scans"
     return log.noted(f"{why}: its scans alone say where it was")
 
 

@@ -73,7 +73,7 @@ def clean(log: GivenLog, call: Call, given: Config) -> None:
         for line in config.notes:
             print(indented(line))
         moved = f"{number_of(cleaned.moved, 'point')} moved ({percent(share)})"
-        unsure = f"; seen too rarely to tell: {cleaned.unknown:,}" if cleaned.unknown else ""
+        unsure = f"; {cleaned.unknown:,} were seen too rarely to tell" if cleaned.unknown else ""
         print(f"  {moved}{unsure}")
         if points.noise.is_notable:
             print(indented(str(points.noise)))

@@ -59,7 +59,7 @@ def plan(source: MapArgument, call: Call) -> None:
     if not is_stdout(call.output):
         print(
             f"{source}: a path of {way.length:.2f} m in {number_of(len(way) - 1, 'segment')}; the body keeps "
-            f"{way.clearance:.3f} m from obstacles (--clearance M: farther)"
+            f"{way.clearance:.2f} m away from obstacles (--clearance M for more)"
         )
 
 

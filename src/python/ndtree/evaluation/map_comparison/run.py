@@ -37,9 +37,9 @@ def table_of(result: Mapping[str, Any]) -> str:
     lines += aligned(rows)
     lines.append("")
     for key, text in (
-        ("agreement", "agreeing cells among cells observed in both"),
-        ("known_in_both", "cells observed in both among cells observed in one"),
-        ("occupied_overlap", "cells occupied in both among cells occupied in one"),
+        ("agreement", "of the cells observed in both, alike in both"),
+        ("known_in_both", "of the cells observed in either, observed in both"),
+        ("occupied_overlap", "of the cells occupied in either, occupied in both"),
     ):
         share = result[key]
         lines.append(f"{text}: " + (f"{100 * share:.2f} %" if share is not None else "there are none"))

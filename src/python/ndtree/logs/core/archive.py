@@ -41,9 +41,11 @@ def save_archive(
     for i, scan in enumerate(scans):
         scan.require_sensor(f"archives as of {name}")
         if scan.origin.ndim != 1:
-            raise ValueError(f"{name}: scan {i} has an origin for each beam, expected one: .npz has no more")
+            raise ValueError(
+                f"{name}: scan {i} has an origin for each beam, expected one: .npz cannot hold more"
+            )
         if scan.range_sigma is not None:
-            raise ValueError(f"{name}: scan {i} has a range_sigma for each beam, of which .npz has none")
+            raise ValueError(f"{name}: scan {i} has a range_sigma for each beam, which .npz cannot hold")
         kept.append(scan)
         for field, values in (fields(i) if fields else {}).items():
             more.setdefault(field, []).append(values)

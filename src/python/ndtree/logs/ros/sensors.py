@@ -332,7 +332,7 @@ def understood(
             sweep = sweeps[name]
             shown.append(sweep)
             if sweep is not base:
-                said = "this way scans agree better than by their messages"
+                said = "scans agree better this way than as their messages say"
                 lines.append(f"{name}: {sweep.name}; {said} ({100 * (1 - gain):.0f} % fewer cells)")
     return sweeps, lines, shown[0] if len(set(shown)) == 1 and len(shown) == len(sensors) else None
 
