@@ -173,19 +173,20 @@ TYPED_TEST(NoReturnsIn, AreLeftOutWhereFewSurfacesDoNotReturnInTheOpen) {
 }
 
 TEST(NoReturns, OfNothingAreLeftOut) {
+  // A sensor that never has an echo may be blind.
+  EXPECT_FALSE(judged<2>({scan_of<2>(kNothing), scan_of<2>(kNothing), scan_of<2>(kNothing)}).are_free());
   EXPECT_FALSE(judged<2>({}).are_free());
   EXPECT_FALSE(judged<2>({scan_of<2>(kNothing)}).are_free());
   NoReturns many;
   many.share = 0.0002;
   many.beams = 1234567;
   EXPECT_EQ(many.to_text(),
-            "beams without return (less than 0.1 %) mean free space: 0 % of 1,234,567 tested ones go through "
-            "walls that other scans saw (pose errors would explain 0 %)");
+            "beams without return (less than 0.1 %) mean free space: 0 % of 1,234,567 that were tested go "
+            "through walls that other scans saw (pose errors would explain 0 %)");
   many.erased = 0.5;
   many.surfaces = 999;
   EXPECT_NE(many.to_text().find("50 % of 999 pieces of surface"), std::string::npos);
-  EXPECT_EQ(judged<2>({scan_of<2>(kWall)}).to_text(),
-            "no beam without return in the scans that were looked at");
+  EXPECT_EQ(judged<2>({scan_of<2>(kWall)}).to_text(), "every beam of the scans that were looked at returned");
   EXPECT_EQ(judged<2>({scan_of<2>(kNothing)}).to_text(),
             "beams without return (100.0 %) are left out: none of them could be checked");
 }

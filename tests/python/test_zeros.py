@@ -66,7 +66,7 @@ def test_the_log_decides_where_zero_is_was_not_given(inside: bool, meaning: str,
     assert log.rules.zero_is is None, "looking changes nothing"
     (line,) = (line for line in found.notes if "ranges are 0" in line)
     assert f"zero_is {'invalid' if meaning == 'no-echo' else 'no-echo'}" in line
-    assert not any("no beam without return" in line for line in found.notes)
+    assert not any("every beam of the scans" in line for line in found.notes)
     given = ndtree.read(log.path, zero_is="invalid")
     assert inspect(given).ruled(given).rules.zero_is == "invalid"
 

@@ -48,7 +48,7 @@ struct NoReturns {
 
   /// What was chosen and why, in one line.
   [[nodiscard]] std::string to_text() const {
-    if (share == 0.0) return "no beam without return in the scans that were looked at";
+    if (share == 0.0) return "every beam of the scans that were looked at returned";
     char begin[80], found[200];
     const bool are_few = share < 0.001;
     std::snprintf(begin, sizeof begin, "beams without return (%s%.1f %%)", are_few ? "less than " : "",
@@ -62,7 +62,7 @@ struct NoReturns {
                     describe_count(surfaces).c_str());
     else
       std::snprintf(found, sizeof found,
-                    "%.0f %% of %s tested ones go through walls that other scans saw (pose errors would "
+                    "%.0f %% of %s that were tested go through walls that other scans saw (pose errors would "
                     "explain %.0f %%)",
                     100.0 * crossing, describe_count(beams).c_str(), 100.0 * expected);
     return std::string(begin) + (are_free() ? " mean free space: " : " are left out: ") + found;
@@ -94,6 +94,8 @@ class SampledSurfaces {
       : map_(options()), first_cell_(first_cell(sample)) {
     for (std::size_t i = 0; i < sample.size(); i += 2) note_hits(sample[i], i / 2);
   }
+
+  [[nodiscard]] bool are_none() const { return hits_.empty(); }
 
   /// Found in a cell.
   struct Hits {
@@ -301,7 +303,7 @@ template <class Map, int D>
       returned.add(surfaces, i / 2, sample[i], true, stride);
       silent.add(surfaces, i / 2, sample[i], false, stride);
     }
-    if (silent.beams == 0) return found;
+    if (silent.beams == 0 || surfaces.are_none()) return found;  // There is nothing to cross.
     const auto judged = static_cast<double>(silent.beams);
     const double rate =
         returned.metres > 0.0 ? static_cast<double>(returned.crossing) / returned.metres : 0.0;
