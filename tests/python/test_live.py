@@ -83,7 +83,7 @@ def test_bags_give_the_map_of_the_recording(kind: str, options: list[str], tmp_p
 def test_simulated_logs_give_the_map_of_the_log(world: str, scans: int, tmp_path: Path) -> None:
     log = tmp_path / f"{world}.npz"
     ndtree.simulate(world, scans=scans).save(log)  # type: ignore[arg-type]
-    same_as_map(log, tmp_path)
+    assert "  chosen: --dim " in same_as_map(log, tmp_path).stdout
 
 
 #: Bags, and options by which what is decided of their first two seconds is what all of them say.

@@ -14,6 +14,7 @@ from ndtree.live.corrections import Correction, Motion
 from ndtree.live.figures import LiveFigures
 from ndtree.live.queue import Entry
 from ndtree.logs.core.failures import NoPose
+from ndtree.logs.core.log import Log
 from ndtree.logs.poses.following import FALL
 from ndtree.logs.poses.transforms import TransformTree
 from ndtree.tuning.config import Config
@@ -105,11 +106,18 @@ class Intake(ABC):
 
 
 class ScansIntake(Intake):
-    """Takes `Scan`: measurements whose poses are known already."""
+    """Takes `Scan`: measurements whose poses are known already, of a log if that is given."""
 
-    def __init__(self, config: Config, dim: int) -> None:
+    config: Config
+
+    def __init__(self, config: Config, dim: int, log: Log | None = None) -> None:
         super().__init__()
-        self.config, self.dim = config, dim
+        self.config, self.dim, self._log = config, dim, log
+
+    def said(self) -> list[str]:
+        log = self._log
+        uses = [] if log is None or not log.uses else [f"uses {log.uses}"]
+        return [] if log is None else [*uses, *self.config.notes, *log.notes]
 
     def scan(self, entry: Entry, give_up: bool, figures: LiveFigures) -> Scan | Verdict:
         scan = entry.item

@@ -179,7 +179,7 @@ def _source(
     if options.follow:
         raise WrongCall("--follow: expected a ROS bag, which has the poses that a SLAM corrects")
     log, config = inspected(open_log(path, call.world, given), given)
-    return ScansIntake(config, log.dim), scans_of(log)
+    return ScansIntake(config, log.dim, log), scans_of(log)
 
 
 def _note_damage(error: Any, ends: Any) -> None:
