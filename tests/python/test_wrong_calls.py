@@ -20,6 +20,9 @@ SCAN = LOG[0]
 MAP = ndtree.AdaptiveMap(dim=2)
 SCAN.insert_into(MAP)
 PLANNER = ndtree.Planner(MAP, ndtree.Sphere(0.1), unknown="free")
+HISTORY = ndtree.ScanHistory(dim=2)
+HISTORY.insert(0, SCAN.endpoints - SCAN.origin, [*SCAN.origin, 0.0])
+MATCHER, MOVED = MAP.matcher(), ndtree.MovedEvidence(dim=2)
 WRONG: tuple[Any, ...] = (
     None, "x", b"x", math.nan, math.inf, -1, 1e300, 1e-300, 2**80, [], [[]], {"a": 1}, print, 1 + 2j,
     np.timedelta64(1),
@@ -35,11 +38,13 @@ RIGHT: dict[str, Any] = {
     "body": ndtree.Sphere(0.1), "lower": [0, 0], "upper": [1, 1], "box": [[0, 0], [1, 1]], "cell_size": 0.1,
     "max_distance": 1.0, "directions": [[1.0, 0.0]], "spacing": 0.1, "max_range": 9.0, "radius": 1.0,
     "guess": (0, 0, 0), "window": (0.1, 0.1, 0.1), "other": MAP, "since": MAP, "value": "occupied",
+    "key": 0, "keys": [0], "pose": (0, 0, 0), "count": 0,
 }  # fmt: skip
 #: What another library, or Python itself, says of values; and what is in several lines.
 FOREIGN = re.compile(
     r"pybind|Unable to cast|incompatible|object is not|has no attribute|not supported between|truth value|"
-    r"could not convert|inhomogeneous|ufunc|invalid literal|\bint\(\)|float\(\)|cannot convert|broadcast|\n"
+    r"could not convert|another kind than|inhomogeneous|ufunc|invalid literal|\bint\(\)|float\(\)|"
+    r"cannot convert|broadcast|\n"
 )
 #: These take seconds, open a page, or take what Python checks by itself.
 ELSEWHERE = {"view", "compare", "calibrate", "align", "first_look", "inspect"}
@@ -52,7 +57,7 @@ def calls() -> Iterator[tuple[str, Callable[..., Any]]]:
             yield name, held
     for made in (ndtree.Sphere, ndtree.Scan, ndtree.DelayedMoved, ndtree.RangeSensor, ndtree.Planner):
         yield made.__name__, made
-    for owner in (MAP, LOG, SCAN, PLANNER):
+    for owner in (MAP, LOG, SCAN, PLANNER, HISTORY, MATCHER, MOVED):
         for name in dir(type(owner)):
             if not name.startswith("_") and callable(held := getattr(owner, name, None)):
                 yield f"{type(owner).__name__}.{name}", held
@@ -105,6 +110,23 @@ def test_the_values_of_calls_that_take_long_are_named_as_well() -> None:
             TypeError, match=re.escape(f"{call.__name__}(): {argument} = {value!r}: must be {expected}") + "$"
         ):
             call(**{**needed, argument: value})
+
+
+@pytest.mark.parametrize("call, said", [
+    (lambda: ndtree.Scan(np.zeros((2, 2), complex), [0, 0]), r"endpoints = array of .* complex128: must be"),
+    (lambda: ndtree.Scan(np.zeros((2, 2), "M8[s]"), [0, 0]), r"endpoints = array of .*: must be an array"),
+    (lambda: ndtree.Scan(SCAN.endpoints, SCAN.origin, points_only="no"), r"points_only = 'no': must be True"),
+    (lambda: ndtree.Scan(SCAN.endpoints, SCAN.origin, heading="x"), r"heading = 'x': must be a number"),
+    (lambda: ndtree.DelayedMoved(dim=2, after=math.nan), r"after = nan: must be an integer"),
+    (lambda: ndtree.DelayedMoved(dim=2, max_range=math.nan), r"max_range = nan m: must be > 0"),
+    (lambda: HISTORY.remove(0), r"remove\(\): keys = 0: must be several integers, as \[0, 1\]"),
+    (lambda: MAP.matcher(np.full((2, 2), math.nan)), r"box: from nan to nan m on axis 0: must be finite"),
+    (lambda: MOVED.add(SCAN.endpoints, SCAN.origin, max_range=math.nan), r"max_range = nan m: must be > 0"),
+    (lambda: MOVED.look(SCAN.endpoints, SCAN.origin, max_range=-1), r"max_range = -1.0 m: must be > 0"),
+])  # fmt: skip
+def test_nonsense_is_not_taken(call: Callable[[], Any], said: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=said):
+        call()
 
 
 def test_what_says_more_of_the_argument_stays() -> None:

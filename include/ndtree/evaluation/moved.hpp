@@ -56,12 +56,13 @@ class MovedEvidence {
 
   /// The first pass: where returned beams end. Beams of a length of 0, longer than `max_range` or with a
   /// number that is not finite have no end point. O(beams).
-  /// @throws std::invalid_argument after look(), or if an end point is farther from the first than a million
-  ///   cells.
+  /// @throws std::invalid_argument after look(), if max_range is not > 0, or if an end point is farther from
+  ///   the first than a million cells.
   void add(const ScanView<D>& scan, double max_range = std::numeric_limits<double>::infinity());
 
   /// The second pass. O(beams + cells in view).
   /// @param threads >= 1; those of the first call.
+  /// @throws std::invalid_argument if max_range is not > 0.
   void look(const ScanView<D>& scan, double max_range = std::numeric_limits<double>::infinity(),
             std::size_t threads = 1);
 
@@ -200,6 +201,10 @@ class MovedEvidence {
   }
   [[nodiscard]] float sure_range(const ScanView<D>& scan, Eigen::Index i, double range,
                                  double max_range) const;
+  static void require(double max_range) {
+    if (!(max_range > 0.0))
+      throw std::invalid_argument("max_range = " + describe_number(max_range) + " m: must be > 0");
+  }
   void add_from(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last, double max_range);
   /// Counts a scan for the cells in which its own beams end.
   void find_own(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last, double max_range);
@@ -243,6 +248,7 @@ class MovedEvidence {
 
 template <int D>
 void MovedEvidence<D>::add(const ScanView<D>& scan, double max_range) {
+  require(max_range);
   if (workers_) throw std::invalid_argument("add() after look(): add all scans before");
   for_each_origin(scan,
                   [&](Eigen::Index first, Eigen::Index last) { add_from(scan, first, last, max_range); });
@@ -312,6 +318,7 @@ void MovedEvidence<D>::for_each_origin(const ScanView<D>& scan, const Use& use) 
 
 template <int D>
 void MovedEvidence<D>::look(const ScanView<D>& scan, double max_range, std::size_t threads) {
+  require(max_range);
   if (!workers_) plant(threads);
   if (balls_.empty()) return;
   for_each_origin(scan, [&](Eigen::Index first, Eigen::Index last) {

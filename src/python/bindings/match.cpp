@@ -10,6 +10,7 @@
 #include <cstddef>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -264,15 +265,15 @@ PythonMatcher matcher_of_map(const PythonMap& map, const py::object& box, const 
   require_plane_or_space(map);
   const MatchOptions options = options_of(map, cell_size, sigma, radius, noise);
   const int dim = map.constant().dim();
-  DoubleArray corners;
-  if (!box.is_none()) corners = as_corners(box, "box", dim);
+  std::optional<BoxArgument> within;
+  if (!box.is_none()) within.emplace(box, dim);
   const auto make = [&](auto dimension) -> PythonMatcher {
     constexpr int D = decltype(dimension)::value;
     constexpr double kFar = std::numeric_limits<double>::infinity();
     Box<D> region{Vector<D>::Constant(-kFar), Vector<D>::Constant(kFar)};
-    if (!box.is_none()) {
-      region.lower = Eigen::Map<const Vector<D>>(corners.data());
-      region.upper = Eigen::Map<const Vector<D>>(corners.data() + D);
+    if (within) {
+      const AnyBox corners = *within;
+      region = {Eigen::Map<const Vector<D>>(corners.lower), Eigen::Map<const Vector<D>>(corners.upper)};
     }
     return {matcher_of<D>(map, region, options)};
   };

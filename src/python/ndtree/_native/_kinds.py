@@ -57,6 +57,13 @@ def _are_numbers(value: Any) -> bool:
         return False
 
 
+def _are(value: Any, is_one: Callable[[Any], bool], count: int | None = None) -> bool:
+    """Whether it is a sequence, or an array, of these, of as many if that is said."""
+    if isinstance(value, (str, bytes)) or not hasattr(value, "__len__") or not hasattr(value, "__iter__"):
+        return False
+    return count in (None, len(value)) and all(map(is_one, value))
+
+
 def _is_a(value: Any, name: str) -> bool:
     return any(kind.__name__ == name for kind in type(value).__mro__)
 
@@ -79,6 +86,7 @@ KINDS: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
     *((kind, lambda value: isinstance(value, str), "a text") for kind in ("str", "Literal", "World")),
     ("Maps", lambda value: _are_texts(value) or _are_makers(value), "different names of maps"),
     ("Sequence[str]", _are_texts, "several texts, as ['...', '...']"),
+    ("Sequence[int]", lambda value: _are(value, is_integer), "several integers, as [0, 1]"),
     ("bytes", lambda value: isinstance(value, bytes), "bytes"),
     *((kind, lambda value: hasattr(value, "items"), "a dict") for kind in ("Mapping", "dict")),
     ("Callable", callable, "a function"),
@@ -100,6 +108,7 @@ KINDS: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
         (kind, _are_numbers, "an array of numbers")
         for kind in ("tuple[ArrayLike", "ArrayLike", "Floats", "NDArray")
     ),
+    ("tuple[float, float]", lambda value: _are(value, is_number, 2), "a pair of numbers"),
     ("tuple", lambda value: isinstance(value, (tuple, list)), "a pair of numbers"),
 )
 

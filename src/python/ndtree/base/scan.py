@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ndtree._native._arguments import refuse_masked
 from ndtree._native._checked import checked
+from ndtree._native._kinds import shown
 from ndtree.base.voxels import VoxelReport, voxelise
 
 if TYPE_CHECKING:
@@ -84,6 +85,10 @@ class Scan:
         object.__setattr__(self, "endpoints", endpoints)
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "stamp", float(self.stamp))
+        if self.heading is not None:
+            object.__setattr__(self, "heading", float(self.heading))
+        if not isinstance(self.points_only, (bool, np.bool_)):
+            raise TypeError(f"Scan(): points_only = {shown(self.points_only)}: must be True or False")
         if self.returned is not None:
             returned = np.asarray(self.returned)
             if returned.dtype != np.bool_:
@@ -307,4 +312,6 @@ def _floats(values: Any) -> NDArray[np.floating[Any]]:
     array = np.asarray(values)
     if array.dtype == np.float32:
         return array
+    if array.dtype.kind in "cmM":  # Complex numbers and times, which NumPy takes for floats.
+        raise TypeError
     return np.asarray(array, dtype=np.float64)

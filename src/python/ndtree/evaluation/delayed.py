@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterator
 
 import numpy as np
@@ -40,8 +41,10 @@ class DelayedMoved:
     """
 
     def __init__(self, *, dim: int, after: int = 20, max_range: float = np.inf, **options: float) -> None:
-        if after < 1:
+        if operator.index(after) < 1:
             raise ValueError(f"after = {after}: must be >= 1 scan")
+        if not float(max_range) > 0:
+            raise ValueError(f"max_range = {max_range} m: must be > 0")
         self._make = lambda: _core.MovedEvidence(dim=dim, **options)
         self._make()  # Options that are wrong are refused here.
         self._after = after
