@@ -87,20 +87,27 @@ def test_a_cloud_of_both_sides_of_a_wall_is_no_scan(tmp_path: Path) -> None:
             assert ("lie behind others of it" in said) == (name == "both"), said
 
 
-def test_map_and_compare_say_it_in_one_line(tmp_path: Path) -> None:
-    some = scans(1000.0)
+@pytest.mark.parametrize("far", [20, 60], ids=["some are far", "all are"])
+def test_map_and_compare_say_it_in_one_line(far: int, tmp_path: Path) -> None:
+    """Most beams of a scan that are too long are refused before they fill the memory."""
+    some, near = scans(1000.0), scans()[2].endpoints
     np.savez(
         tmp_path / "a.npz",
         origins=np.array([scan.origin for scan in some]),
-        points=np.concatenate([scan.endpoints for scan in some]).astype(np.float32),
+        points=np.concatenate([*(one.endpoints for one in some[:2]), some[2].endpoints[:far], near[far:]]),
         offsets=np.arange(4) * 60,
     )
     maps = ["map", str(tmp_path / "a.npz"), "-o", str(tmp_path / "a.ndt"), "--no-return", "free"]
-    for call in (maps, ["compare", str(tmp_path / "a.npz"), "--maps", "adaptive", "--held-out", "0"]):
+    compare = ["compare", str(tmp_path / "a.npz"), "--maps", "adaptive", "--held-out", "0"]
+    for call in (maps, compare) if far < 60 else (maps,):
         done = cli(*call)
-        assert done.exit_code == 0, done.output
-        assert done.output.count("scan 2 has a beam of 4,000 m") == 1
+        assert done.exit_code == (far == 60), done.output
+        assert (
+            done.output.count("scan 2 has a beam of 4,000 m" if far < 60 else "most beams are that long") == 1
+        )
         assert "a beam of" not in cli(*call, "--max-range", "100").output
+    said = " ".join(cli("info", str(tmp_path / "a.npz"), "--look").output.split())
+    assert "scan 2 has a beam of 4,000 m, 80,000 cells: expected metres" in said, said
     assert ndtree.load(tmp_path / "a.ndt").dim == 2
 
 
@@ -115,14 +122,18 @@ def test_insert_warns_of_absurd_beams_before_it_changes_anything(adaptive: bool)
         warnings.simplefilter("error")
         m.insert(near.endpoints, near.origin)
         m.insert(far.endpoints, far.origin, max_range=30.0)
+        m.insert(np.full((1, 2), np.nan), far.origin)
         before = m.to_bytes()
-        with pytest.raises(
-            UserWarning, match=r"beam 0 is 4000.0 m long, 80000.0 of the smallest cells: expected"
-        ):
+        with pytest.raises(ValueError, match=r"80,000 of the smallest cells; most beams are that"):
             m.insert(far.endpoints, far.origin)
         assert m.to_bytes() == before
-        m.insert(np.full((1, 2), np.nan), far.origin)
-    with pytest.warns(UserWarning) as caught:
-        m.insert(far.endpoints[:1], far.origin)
+        some = np.concatenate([near.endpoints[:2], far.endpoints[:1]])
+        with pytest.raises(UserWarning, match="80,000 of the smallest cells: expected"):
+            m.insert(some, far.origin)
+        assert m.to_bytes() == before
+    with pytest.raises(ValueError, match="most beams are that long"):
+        ndtree.ScanHistory(dim=2).insert(0, far.endpoints - far.origin, [0.0, 0.0, 0.0])
+    with pytest.warns(UserWarning, match="80,000 of the smallest cells: expected") as caught:
+        m.insert(some, far.origin)
     assert len(caught) == 1
     assert caught[0].filename == __file__

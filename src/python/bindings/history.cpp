@@ -90,6 +90,7 @@ InsertReport insert(PythonHistory& h, Key key, const py::object& points, const p
           ? py::object(py::tuple(py::cast(std::vector<double>(static_cast<std::size_t>(dim), 0.0))))
           : origin;
   BeamArrays beams(points, from, returned, dim, range_sigma);
+  beams.require_scale(h.history->options().min_cell_size, max_range);
   const Poses one = pose_from(pose, dim);
   beams.range_sigma =
       with_pose_covariance(beams, pose_covariance, dim, h.history->options(), one.numbers.data());

@@ -150,31 +150,6 @@ HeldOutTruth evaluate(const PythonMap& map, const py::object& points, const py::
   return result;
 }
 
-/// A Python warning where a beam that is not cut by max_range is absurdly long beside the cells, before
-/// anything changes. O(beams).
-void warn_of_scale(const BeamArrays& beams, int dim, double cell_size, double max_range) {
-  constexpr double kMostCells = 20000.0;  // As MOST_CELLS of ndtree.tuning.first_look.
-  if (max_range < kInfinity) return;      // Who says so means it.
-  const double limit = kMostCells * cell_size;
-  const double* const ends = beams.endpoints.data();
-  const double* const origins = beams.origins.data();
-  const py::ssize_t step = beams.origins.ndim() == 2 ? dim : 0;
-  for (py::ssize_t i = 0; i < beams.endpoints.shape(0); ++i) {
-    double longest = 0.0;  // Along an axis.
-    for (int a = 0; a < dim; ++a)
-      longest = std::max(longest, std::abs(ends[i * dim + a] - origins[i * step + a]));
-    if (!(longest > limit && longest < kInfinity)) continue;
-    const std::string text =
-        "beam " + std::to_string(i) + " is " + number_text(longest) + " m long, " +
-        number_text(std::floor(longest / cell_size)) +
-        " of the smallest cells: expected metres, and an origin in the frame of the points; "
-        "if it is right, set max_range";
-    constexpr int kCaller = 2;  // Of the method that checks signatures.
-    if (PyErr_WarnEx(PyExc_UserWarning, text.c_str(), kCaller) != 0) throw py::error_already_set();
-    return;
-  }
-}
-
 /// Options of a map, without the constants of the method.
 py::dict options_dict(const MapOptions& options, std::string_view refinement) {
   py::dict dict;
@@ -452,7 +427,7 @@ void bind_maps(py::module_& module) {
             const LayerArguments of_layers(layers, beams.endpoints.shape(0));
             std::optional<BoxArgument> box;
             if (!window.is_none()) box.emplace(window, dim, "window");
-            warn_of_scale(beams, dim, map.constant().options().min_cell_size, max_range);
+            beams.require_scale(map.constant().options().min_cell_size, max_range);
             return map.write([&, pointers = beams.pointers(),
                               region = box ? std::optional<AnyBox>(*box) : std::nullopt](MapInterface& m) {
               std::optional<std::vector<float>> before;

@@ -1,6 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "numpy.hpp"
 
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "ndtree/core/option.hpp"
+
 namespace ndtree::python {
 
 std::string number_text(double value) { return py::repr(py::float_(value)).cast<std::string>(); }
@@ -114,6 +121,42 @@ void BeamArrays::set_number(const std::optional<std::int64_t>& given) {
   if (!given) return;
   if (*given < 0) throw py::value_error("number = " + std::to_string(*given) + ": must be at least 0");
   number = static_cast<std::uint64_t>(*given);
+}
+
+void BeamArrays::require_scale(double cell_size, double max_range) const {
+  constexpr double kMostCells = 20000.0;  // As MOST_CELLS of ndtree.tuning.first_look.
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  if (max_range < kInfinity) return;  // Who says so means it.
+  const double limit = kMostCells * cell_size;
+  const py::ssize_t n = endpoints.shape(0);
+  const py::ssize_t dim = endpoints.shape(1);
+  const py::ssize_t step = origins.ndim() == 2 ? dim : 0;
+  py::ssize_t far = 0;
+  py::ssize_t finite = 0;
+  std::string first;
+  for (py::ssize_t i = 0; i < n; ++i) {
+    double longest = 0.0;  // Along an axis.
+    bool is_finite = true;
+    for (py::ssize_t a = 0; a < dim; ++a) {
+      const double along = std::abs(endpoints.data()[i * dim + a] - origins.data()[i * step + a]);
+      is_finite = is_finite && std::isfinite(along);
+      longest = std::max(longest, along);
+    }
+    if (!is_finite) continue;
+    ++finite;
+    if (longest > limit && far++ == 0)
+      first = "beam " + std::to_string(i) + " is " + describe_number(longest) + " m long, " +
+              describe_count(static_cast<std::size_t>(std::min(longest / cell_size, 1e18))) +
+              " of the smallest cells";
+  }
+  if (far == 0) return;
+  const bool are_most = 2 * far > finite;
+  const std::string text = first + (are_most ? "; most beams are that long" : "") +
+                           ": expected metres, and an origin in the frame of the points; if it is right, "
+                           "set max_range";
+  if (are_most) throw py::value_error(text);
+  constexpr int kCaller = 2;  // Of the method that checks signatures.
+  if (PyErr_WarnEx(PyExc_UserWarning, text.c_str(), kCaller) != 0) throw py::error_already_set();
 }
 
 BeamPointers BeamArrays::pointers() const {

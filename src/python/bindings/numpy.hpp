@@ -65,6 +65,9 @@ struct BeamArrays {
 
   /// @throws ValueError if it is negative.
   void set_number(const std::optional<std::int64_t>& given);
+  /// A Python warning where a beam that is not cut by max_range is absurdly long beside the cells, before
+  /// anything changes. O(beams). @throws ValueError where most are: their cells would fill any memory.
+  void require_scale(double cell_size, double max_range) const;
   [[nodiscard]] BeamPointers pointers() const;
 };
 

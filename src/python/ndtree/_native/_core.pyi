@@ -936,7 +936,8 @@ class OccupancyMap:
         ------
         ValueError
             A shape is wrong, an option out of bounds, the one origin not finite, a point too far away for the
-            lattice of cells, or a beam longer than 2**20 of the smallest cells. The map is then unchanged.
+            lattice of cells, a beam longer than 2**20 of the smallest cells, or, without a max_range, most beams
+            longer than 20,000. The map is then unchanged.
         MemoryError
             The map would hold more than max_memory. If that was given, the map is then unchanged.
         UserWarning

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -330,6 +330,14 @@ class Scale:
         self._span, self._points = 0.0, 0
         self._bounds: np.ndarray | None = None  # Of points alone.
         self._at: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, scans: Iterable[Scan], cell_size: float, max_range: float) -> Scale:
+        """That of some scans."""
+        scale = cls(cell_size, max_range)
+        for scan in scans:
+            scale.add(scan)
+        return scale
 
     def add(self, scan: Scan) -> None:
         """Look at the next scan."""

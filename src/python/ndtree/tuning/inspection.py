@@ -16,7 +16,7 @@ from ndtree.evaluation.sampling import AUTO
 from ndtree.logs import Log
 from ndtree.logs.core.rules import INVALID, MEASURED, NO_ECHO, UNSEARCHED, USUAL, Decision
 from ndtree.tuning.config import Config
-from ndtree.tuning.first_look import FirstLook, first_look
+from ndtree.tuning.first_look import FirstLook, Scale, first_look
 
 #: What to say of a log whose map has no room.
 BEYOND_MEMORY = "beams are so long that there is not enough memory, expected ranges in metres"
@@ -60,7 +60,7 @@ def inspect(
     given = (given or Config()).overridden(Config.of(**more).values)
     log = given.ruled(source) if isinstance(source, Log) else given.read(source)
     values = {**log.decisions, **given.values}
-    values.setdefault("dim", Decision(log.dim, MEASURED, "as the log says"))
+    values.setdefault("dim", Decision(log.dim, MEASURED, f"the log is {log.dim}-D"))
     options = given.options
     notes: list[str] = []
     if not log.has_sensor and "range_sigma" in options and "min_cell_size" not in options:
@@ -174,6 +174,10 @@ def prospect_of(log: Log, given: Config | None = None, *, progress: Progress | N
         look = first_look(log, progress=progress)
         more = [Text(one) for one in (look.unsure_end, look.doubt) if one]
         config = replace(config, notes=(*config.notes, *more))
+    if look is not None:
+        size = config.new_map(log.dim).options["min_cell_size"]
+        absurd = Scale.of(look.sample, size, config.get("max_range", math.inf)).warning()
+        config = replace(config, notes=(*config.notes, *([absurd] if absurd else [])))
     try:
         cost = None if look is None else look.cost()
     except MemoryError:

@@ -55,10 +55,8 @@ def compared(
             raise located(log.name, error) from None
     if not is_stdout(json_file):
         print_lines(log, config)
-        scale = Scale(size, config.get("max_range", math.inf))
-        for scan in config.look.sample if config.look else ():
-            scale.add(scan)
-        absurd = scale.warning()
+        sample = config.look.sample if config.look else ()
+        absurd = Scale.of(sample, size, config.get("max_range", math.inf)).warning()
         if absurd:
             print(f"{log.name}: {in_words(absurd)}")
     made_maps(trial.map_objects)
