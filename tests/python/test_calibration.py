@@ -82,6 +82,7 @@ def test_without_flat_surfaces_there_is_no_noise_to_give() -> None:
     assert not {"range_sigma", "range_sigma_quadratic"} & set(found.options())
     assert "no flat surfaces" in str(found)
     assert json.loads(found.to_json())["range_sigma"] is None
+    assert ndtree.calibrate(cloud, max_range=1e-3).range_sigma is None, "no beam is that short"
 
 
 def test_a_body_that_walks_is_no_surface() -> None:

@@ -218,6 +218,15 @@ def test_noise_is_measured_on_a_log_of_any_kind(tmp_path: Path, sigma: float) ->
     assert config.options["range_sigma"] == pytest.approx(sigma, rel=0.15)
 
 
+def test_the_usual_noise_is_told_where_none_can_be_measured(tmp_path: Path) -> None:
+    few = tmp_path / "few.npz"
+    np.savez(few, origins=np.zeros((1, 2)), points=np.array([[3.0, 1.0]]), offsets=[0, 1])
+    assert (
+        inspect(few).notes[0]
+        == "chosen: dim 2 range_sigma 0.03 no_return ignore (sigma is usual for such sensors)"
+    )
+
+
 def test_the_noise_that_a_log_tells_is_not_measured() -> None:
     config = inspect(Hall(0.05, tells=True))
     assert "range_sigma" not in config.values and not any("sigma is" in note for note in config.notes)

@@ -244,4 +244,4 @@ def _small(values: NDArray[Any]) -> NDArray[Any]:
         return values.astype(np.uint8)
     if values.dtype.itemsize == 8 and values.dtype.kind in "iu":
         return values.astype(np.int32)
-    return values.astype(np.float32) if values.dtype.itemsize == 2 and values.dtype.kind == "f" else values
+    return values.astype(np.float32) if values.dtype == np.float16 else values
