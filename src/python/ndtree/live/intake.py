@@ -117,7 +117,8 @@ class ScansIntake(Intake):
     def said(self) -> list[str]:
         log = self._log
         uses = [] if log is None or not log.uses else [f"uses {log.uses}"]
-        return [] if log is None else [*uses, *self.config.notes, *log.notes]
+        chosen = [] if log is None else [*uses, *self.config.notes, *log.notes]
+        return [*chosen, *self.notes]
 
     def scan(self, entry: Entry, give_up: bool, figures: LiveFigures) -> Scan | Verdict:
         scan = entry.item
