@@ -180,6 +180,7 @@ def test_each_observation_is_a_beam_from_its_camera(
     w.sees[3] = False  # An image without features.
     log = read(write(tmp_path, w), pixel_sigma=0.01)
     assert (log.format, log.dim, len(log)) == (WRITERS[write], 3, 5)
+    assert "the model's own unit" in log.notes[0]
     useful = w.sees.sum(axis=0) >= 2
     beams = 0
     for scan, center, sees in zip(log, w.centers, w.sees):

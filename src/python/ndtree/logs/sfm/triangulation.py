@@ -119,6 +119,7 @@ class SfmLog(SizedLog):
             raise WrongValue.of("pixel_sigma", f"{pixel_sigma:g} px", "> 0 and finite")
         super().__init__(source.path, dim=3)
         self._pixel_sigma = pixel_sigma
+        self._decided.append("distances are in the model's own unit, which is a metre only if it was scaled")
 
     def _scan(self, triangulation: Triangulation, rows: Rows, center: Floats, focal_length: float) -> Scan:
         """One image's observations whose range is known well enough."""
