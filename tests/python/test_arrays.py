@@ -58,7 +58,7 @@ WRONG = [
         "returned: must be an array of bool, or None"),
     (lambda m: m.insert(POINTS, ORIGIN, max_range=0), ValueError, "max_range = 0.0 m: must be > 0"),
     (lambda m: m.insert(POINTS, [0.0, np.nan]), ValueError, "origin = (0.0, nan) m: every component must be"),
-    (lambda m: m.insert([[1e18, 0.0]], ORIGIN), ValueError, "beam 0 reaches"),
+    (lambda m: m.insert([[1e18, 0.0]], ORIGIN), ValueError, "beam 0 is 1e+18 m long"),
     (lambda m: m.insert([["a", "b"]], ORIGIN), TypeError,
         "points has dtype <U1: must be an array of real numbers"),
     (lambda m: m.insert(POINTS + 1j, ORIGIN), TypeError, "points has dtype complex128: must be"),

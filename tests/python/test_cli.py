@@ -287,7 +287,7 @@ def test_a_scan_that_cannot_be_mapped_is_named(tmp_path: Path) -> None:
     log = tmp_path / "far.txt"
     log.write_text("0 0 1 1\n1 0 1e13 0\n")
     for arguments in (("map", log, "-o", tmp_path / "a.ndt"), ("compare", log, "--held-out", 0)):
-        refused(run(*arguments), 1, f"{log}: scan 1: beam 0 reaches")
+        refused(run(*arguments), 1, f"{log}: scan 1: beam 0 is 1e+13 m long")
     assert [path.name for path in tmp_path.iterdir()] == ["far.txt"]
 
 

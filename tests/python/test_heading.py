@@ -56,7 +56,7 @@ def test_growth_is_found_as_it_is(office: list[Scan], degrees: float, seed: int)
     assert found is not None and found.least <= found.turned
     # By chance more to one side than to the other.
     assert 0.55 < found.turned / math.sqrt(growth * found.way) < 4
-    assert "degrees over the 150 m" in str(found).replace("149", "150") and "align" in str(found)
+    assert "degrees over a path of 150 m" in str(found).replace("149", "150") and "align" in str(found)
 
 
 @pytest.mark.parametrize("degrees", [-1.2, 0.4, 2.5])
