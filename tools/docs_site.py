@@ -297,6 +297,7 @@ _ANSWERS = {
     "setup": "a map from a wrong mount, clock or scale",
     "setup_in_space": "a map from a wrong setup of a 3-D lidar",
     "poses_in_space": "a map of a 3-D lidar from wrong poses",
+    "mount": "where a sensor sits on its robot, by `calibrate --find-mount`",
     "align": "the poses of a drive",
     "slam": "the poses of a drive, scan by scan",
     "match": "one scan's pose in a map, and its covariance",

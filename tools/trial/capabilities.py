@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trial import living, maps, moving, planning, poses, sensing, setup, setup_in_space
+from trial import living, maps, mounting, moving, planning, poses, sensing, setup, setup_in_space
 from trial.outcome import Case, Outcome
 from trial.robots import Recording
 from trial.worlds import PLANAR, SPATIAL, WORLDS
@@ -103,6 +103,12 @@ CAPABILITIES = {
         ("street", "chamber", "bend", "shelves", "ramp", "railing"),
         ("none", "noisy", "shuffled", "jump", "carried", "seconds_late"),
         (0, 1, 2, 3, 4, 5, 6),
+    ),
+    "mount": Capability(
+        mounting.mount_trial,
+        ("room", "hall", "loop", "recesses", "street", "bend"),
+        ("none", "noisy", "drift"),
+        (0, 1, 2, 3, 4, 5),
     ),
     "align": Capability(poses.align_trial, _PLANAR, _ODOMETRY, (0, 15, 32, 36, 38, 39, 53, 61, 64, 67)),
     "slam": Capability(poses.slam_trial, _PLANAR, _ODOMETRY, (1, 6, 9, 32, 43, 44, 57, 58, 60, 65)),

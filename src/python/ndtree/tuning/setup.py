@@ -66,7 +66,7 @@ _FRESH = (0.1, 0.06)  # From one to the next, so that a cloud is in few pairs [m
 _HIDDEN = 0.03
 _AS_WELL = 0.02  # A match fits no better.
 _SAME = 0.03  # Motions that differ by less lead to one match [m, rad].
-#: What may be wrong, and its columns of `_Log.slopes`.
+#: What may be wrong, and its columns of `Drive.slopes`.
 _KINDS = {
     "yaw": [0, 1], "scale": [1], "place": [2, 3], "clock": [4], "turns": [5], "mount": [0, 2, 3],
     "tilt": [6, 7],
@@ -111,7 +111,7 @@ _READINGS: dict[str, Callable[[Floats], Floats]] = {
     "axes": lambda pose: _CAMERA.T @ pose @ _CAMERA,
 }
 #: Motions of a robot whose sensor looks aside or back: they only say where to search.
-_ASIDE: dict[str, Callable[[Floats], Floats]] = {
+ASIDE: dict[str, Callable[[Floats], Floats]] = {
     str(angle): partial(_aside, angle=angle) for angle in (math.pi / 2, math.pi, -math.pi / 2)
 }
 #: Ways of other lengths, likewise, of planar lasers: beside railings, patterns of rings fit, too.
@@ -129,7 +129,7 @@ _STILL = ("times 0.0", *(kind for kind, scale in _UNITS.items() if scale < 1))
 #: A turn to the next cloud that no match finds [rad], and how many of them tell that they are misread.
 _LOST, _FEW = 0.35, 4
 #: What else a robot's motion may be.
-_MOTIONS = {"mirrored": lambda motions: _MIRROR @ motions @ _MIRROR, **_ASIDE, **_MEASURES}
+_MOTIONS = {"mirrored": lambda motions: _MIRROR @ motions @ _MIRROR, **ASIDE, **_MEASURES}
 
 
 def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
@@ -138,7 +138,7 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     `runs`: Clouds that follow each other.
     Returns: None where nothing is, or too little tells.
     """
-    log = _Log([[one for one in run if one.is_turned] for run in runs])
+    log = Drive([[one for one in run if one.is_turned] for run in runs])
     if log.are_moved():
         return SetupError("moved", (), None)
     misread: list[SetupError] = []
@@ -166,7 +166,7 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     if len(at) >= LEAST_PAIRS:
         left = {
             kind: np.einsum("nij,nj->ni", whitening, log.errors(seen, readings[kind][at]))
-            for kind in ("", *_ASIDE, *_LENGTHS, *_READINGS, "mirrored", "times 0.0", *_UNITS, "degrees")
+            for kind in ("", *ASIDE, *_LENGTHS, *_READINGS, "mirrored", "times 0.0", *_UNITS, "degrees")
             if kind in (*kinds, "times 0.0", *_UNITS)  # Of ways next to none, told ones fit as well.
         }
         if "degrees" in kinds:
@@ -201,7 +201,7 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
     return replace(causes[0], others=(*causes[1:], *misread)) if causes else None
 
 
-def _causes(log: _Log, pairs: Floats, seen: Floats, whitening: Floats) -> list[SetupError]:
+def _causes(log: Drive, pairs: Floats, seen: Floats, whitening: Floats) -> list[SetupError]:
     """What explains errors that depend on the motion, the likeliest first; none if nothing does."""
     told = log.motions(pairs)
     raw = log.slopes(pairs, told)
@@ -232,7 +232,7 @@ def _turned(way: Floats, errors: Floats, slopes: Floats) -> tuple[Floats, Floats
     return values, errors - slopes[:, :, :2] @ values
 
 
-def _is_clock(log: _Log, pairs: Floats, seen: Floats, whitening: Floats, by: Floats, left: Floats) -> bool:
+def _is_clock(log: Drive, pairs: Floats, seen: Floats, whitening: Floats, by: Floats, left: Floats) -> bool:
     """Whether a clock is likelier than any that goes wrong the other way.
 
     Poses of other times have other noise, which may be less by chance, on either side alike.
@@ -248,7 +248,7 @@ def _is_clock(log: _Log, pairs: Floats, seen: Floats, whitening: Floats, by: Flo
 
 
 def _again(
-    log: _Log, pairs: Floats, seen: Floats, whitening: Floats, kind: str, values: Floats
+    log: Drive, pairs: Floats, seen: Floats, whitening: Floats, kind: str, values: Floats
 ) -> tuple[Floats, Floats]:
     """As of `fits_of`, of a kind whose errors are not proportional to it, near some values."""
 
@@ -281,7 +281,7 @@ def _tilted(values: Floats) -> Floats:
     return rotation
 
 
-class _Log:
+class Drive:
     """The clouds that can be matched, and how their poses say that they lie to each other."""
 
     def __init__(self, runs: Sequence[Sequence[Cloud]]) -> None:

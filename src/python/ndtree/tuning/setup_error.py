@@ -29,8 +29,8 @@ CLEAR = 3.0  # How much likelier than another one, so that a wrong cause is name
 #: scans that are NEARER than that to each other [m], in all but a few pairs of them at most.
 APART, AWAY, NEARER, _MOST = 0.07, 5.0, 3.0, 0.98
 LEAST_PAIRS = 12
-_FREEDOM = 2.0  # Of Student's t: some matches are wrong.
-_MEDIAN = {1: 0.455, 3: 2.37, 6: 5.35}  # Of the squared length of 1, 3 or 6 standard normal numbers.
+FREEDOM = 2.0  # Of Student's t: some matches are wrong.
+MEDIAN = {1: 0.455, 3: 2.37, 6: 5.35}  # Of the squared length of 1, 3 or 6 standard normal numbers.
 _ROUNDS = 30
 _SCALES, _LEAST_SCALE = ("scale", "turns"), 0.2  # Nearer to 0, nothing was seen to move.
 
@@ -191,7 +191,7 @@ def is_gain(errors: Floats, left: Floats) -> bool:
 
     It is likelier without the most telling pairs, too: a few matches are wrong.
     """
-    each = _likelihoods(left) - _likelihoods(errors)
+    each = likelihoods(left) - likelihoods(errors)
     gain = float(each.sum())
     parts = [float(part.sum()) for part in np.array_split(each, PARTS)]
     most = np.sort(each)[: len(each) - len(each) // WRONG]
@@ -234,35 +234,35 @@ def _fitted(errors: Floats, slopes: Floats) -> Floats:
     error shows look like wrong matches at first. Values are of about 1 before anything is known.
     """
     found = []
-    for weights in (_weights((errors**2).sum(axis=1), errors.shape[1]), np.ones(len(errors))):
+    for weights in (weights_of((errors**2).sum(axis=1), errors.shape[1]), np.ones(len(errors))):
         for _ in range(_ROUNDS):
             normal = np.einsum("n,nik,nil->kl", weights, slopes, slopes) + np.eye(slopes.shape[2])
             values = np.linalg.solve(normal, np.einsum("n,nik,ni->k", weights, slopes, errors))
             left = errors - slopes @ values
-            weights = _weights((left**2).sum(axis=1), errors.shape[1])
+            weights = weights_of((left**2).sum(axis=1), errors.shape[1])
         found.append((values, likelihood(left)))
     return max(found, key=lambda one: one[1])[0]
 
 
-def _weights(squared: Floats, freedoms: int) -> Floats:
-    weights: Floats = (_FREEDOM + freedoms) / (_FREEDOM + squared / _spread(squared, freedoms))
+def weights_of(squared: Floats, freedoms: int) -> Floats:
+    weights: Floats = (FREEDOM + freedoms) / (FREEDOM + squared / _spread(squared, freedoms))
     return weights
 
 
 def _spread(squared: Floats, freedoms: int) -> float:
     """How much larger squared errors are than covariances say; at least as large."""
-    return max(1.0, float(np.median(squared)) / _MEDIAN[freedoms])
+    return max(1.0, float(np.median(squared)) / MEDIAN[freedoms])
 
 
 def likelihood(errors: Floats) -> float:
     """The logarithm for whitened errors (n, d), without constants."""
-    return float(_likelihoods(errors).sum())
+    return float(likelihoods(errors).sum())
 
 
-def _likelihoods(errors: Floats) -> Floats:
+def likelihoods(errors: Floats) -> Floats:
     """(n,) of each pair."""
     freedoms = errors.shape[1]
     squared = (errors**2).sum(axis=1)
     spread = _spread(squared, freedoms)
-    terms: Floats = (_FREEDOM + freedoms) * np.log1p(squared / spread / _FREEDOM)
+    terms: Floats = (FREEDOM + freedoms) * np.log1p(squared / spread / FREEDOM)
     return -0.5 * (terms + freedoms * math.log(spread))

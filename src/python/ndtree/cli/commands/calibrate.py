@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree calibrate``: the options of the sensor, or where it sits."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Optional
 
@@ -47,7 +46,7 @@ def calibrate(log: GivenLog, call: Call, given: Config) -> None:
 
 
 def _find_mount(path: Path, given: Config, json_file: Optional[Path]) -> None:
-    """Where the sensor of a bag sits, from where its map is sharpest."""
+    """Where the sensor of a bag sits, by what it and its base moved."""
     from ndtree.logs.ros.rosbag import RosbagLog
     from ndtree.tuning.calibration.mount import find_mount
 
@@ -62,13 +61,6 @@ def _find_mount(path: Path, given: Config, json_file: Optional[Path]) -> None:
     assert isinstance(log, RosbagLog)
     with progress() as advance:
         found = find_mount(log, progress=advance)
-        # There the log may bear out another understanding of the times of beams, which moves the clock.
-        _, mount, _, offset = found.flags.split()
-        again = opened(given.overridden(Config.of(mount=mount, time_offset=float(offset)).values), path)
-        assert isinstance(again, RosbagLog)
-        if again.plan.sweeps != log.plan.sweeps:
-            better = find_mount(again, progress=advance)
-            found = replace(better, gain=1 - (1 - found.gain) * (1 - better.gain))
     if not is_stdout(json_file):
         print(f"{path}: {found}")
     write_json(found.figures(), json_file)

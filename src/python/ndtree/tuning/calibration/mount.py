@@ -1,36 +1,47 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where a sensor sits on its base, and how far its clock is off: where the map gets sharpest."""
+"""Where a sensor sits on its base, and how far its clock is off: by motions that it saw and its base made.
+
+Strategy: scans near each other are matched. What the sensor moved, A, follows from what the base moved, B,
+and the mount X as A = X^-1 B X (R. Y. Tsai and R. K. Lenz, "A new technique for fully autonomous and
+efficient 3D robotics hand/eye calibration", IEEE Trans. Robotics and Automation 5, 1989). Next scans, whose
+motions are small, are matched whatever X is, and say it roughly: equations are linear in x, y, and the sine
+and cosine of yaw. Then farther ones are matched from there, and X and the clock fitted to their errors, which
+are Student's t with the covariances of the matches and of what poses err; so it is known how sure each number
+is.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ndtree.logs.ros.files.bag import open_bag
-from ndtree.logs.ros.messages.beams import stamp_of
-from ndtree.logs.ros.messages.sweep import entropy, thinned
+from ndtree._errors import Text
+from ndtree.alignment.planar import Floats, yaw_of
+from ndtree.alignment.surfaces import Cloud, turn_of, turned_by
+from ndtree.base.progress import Progress, no_progress
+from ndtree.evaluation.sampling import spread
 from ndtree.logs.ros.rosbag import RosbagLog
+from ndtree.tuning.motions import errors_of, pose_noise, rigid
+from ndtree.tuning.setup import ASIDE, Drive
+from ndtree.tuning.setup_error import FREEDOM, LEAST_PAIRS, MEDIAN, likelihoods, weights_of
 
-Floats = NDArray[np.float64]
-
-#: Scans from all over the log, and beams of each, that are looked at.
-SCANS, BEAMS = 400, 400
-#: Yaws that are tried first [rad]; then steps of x, y [m], yaw [rad] and time [s], halved this many times.
-YAWS = np.radians(np.arange(-180, 180, 10))
-STEPS, HALVINGS = (0.04, 0.04, math.radians(4), 0.04), 6
-#: Edges of the cells [m], at first and at last.
-COARSE, FINE = 0.08, 0.02
-#: A planar sensor may hang upside down, if its map is then smaller by this much (in logarithms).
-UPSIDE_DOWN, SURELY = np.diag([1.0, -1.0, -1.0]), 0.05
-#: Beams that are measured within this time share a pose [s].
-TIME_STEP = 0.004
-#: So far from the ends of the poses beams are left out, as the clock is not known yet [s].
-SLACK = 0.3
+#: Of x and y [m], yaw [rad] and time [s]: what is known before, and how sure they must be to be told.
+PRIOR = np.array([1.0, 1.0, math.pi, 0.5])
+TOLD = np.array([0.1, 0.1, math.radians(3.0), 0.05])
+_NAMES = ("x", "y", "yaw", "time")
+_ROUNDS, _STILL = 3, np.array([0.005, 0.005, math.radians(0.1), 0.002])  # Of reading the log.
+_STEPS, _SMALL = 5, 1e-3  # Of fitting, and of slopes.
+_CLOCKS = (-0.3, -0.15, 0.0, 0.15, 0.3)  # That fitting starts with [s].
+_PAIRS = 48  # Of next scans, for the time that they take.
+_ROUGH = 0.05  # Of a rough fit, what motions err [m].
+_PARTS = 8  # Of the drive: variances are as large as these differ.
+_LEAST_SPREAD = 0.05  # Of squared errors to what was expected.
+_TURNS = 0.3  # Of all turns together, from which on they say which way is up [rad].
+_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # A planar sensor may hang upside down.
 
 
 @dataclass(frozen=True)
@@ -39,6 +50,8 @@ class Mounting:
 
     `x`, `y`: [m]
     `others` (float, float, float): z [m], roll and pitch [rad], as they were given.
+    `sigma` (float, float, float, float): Standard deviations of x and y [m], yaw [rad] and time [s]. What is
+        less sure than `TOLD` is as it was given.
     """
 
     x: float
@@ -46,155 +59,171 @@ class Mounting:
     yaw: float  # [rad]
     others: tuple[float, float, float]
     time_offset: float  # [s]
-    gain: float  # By what share of its cells the map is smaller than with the mount that was given.
+    sigma: tuple[float, float, float, float]
 
     @property
     def flags(self) -> str:
         """As one would type them."""
+        return f"--mount {self.mount} --time-offset {self.time_offset:.3f}"
+
+    @property
+    def mount(self) -> str:
+        """As one would type it."""
         z, roll, pitch = self.others
         yaw = f"{math.degrees(self.yaw):.1f}deg"
         place = f"{self.x:.3f},{self.y:.3f}"
         if any(abs(value) > 1e-9 for value in self.others):
-            turns = f"{math.degrees(roll):.1f}deg,{math.degrees(pitch):.1f}deg,{yaw}"
-            place, yaw = f"{place},{z:.3f}", turns
-        return f"--mount {place},{yaw} --time-offset {self.time_offset:.3f}"
+            return f"{place},{z:.3f},{math.degrees(roll):.1f}deg,{math.degrees(pitch):.1f}deg,{yaw}"
+        return f"{place},{yaw}"
+
+    @property
+    def untold(self) -> list[str]:
+        """What the drive does not tell, of x, y, yaw and time."""
+        return [name for name, sigma, most in zip(_NAMES, self.sigma, TOLD) if sigma > most]
 
     def figures(self) -> dict[str, Any]:
         """All of it as plain numbers, ready for JSON."""
-        return {**vars(self), "others": list(self.others), "flags": self.flags}
+        return {**vars(self), "others": list(self.others), "sigma": list(self.sigma), "flags": self.flags,
+                "untold": self.untold}  # fmt: skip
 
     def __str__(self) -> str:
-        """In one line."""
-        return f"the map is sharpest with {self.flags} ({100 * self.gain:.0f} % fewer cells than as given)"
+        """In one line, and in a second one what is not told."""
+        x, y, yaw, time = self.sigma
+        sure = f"standard deviations {x:.3f} m, {y:.3f} m, {math.degrees(yaw):.1f} degrees, {time:.3f} s"
+        said = f"scans fit each other best with {self.flags} ({sure})"
+        untold = self.untold
+        if untold:
+            which = " and ".join(", ".join(untold).rsplit(", ", 1))
+            said += f"\nnot sure of {which}, left as given: such a drive does not tell; drive more curves"
+        return Text(said)
 
 
-def find_mount(log: RosbagLog, *, progress: Callable[[str, int, int], None] | None = None) -> Mounting:
-    """Find x, y and yaw of a mount, and the offset of the clock, at which scans agree best with each other.
+def find_mount(log: RosbagLog, *, progress: Progress | None = None) -> Mounting:
+    """Find x, y and yaw of a mount, and the offset of the clock, by motions of the sensor and of its base.
 
-    The end points of 400 scans from all over the log are counted in cells of 8 to 2 cm; the entropy of the
-    counts says over how many they spread. First yaws all around are tried, of a planar sensor also upside
-    down, then each of the four in turn in ever smaller steps. Where the robot does not turn, x and y cannot
-    be found, and stay as given; a log with drift finds what makes the drift look smallest.
+    Yaw may be anything, and a planar sensor may hang upside down. The log is read up to three times, as the
+    mount says where beams were during a scan.
 
     `log`: Opened with a ``mount``.
     `progress`: Called as ``progress(what, done, total)``.
-    Raises ValueError if its poses are known at fewer than two scans, or do not move.
+    Raises ValueError if fewer than 12 pairs of scans fit each other.
     """
-    place = log.place
-    base, given = place.tree.fixed_parent(place.frame)
-    points, stamps, numbers = _sample(log)
-    first, last = place.tree.span(place.fixed_frame, base)
-    if not math.isfinite(first):
-        raise ValueError(f"{log.path}: {base} does not move, expected a log in which it does")
-    points, stamps, numbers = _inside(points, stamps, numbers, first + SLACK, last - SLACK)
-    if len(stamps) < 2:
-        raise ValueError(f"{log.path}: {len(stamps)} scans with poses, expected at least two")
-    rotations_given = [given.rotation]
-    if log.sensors[0].is_planar:
-        rotations_given.append(given.rotation @ UPSIDE_DOWN)
-    height = np.array([0, 0, given.position[2]])
-    levels = [(points @ rotation.T + height).T.copy() for rotation in rotations_given]
-    done = [0]
-    total = len(levels) * len(YAWS) + HALVINGS * 16
-
-    def cells(mount: Floats, cell: float, level: Floats) -> float:
-        x, y, yaw, offset = mount
-        if progress is not None:
-            done[0] += 1
-            progress("mounts", min(done[0], total), total)
-        try:
-            rotations, positions = place.tree.poses_at(place.fixed_frame, base, stamps + offset)
-        except ValueError:
-            return math.inf
-        c, s = math.cos(yaw), math.sin(yaw)
-        mounted = np.stack([c * level[0] - s * level[1] + x, s * level[0] + c * level[1] + y, level[2]])
-        return entropy(np.einsum("nij,jn->ni", rotations[numbers], mounted) + positions[numbers], cell)
-
-    start = np.array([*given.position[:2], 0.0, 0.0])
-    as_given = least = cells(start, COARSE, levels[0])
-    best, level, rotation = start, levels[0], given.rotation
-    for number, turned in enumerate(levels):
-        needed = SURELY if number else 0.0
-        for yaw in YAWS:
-            trial = start + np.array([0, 0, yaw, 0])
-            value = cells(trial, COARSE, turned) + needed
-            if value < least:
-                best, least, level, rotation = trial, value, turned, rotations_given[number]
-    best = _refined(best, lambda mount, cell: cells(mount, cell, level))
-    yaw, pitch, roll = _angles(rotation)
-    turned = (yaw + best[2] + math.pi) % (2 * math.pi) - math.pi
-    others = (float(given.position[2]), roll, pitch)
-    offset = log.plan.options.time_offset + float(best[3])
-    gain = 1 - math.exp(cells(best, COARSE, level) - as_given)
-    return Mounting(float(best[0]), float(best[1]), turned, others, offset, gain)
+    sigma = np.zeros(4)
+    for number in range(_ROUNDS):
+        change, sigma, is_flipped = _found(log, progress or no_progress, from_anywhere=number == 0)
+        change = np.where(sigma <= TOLD, change, 0.0)
+        found = _moved(log, change, is_flipped, sigma)
+        options = replace(log.plan.options, mount=found.mount, time_offset=found.time_offset)
+        log = RosbagLog(log.path, options, dim=log.dim)
+        if not is_flipped and (np.abs(change) < _STILL).all():
+            break
+    return found
 
 
-def _refined(best: Floats, cells: Callable[[Floats, float], float]) -> Floats:
-    """The mount of fewest cells near one, each of its numbers in turn in ever smaller steps."""
-    steps = np.array(STEPS)
-    for _ in range(HALVINGS):
-        fine = max(COARSE * steps[0] / STEPS[0], FINE)
-        least = cells(best, fine)
-        improved = True
-        while improved:
-            improved = False
-            for axis in (2, 3, 0, 1):
-                for sign in (1, -1):
-                    trial = best.copy()
-                    trial[axis] += sign * steps[axis]
-                    value = cells(trial, fine)
-                    if value < least - 1e-6:
-                        best, least, improved = trial, value, True
-        steps = steps / 2
-    return best
-
-
-def _sample(log: RosbagLog) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """End points in the sensor's frame (n, 3), times of measuring, and the number of each point's time.
-
-    Beams that are measured one after the other have their own times, as where the log is mapped.
-    """
-    sensor = log.sensors[0]
-    step = max(1, sensor.topic.messages // SCANS)
-    points: list[Floats] = []
-    stamps: list[Floats] = []
-    numbers: list[NDArray[np.int64]] = []
-    known = 0
-    with open_bag(log.path) as bag:
-        for number, raw in enumerate(sensor.own_messages(bag)):
-            if number % step:
-                continue
-            try:
-                message = bag.decoded(raw)
-                stream = (sensor.topic.name, sensor.seen.frame)
-                stamp = log.plan.clock.stamp(stream, 1e-9 * raw.received, stamp_of(message))
-                beams = thinned(log.plan.sweeps[sensor.topic.name].applied(sensor.beams(message, stamp)))
-            except ValueError:
-                continue
-            stride = max(1, len(beams.points) // BEAMS)
-            points.append(np.asarray(beams.points, dtype=np.float64)[::stride])
-            times = np.zeros(len(points[-1])) if beams.times is None else beams.times[::stride]
-            steps, which = np.unique(np.round(times / TIME_STEP), return_inverse=True)
-            begin = log.plan.clock.time(stream, 1e-9 * raw.received, stamp) + log.plan.options.time_offset
-            stamps.append(begin + TIME_STEP * steps)
-            numbers.append(known + which)
-            known += len(steps)
-    if not points:
-        return np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64)
-    return np.concatenate(points), np.concatenate(stamps), np.concatenate(numbers)
-
-
-def _inside(
-    points: Floats, stamps: Floats, numbers: NDArray[np.int64], first: float, last: float
-) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Only beams at times between two."""
-    use = (stamps >= first) & (stamps <= last)
-    of_point = use[numbers]
-    return points[of_point], stamps[use], (np.cumsum(use) - 1)[numbers[of_point]]
-
-
-def _angles(rotation: Floats) -> tuple[float, float, float]:
-    """Yaw, pitch and roll of a rotation [rad]."""
-    yaw = math.atan2(rotation[1, 0], rotation[0, 0])
+def _moved(log: RosbagLog, by: Floats, is_flipped: bool, sigma: Floats) -> Mounting:
+    """The mount of a log, changed by x, y, yaw and time."""
+    given = log.place.tree.fixed_parent(log.place.frame)[1]
+    position, rotation = given.position.copy(), given.rotation
+    position[:2] += turned_by(np.array([0.0, 0.0, yaw_of(rotation)]))[:2, :2] @ by[:2]
+    rotation = turned_by(np.array([0.0, 0.0, by[2]])) @ (rotation @ _FLIP[:3, :3] if is_flipped else rotation)
     pitch = math.asin(min(max(-float(rotation[2, 0]), -1.0), 1.0))
-    return yaw, pitch, math.atan2(rotation[2, 1], rotation[2, 2])
+    others = (float(position[2]), math.atan2(rotation[2, 1], rotation[2, 2]), pitch)
+    offset = log.plan.options.time_offset + float(by[3])
+    x, y = map(float, position[:2])
+    of_x, of_y, of_yaw, of_time = map(float, sigma)
+    return Mounting(x, y, yaw_of(rotation), others, offset, (of_x, of_y, of_yaw, of_time))
+
+
+def _found(log: RosbagLog, progress: Progress, *, from_anywhere: bool) -> tuple[Floats, Floats, bool]:
+    """What is to be added to x, y, yaw and time, how sure that is, and whether it hangs upside down.
+
+    `from_anywhere`: Yaw may be anything, and the sensor upside down.
+    """
+    scans = log.ruled(cut_off=None)
+    runs, _, _ = spread(scans, lambda done: progress("looking at the log", done, len(log)), Cloud.of)
+    drive = Drive([[one for one in run if one is not None] for run in runs])
+    pairs, _ = drive.pairs()
+    by, flip = np.zeros(4), np.eye(4)
+    if from_anywhere:
+        by[:3], flip = _rough(drive)
+    matched, seen, covariances = drive.matched(pairs, [flip @ _of_sensor(drive.motions(pairs), by) @ flip])
+    if len(matched) < LEAST_PAIRS:
+        raise ValueError(
+            f"{log.path}: {len(matched)} pairs of scans fit each other, expected at least {LEAST_PAIRS}: "
+            "a drive past walls, with poses"
+        )
+    pairs, seen = pairs[matched], flip @ seen @ flip
+    flips = np.kron(np.eye(2), flip[:3, :3])
+    noise = flips @ covariances @ flips + pose_noise(drive.motions(pairs))
+    at = drive.freedoms
+    whitening = np.linalg.inv(np.linalg.cholesky(noise[:, at][:, :, at]))
+
+    def errors(by: Floats) -> Floats:
+        told = _of_sensor(drive.motions(pairs, "clock", by[3:]), by)
+        return np.einsum("nij,nj->ni", whitening, errors_of(seen, told)[:, at])
+
+    stamps = np.array([one.stamp for one in drive.clouds])
+    # Pairs share scans; and where poses drift, what one errs all do whose motions contain it.
+    alike = 1.0 + np.ptp(stamps[pairs], axis=1).sum() / np.ptp(stamps)
+    fits = [_fitted(errors, np.append(by[:3], clock), alike) for clock in _CLOCKS]
+    each = [likelihoods(errors(one)) for one, _ in fits]
+    best = max(range(len(fits)), key=lambda i: each[i].sum())
+    (by, variance), all_, others = fits[best], 0.0, np.zeros(4)
+    for (one, _), likely in zip(fits, each):
+        off, less = one - by, likely - each[best]
+        weight = math.exp(-0.5 * float(less.sum()) ** 2 / max(float(less @ less), 1e-12))
+        all_, others = all_ + weight, others + weight * off**2
+    return by, np.sqrt(variance + others / all_), not np.array_equal(flip, np.eye(4))
+
+
+def _of_sensor(motions: Floats, by: Floats) -> Floats:
+    """Motions (n, 4, 4) of a base as a sensor makes them that sits there."""
+    mount = rigid(turned_by(np.array([0.0, 0.0, by[2]])))
+    mount[:2, 3] = by[:2]
+    result: Floats = np.linalg.inv(mount) @ motions @ mount
+    return result
+
+
+def _rough(drive: Drive) -> tuple[Floats, Floats]:
+    """About x, y and yaw, by scans that are next to each other, and the flip of a sensor upside down."""
+    first = np.arange(len(drive.poses) - 1)[:: max(1, len(drive.poses) // _PAIRS)]
+    pairs: Any = np.stack((first, first + 1), axis=1)
+    told = drive.motions(pairs)
+    matched, seen, _ = drive.matched(pairs, [told, *(read(told) for read in ASIDE.values())])
+    told, flip = told[matched], np.eye(4)
+    turns, others = (np.array([turn_of(one)[2] for one in some[:, :3, :3]]) for some in (told, seen))
+    if drive.is_planar and turns @ others < 0 and np.abs(turns).sum() > _TURNS:
+        flip = _FLIP
+    moved = (flip @ seen @ flip)[:, :2, 3]
+    rows = np.zeros((len(told), 2, 4))
+    rows[:, :, :2] = np.eye(2) - told[:, :2, :2]
+    rows[:, :, 2], rows[:, 0, 3], rows[:, 1, 3] = moved, -moved[:, 1], moved[:, 0]
+    weights, values = np.ones(len(told)), np.zeros(4)
+    for _ in range(_STEPS):
+        normal = np.einsum("n,nik,nil->kl", weights, rows, rows) + np.diag([1.0, 1.0, 1e-3, 1e-3]) * _ROUGH**2
+        values = np.linalg.solve(normal, np.einsum("n,nik,ni->k", weights, rows, told[:, :2, 3]))
+        left = ((told[:, :2, 3] - rows @ values) ** 2).sum(axis=1)
+        weights = 1.0 / (1.0 + left / _ROUGH**2)
+    return np.array([*values[:2].clip(-1.0, 1.0), math.atan2(values[3], values[2])]), flip
+
+
+def _fitted(errors: Callable[[Floats], Floats], by: Floats, alike: float) -> tuple[Floats, Floats]:
+    """The likeliest near some values, and the variance of each. `alike`: How many errors are one."""
+    prior = by * [0.0, 0.0, 0.0, 1.0]
+    for step in range(_STEPS):
+        left = errors(by)
+        slopes = np.stack([(errors(by + _SMALL * axis) - left) / _SMALL for axis in np.eye(4)], axis=-1)
+        squared = (left**2).sum(axis=1)
+        weights = weights_of(squared, left.shape[1])
+        normal = np.einsum("n,nik,nil->kl", weights, slopes, slopes) + np.diag(PRIOR**-2)
+        slope = np.einsum("n,nik,ni->k", weights, slopes, left) + (by - prior) * PRIOR**-2
+        if step < _STEPS - 1:
+            by = by - np.linalg.solve(normal, slope)
+    spread = max(_LEAST_SPREAD, float(np.median(squared)) / MEDIAN[left.shape[1]])
+    likely = weights * FREEDOM / (FREEDOM + left.shape[1]) / spread
+    normal = np.einsum("n,nik,nil->kl", likely, slopes, slopes) + np.diag(PRIOR**-2)
+    inverse = np.linalg.inv(normal)
+    pulls = np.einsum("n,nik,ni->nk", likely, slopes, left) @ inverse
+    parts = np.array([part.sum(axis=0) for part in np.array_split(pulls, _PARTS)])
+    variance: Floats = alike * np.maximum(np.diag(inverse), _PARTS / (_PARTS - 1) * (parts**2).sum(axis=0))
+    return by, variance.clip(max=PRIOR**2)
