@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ndtree.logs.core.arrays import Floats
 from ndtree.logs.core.plain_file import PlainFile, open_plain, table_of
 from ndtree.logs.core.source import Format, Source
-from ndtree.logs.sfm.triangulation import Model, ModelLog
+from ndtree.logs.sfm.triangulation import Model, SfmLog, rows_of
 
 LINES_AT_ONCE = 1 << 15
 CAMERA_NUMBERS = 9  # Turn as axis times angle, translation, focal length, two of distortion.
@@ -20,7 +20,7 @@ CAMERA_NUMBERS = 9  # Turn as axis times angle, translation, focal length, two o
 Lines = Iterator[tuple[int, bytes]]
 
 
-class BalLog(ModelLog):
+class BalLog(SfmLog):
     """One scan each camera.
 
     Distances are in the unit of the problem, which is rarely a metre.
@@ -47,7 +47,7 @@ class BalLog(ModelLog):
             raise ValueError(f"{self.path}: {said}, expected one > 0")
         centers = _turned(-camera[:, 3:6], -camera[:, :3])
         places = parameters[CAMERA_NUMBERS * cameras :].reshape(points, 3)
-        return Model(places, centers, camera[:, 6], seeing, seen)
+        return Model(places, centers, camera[:, 6], rows_of(cameras, seeing, seen))
 
     def _observations(
         self, lines: Lines, cameras: int, points: int, count: int

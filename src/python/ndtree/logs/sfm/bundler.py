@@ -11,13 +11,13 @@ from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import open_plain, wrong_line
 from ndtree.logs.core.source import Format, Source
 from ndtree.logs.poses.pose import nearest_rotations, rotated
-from ndtree.logs.sfm.triangulation import DEFAULT_PIXEL_SIGMA, Model, ModelLog
+from ndtree.logs.sfm.triangulation import DEFAULT_PIXEL_SIGMA, Model, SfmLog, rows_of
 
 MAGIC = b"# Bundle file v"
 VERSION = b"0.3"
 
 
-class BundlerLog(ModelLog):
+class BundlerLog(SfmLog):
     """One scan each camera that was registered: those that were not have a focal length of 0, and no scan.
 
     Distances are in the unit of the model, which is not a metre unless the model was scaled.
@@ -70,7 +70,7 @@ class BundlerLog(ModelLog):
             seeing.append(rows)
         every = np.concatenate([np.empty(0, dtype=np.int32), *seeing])
         seen = np.repeat(np.arange(points, dtype=np.int32), counts)
-        return Model(places, centers, np.array(lengths), every, seen)
+        return Model(places, centers, np.array(lengths), rows_of(len(lengths), every, seen))
 
 
 class _Lines:

@@ -7,7 +7,6 @@ import math
 import os
 import struct
 from collections.abc import Iterator
-from functools import cached_property
 from typing import IO
 
 import numpy as np
@@ -19,7 +18,7 @@ from ndtree.logs.core.failures import at_place
 from ndtree.logs.core.plain_file import open_regular, text_lines
 from ndtree.logs.core.source import Format, Source
 from ndtree.logs.poses.pose import Pose
-from ndtree.logs.sfm.triangulation import DEFAULT_PIXEL_SIGMA, SfmLog, Triangulation
+from ndtree.logs.sfm.triangulation import DEFAULT_PIXEL_SIGMA, Model, SfmLog
 
 PARTS = ("cameras", "images", "points3D")
 
@@ -46,19 +45,17 @@ CAMERA_MODELS = {
 }
 _NAMES = {number: name for name, (number, _, _) in CAMERA_MODELS.items()}
 
-#: Of the smallest image in a binary file.
-IMAGE_BYTES = 73
-
 Identities = NDArray[np.int64]
 
 
 class ColmapLog(SfmLog):
-    """One scan each image, in the order of the file; the points are held in memory, the images are not.
+    """One scan each image, in the order of the file.
 
     Distances are in the unit of the model, which is not a metre unless the model was scaled.
     """
 
     format = "colmap"
+    _damage: ValueError | None = None
 
     def __init__(self, source: Source, pixel_sigma: float = DEFAULT_PIXEL_SIGMA) -> None:
         super().__init__(source, pixel_sigma)
@@ -69,32 +66,35 @@ class ColmapLog(SfmLog):
         self._files: type[_Binary | _Text] = _Binary if ending == ".bin" else _Text
         self._names = {part: os.path.join(path, part + ending) for part in PARTS}
 
-    def __len__(self) -> int:
-        return self._number_of_images
-
-    @cached_property
-    def _number_of_images(self) -> int:
-        return self._files.count(self._names["images"])
-
-    @cached_property
-    def _focal_lengths(self) -> dict[int, float]:
-        return dict(self._files.cameras(self._names["cameras"]))
-
-    @cached_property
-    def _triangulated(self) -> tuple[Identities, Triangulation]:
-        """Sorted names of the points, and the points."""
-        identities, points = self._files.points(self._names["points3D"])
+    def _read(self) -> Model:
+        names, path = self._names, self._names["images"]
+        focal_lengths = dict(self._files.cameras(names["cameras"]))
+        identities, points = self._files.points(names["points3D"])
         order = np.argsort(identities)
-        triangulation = Triangulation(points[order], self._pixel_sigma)
-        identities = identities[order]
-        self._check_points(identities, triangulation.points)
+        identities, points = identities[order], points[order]
+        self._check_points(identities, points)
+        centers: list[Floats] = []
+        lengths: list[float] = []
+        rows: list[NDArray[np.intp]] = []
         try:
-            for rows, center, focal_length in self._observations(identities):
-                triangulation.observe(rows, center, focal_length)
-        except ValueError:
+            for where, camera, T_camera_map, seen in self._files.images(path):
+                if camera not in focal_lengths:
+                    raise ValueError(f"{path}: {where}: camera {camera} is not in {names['cameras']}")
+                seen = np.unique(seen[seen >= 0])  # Two features of an image may be one point.
+                at = np.searchsorted(identities, seen)
+                known = at < len(identities)
+                known[known] = identities[at[known]] == seen[known]
+                if not known.all():
+                    lost = seen[known.argmin()]
+                    raise ValueError(f"{path}: {where}: point {lost} is not in {names['points3D']}")
+                rows.append(at)
+                centers.append(T_camera_map.inverse().position)
+                lengths.append(focal_lengths[camera])
+        except ValueError as error:
             if not self.rules.keep_going:
-                raise  # Else the loop over the scans comes upon it again, and notes it.
-        return identities, triangulation
+                raise
+            self._damage = error
+        return Model(points, np.array(centers).reshape(-1, 3), np.array(lengths), rows)
 
     def _check_points(self, identities: Identities, points: Floats) -> None:
         path = self._names["points3D"]
@@ -105,36 +105,17 @@ class ColmapLog(SfmLog):
         if not finite.all():
             raise ValueError(f"{path}: point {identities[finite.argmin()]} is not finite")
 
-    def _observations(self, identities: Identities) -> Iterator[tuple[NDArray[np.intp], Floats, float]]:
-        """Of each image: rows of the points, the camera's centre, and its focal length."""
-        path = self._names["images"]
-        for where, camera, T_camera_map, seen in self._files.images(path):
-            if camera not in self._focal_lengths:
-                raise ValueError(f"{path}: {where}: camera {camera} is not in {self._names['cameras']}")
-            seen = np.unique(seen[seen >= 0])  # Two features of an image may be one point.
-            rows = np.searchsorted(identities, seen)
-            known = rows < len(identities)
-            known[known] = identities[rows[known]] == seen[known]
-            if not known.all():
-                lost = seen[known.argmin()]
-                raise ValueError(f"{path}: {where}: point {lost} is not in {self._names['points3D']}")
-            yield rows, T_camera_map.inverse().position, self._focal_lengths[camera]
-
     def _scans(self) -> Iterator[Scan]:
-        identities, triangulation = self._triangulated
-        try:
-            for rows, center, focal_length in self._observations(identities):
-                yield self._scan(triangulation, rows, center, focal_length)
-        except ValueError as error:
-            self.skip("damaged files", error)
+        yield from super()._scans()
+        if self._damage is not None:
+            self.skip("damaged files", self._damage)
 
 
 class _Text:
     """Text files; errors of this and of `_Binary` name the file and the place in it.
 
-    ``cameras`` has of each its name and focal length [px]; ``count``, how many images a file has, or had
-    before it was cut off; ``images``, where each stands, its camera's name, T_camera_map, and names of
-    points, -1 for a feature without; ``points``, names (n,), and points (n, 3).
+    ``cameras`` has of each its name and focal length [px]; ``images``, where each stands, its camera's name,
+    T_camera_map, and names of points, -1 for a feature without; ``points``, names (n,), and points (n, 3).
     """
 
     @staticmethod
@@ -144,16 +125,6 @@ class _Text:
                 camera, model, _, _, *rest = line.split()
                 found = int(camera), [float(field) for field in rest]
             yield found[0], _focal_length(path, where, model, found[1])
-
-    @staticmethod
-    def count(path: str) -> int:
-        lines = _lines(path, skip_blank=False)
-        count = 0
-        for _, line in lines:
-            if line.strip():
-                count += 1
-                next(lines, None)
-        return count
 
     @staticmethod
     def images(path: str) -> Iterator[tuple[str, int, Pose, Identities]]:
@@ -204,15 +175,9 @@ class _Binary:
                 yield camera, _focal_length(path, where, name, list(parameters))
 
     @staticmethod
-    def count(path: str) -> int:
-        with open_regular(path) as file:
-            (said,) = _unpacked(file, path, "number of images", "<Q")
-            return min(said, os.fstat(file.fileno()).st_size // IMAGE_BYTES)
-
-    @staticmethod
     def images(path: str) -> Iterator[tuple[str, int, Pose, Identities]]:
         with open_regular(path) as file:
-            for where in _records(file, path, "image", smallest=IMAGE_BYTES):
+            for where in _records(file, path, "image", smallest=73):
                 numbers = _unpacked(file, path, where, "<I7dI")
                 while _take(file, path, where, 1) != b"\0":
                     pass  # The image's name.

@@ -92,24 +92,29 @@ class Triangulation:
 class Model:
     """What structure from motion found, held in memory.
 
-    `centers` (C, 3) float64: Of the cameras.
-    `focal_lengths` (C,) float64: [px].
-    `cameras_seeing`, `points_seen` (O,) integers: Rows of the above; one pair each observation, in any order,
-        and as often as it was found.
+    `points` (P, 3), `centers` (C, 3): Of points and cameras, float64.
+    `focal_lengths` (C,): [px].
+    `seen`: Of each camera rows of the points that it sees, each once.
     """
 
-    points: Floats  # (P, 3) float64.
+    points: Floats
     centers: Floats
     focal_lengths: Floats
-    cameras_seeing: NDArray[np.int32]
-    points_seen: NDArray[np.int32]
+    seen: list[Rows]
+
+
+def rows_of(cameras: int, cameras_seeing: NDArray[np.int32], points_seen: NDArray[np.int32]) -> list[Rows]:
+    """The rows that each camera sees, of pairs (O,) of a camera and a point in any order and any often."""
+    order = np.lexsort((points_seen, cameras_seeing))
+    bounds = np.searchsorted(cameras_seeing[order], np.arange(cameras + 1))
+    return [np.unique(points_seen[order[start:end]]) for start, end in zip(bounds[:-1], bounds[1:])]
 
 
 class SfmLog(SizedLog):
     """A scan each image, with a beam and its ``range_sigma`` for each observation.
 
     Observations whose range is not known, as of points that one image alone sees, are left out, and counted
-    in ``skipped``.
+    in ``skipped``. The model is read when the first scan or their number is asked for, and kept.
     """
 
     may_be_padded = False  # Models may have any unit of length.
@@ -133,13 +138,6 @@ class SfmLog(SizedLog):
             self.skipped.setdefault(UNSURE, Skipped(0, first)).count += left_out
         return Scan(points[use], center, range_sigma=sigma[use])
 
-
-class ModelLog(SfmLog):
-    """A model in one file, whose observations are not in the order of the images: one scan each image.
-
-    The model is read when the first scan or their number is asked for, and kept.
-    """
-
     def __len__(self) -> int:
         return len(self._model.centers)
 
@@ -151,18 +149,15 @@ class ModelLog(SfmLog):
         return self._read()
 
     @cached_property
-    def _triangulated(self) -> tuple[Triangulation, list[Rows]]:
+    def _triangulated(self) -> Triangulation:
         model = self._model
-        order = np.lexsort((model.points_seen, model.cameras_seeing))
-        bounds = np.searchsorted(model.cameras_seeing[order], np.arange(len(model.centers) + 1))
-        seen = [np.unique(model.points_seen[order[start:end]]) for start, end in zip(bounds[:-1], bounds[1:])]
         triangulation = Triangulation(model.points, self._pixel_sigma)
-        for rows, center, focal_length in zip(seen, model.centers, model.focal_lengths):
+        for rows, center, focal_length in zip(model.seen, model.centers, model.focal_lengths):
             if rows.size:
                 triangulation.observe(rows, center, focal_length)
-        return triangulation, seen
+        return triangulation
 
     def _scans(self) -> Iterator[Scan]:
-        triangulation, seen = self._triangulated
-        for rows, center, focal_length in zip(seen, self._model.centers, self._model.focal_lengths):
+        model, triangulation = self._model, self._triangulated
+        for rows, center, focal_length in zip(model.seen, model.centers, model.focal_lengths):
             yield self._scan(triangulation, rows, center, focal_length)
