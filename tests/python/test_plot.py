@@ -262,22 +262,6 @@ def test_many_faces_are_an_image_in_vector_graphics(tmp_path: Path, monkeypatch:
     assert sizes[1][0] < 0.5 * sizes[0][0] and [count for _, count in sizes] == [0, 1]
 
 
-@pytest.mark.parametrize("dpi", [40, 120])
-def test_an_image_of_faces_shows_what_paths_show(solid: Any, monkeypatch: Any, dpi: int) -> None:
-    """Paths have smooth borders: within two pixels there is a color that is as the image's."""
-    drawn = []
-    for most in (10**9, 0):
-        monkeypatch.setattr(cubes, "MAX_VECTOR_FACES", most)
-        figure: Any = plot.occupied(solid).figure
-        figure.set_dpi(dpi)
-        figure.canvas.draw()
-        drawn.append(np.array(figure.canvas.buffer_rgba())[..., :3].astype(np.int16))
-    paths, image = drawn
-    shifts = [(i, j) for i in range(-2, 3) for j in range(-2, 3)]
-    off = np.min([abs(np.roll(paths, by, (0, 1)) - image).max(axis=2) for by in shifts], axis=0)
-    assert (paths != image).any() and np.mean(off > 30) < 0.002 and (image < 250).mean() > 0.1
-
-
 # --- Files, errors, speed ---------------------------------------------------------------------------
 
 

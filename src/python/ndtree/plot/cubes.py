@@ -5,13 +5,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
-from matplotlib.artist import allow_rasterization
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ndtree._native._core import OccupancyMap
 from ndtree.cells.lattice import (
@@ -35,9 +34,6 @@ if TYPE_CHECKING:
 MAX_VECTOR_FACES = 20_000  # More are an image in SVG and PDF, too.
 _OUTLINE = 0.8  # Brightness of a face's border, of that of the face.
 _LINEWIDTH = 0.25  # Of it [points].
-_APART = 0.7  # Samples of a face that leave no pixel out [pixels].
-_SAMPLES = 1 << 19  # At a time.
-_MOST_FINE = 8_000_000  # Pixels of an image that is drawn twice as fine.
 
 
 class ViewOptions(TypedDict, total=False):
@@ -185,82 +181,17 @@ def draw_cubes(
     corners = _corners(cubes, bounds, number, axis, to_viewer >= 0, screen)
     shades = np.array([0.15, 0.5, 1.0]) * 0.38 + 0.62
     fill = fills[number] * shades[axis, None]  # Darker to the sides.
-    ax.add_collection(_Faces(corners, fill), autolim=False)
+    first, one, two = np.moveaxis(corners, 1, 0)
+    faces = PolyCollection(
+        np.stack([first, one, one + two - first, two], axis=1),
+        facecolors=fill,
+        edgecolors=_OUTLINE * fill,
+        linewidths=_LINEWIDTH,
+        rasterized=len(fill) > MAX_VECTOR_FACES,
+    )
+    ax.add_collection(faces, autolim=False)
     ax.set_axis_off()
     return ax
-
-
-class _Faces(PolyCollection):
-    """Parallelograms of three corners each; many are an image, a tenth of the time of as many paths."""
-
-    def __init__(self, corners: Floats, fill: Floats) -> None:
-        self._is_image = len(corners) > MAX_VECTOR_FACES
-        self._corners, self._fill = corners, fill
-        super().__init__([], linewidths=_LINEWIDTH, rasterized=self._is_image)
-        if not self._is_image:
-            first, one, two = np.moveaxis(corners, 1, 0)
-            self.set_verts(np.stack([first, one, one + two - first, two], axis=1))
-            self.set(facecolor=fill, edgecolor=_OUTLINE * fill)
-
-    @allow_rasterization
-    def draw(self, renderer: Any) -> None:
-        if not self._is_image:
-            super().draw(renderer)
-        elif self.get_visible():
-            left, bottom, width, height = np.rint(self.axes.bbox.bounds).astype(int)
-            corners = self.get_transform().transform(self._corners.reshape(-1, 2)) - (left, bottom)
-            gc = renderer.new_gc()
-            image = _painted(corners.reshape(self._corners.shape), self._fill, (height, width))
-            renderer.draw_image(gc, left, bottom, image)
-            gc.restore()
-        self.stale = False
-
-
-def _painted(corners: Floats, fill: Floats, shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """An image (height, width, 4) of parallelograms, each over those before it; corners are in its pixels.
-
-    Strategy: samples of each parallelogram, closer than the image's own, write its number; later ones are
-    larger. Those of one count are made at once, and where several meet, the largest number stays.
-    """
-    fine = 2 if shape[0] * shape[1] <= _MOST_FINE else 1
-    height, width = fine * shape[0], fine * shape[1]
-    first = (fine * corners[:, 0]).astype(np.float32)
-    edges = (fine * (corners[:, 1:] - corners[:, :1])).astype(np.float32)
-    counts = np.ceil(np.linalg.norm(edges, axis=2) / _APART)
-    # Few different ones: a quarter of a power of two apart.
-    steps = np.exp2(np.floor(np.log2(np.maximum(counts, 4))) - 2)
-    counts = (np.ceil(np.maximum(counts, 2) / steps) * steps).astype(np.int64)
-    kinds, kind = np.unique(counts @ [1 << 20, 1], return_inverse=True)
-    order = np.argsort(kind.astype(np.uint16), kind="stable").astype(np.int32)
-    shown, number = np.full((2, height * width + 1), -1, dtype=np.int32)
-    for count, some in zip(kinds, np.split(order, np.cumsum(np.bincount(kind))[:-1])):
-        m, n = divmod(int(count), 1 << 20)
-        u, v = (((np.arange(k) + 0.5) / k).astype(np.float32) for k in (m, n))
-        is_edge = np.logical_or.outer(*(np.isin(np.arange(k), (0, k - 1)) & (min(m, n) > 6) for k in (m, n)))
-        number.fill(-1)
-        each = max(1, _SAMPLES // (m * n))
-        for begin in range(0, len(some), each):
-            part = some[begin : begin + each]
-            x, y = (
-                first[part, k, None, None]
-                + edges[part, 0, k, None, None] * u[:, None]
-                + edges[part, 1, k, None, None] * v
-                for k in range(2)
-            )
-            inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-            row, column = (np.where(inside, *way).astype(np.int32) for way in ((y, height), (x, 0)))
-            number[row * width + column] = 2 * part[:, None, None] + is_edge
-        np.maximum(shown, number, out=shown)
-    seen = shown[:-1].reshape(height, width)
-    colors = np.zeros((2 * len(fill) + 1, 4), dtype=np.uint8)  # The last is of -1.
-    colors[:-1:2, :3], colors[1::2, :3], colors[:-1, 3] = 255 * fill, 255 * _OUTLINE * fill, 255
-    image = np.zeros((*shape, 4), dtype=np.uint16)
-    for i in range(fine):
-        for j in range(fine):
-            image += colors[seen[i::fine, j::fine]]
-    image[..., :3] //= np.maximum(image[..., 3:] // 255, 1)
-    image[..., 3] //= fine**2
-    return image.astype(np.uint8)
 
 
 def _open_faces(cubes: Cells, to_viewer: Floats) -> tuple[Integers, Integers]:
