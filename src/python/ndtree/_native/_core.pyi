@@ -769,19 +769,7 @@ class DistanceField:
             [m]; nan outside the field.
         """
     @overload
-    def distance(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Distance between the centres of cells, linear on each axis.
-
-        Parameters
-        ----------
-        points : (n, dim) array of float
-            Map frame [m].
-
-        Returns
-        -------
-        (n,) float64
-            [m]; nan outside the field.
-        """
+    def distance(self, points: ArrayLike) -> NDArray[np.float64]: ...
     def gradient(self, points: ArrayLike) -> NDArray[np.float64]:
         """Gradient of distance(): away from obstacles.
 
@@ -1040,93 +1028,15 @@ class OccupancyMap:
     @overload
     def probability(
         self, points: ArrayLike, *, of: Literal["occupied", "hit"] | None = None, interval: None = None
-    ) -> NDArray[np.float32]:
-        """Probability that space is occupied at points, or that beams end there.
-
-        Parameters
-        ----------
-        points : (n, dim) array of float
-            Map frame [m].
-        of : str, optional
-            "occupied": that space is occupied, by the log-odds which the state is of. "hit": that a beam which reaches the
-            cell ends in it, as held-out beams do. Left out: "occupied", and with an interval "hit".
-        interval : float, optional
-            In (0, 1): also say within which bounds the fraction of beams that end in the cell lies with this probability.
-            They are those of a Beta posterior of the beams that ended in the cell and that passed it, eight of which are
-            worth one, since beams through a cell are alike.
-
-        Returns
-        -------
-        (n,) float32, or a tuple of three with an interval
-            Where unknown, outside the map or not observed: 0.5 for "occupied", nan for "hit". With an interval: the
-            probability, the lower and the upper bound.
-
-        Raises
-        ------
-        ValueError
-            If `of` is another word; if the interval is not in (0, 1), not of "hit", or asked of an OctoMap, which keeps no
-            counts.
-        """
+    ) -> NDArray[np.float32]: ...
     @overload
     def probability(
         self, points: Sequence[float], *, of: Literal["hit"] | None = None, interval: float
-    ) -> tuple[float, float, float]:
-        """Probability that space is occupied at points, or that beams end there.
-
-        Parameters
-        ----------
-        points : (n, dim) array of float
-            Map frame [m].
-        of : str, optional
-            "occupied": that space is occupied, by the log-odds which the state is of. "hit": that a beam which reaches the
-            cell ends in it, as held-out beams do. Left out: "occupied", and with an interval "hit".
-        interval : float, optional
-            In (0, 1): also say within which bounds the fraction of beams that end in the cell lies with this probability.
-            They are those of a Beta posterior of the beams that ended in the cell and that passed it, eight of which are
-            worth one, since beams through a cell are alike.
-
-        Returns
-        -------
-        (n,) float32, or a tuple of three with an interval
-            Where unknown, outside the map or not observed: 0.5 for "occupied", nan for "hit". With an interval: the
-            probability, the lower and the upper bound.
-
-        Raises
-        ------
-        ValueError
-            If `of` is another word; if the interval is not in (0, 1), not of "hit", or asked of an OctoMap, which keeps no
-            counts.
-        """
+    ) -> tuple[float, float, float]: ...
     @overload
     def probability(
         self, points: ArrayLike, *, of: Literal["hit"] | None = None, interval: float
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-        """Probability that space is occupied at points, or that beams end there.
-
-        Parameters
-        ----------
-        points : (n, dim) array of float
-            Map frame [m].
-        of : str, optional
-            "occupied": that space is occupied, by the log-odds which the state is of. "hit": that a beam which reaches the
-            cell ends in it, as held-out beams do. Left out: "occupied", and with an interval "hit".
-        interval : float, optional
-            In (0, 1): also say within which bounds the fraction of beams that end in the cell lies with this probability.
-            They are those of a Beta posterior of the beams that ended in the cell and that passed it, eight of which are
-            worth one, since beams through a cell are alike.
-
-        Returns
-        -------
-        (n,) float32, or a tuple of three with an interval
-            Where unknown, outside the map or not observed: 0.5 for "occupied", nan for "hit". With an interval: the
-            probability, the lower and the upper bound.
-
-        Raises
-        ------
-        ValueError
-            If `of` is another word; if the interval is not in (0, 1), not of "hit", or asked of an OctoMap, which keeps no
-            counts.
-        """
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]: ...
     @overload
     def state(self, points: Sequence[float]) -> int:
         """State of space at points.
@@ -1142,19 +1052,7 @@ class OccupancyMap:
             -1 unknown, 0 free, 1 occupied.
         """
     @overload
-    def state(self, points: ArrayLike) -> NDArray[np.int8]:
-        """State of space at points.
-
-        Parameters
-        ----------
-        points : (n, dim) array of float
-            Map frame [m].
-
-        Returns
-        -------
-        (n,) int8
-            -1 unknown, 0 free, 1 occupied.
-        """
+    def state(self, points: ArrayLike) -> NDArray[np.int8]: ...
     @overload
     def occupied_within(self, points: Sequence[float], radius: float) -> bool:
         """Whether some occupied cell is near each point.
@@ -1171,20 +1069,7 @@ class OccupancyMap:
         (n,) bool
         """
     @overload
-    def occupied_within(self, points: ArrayLike, radius: float) -> NDArray[np.bool_]:
-        """Whether some occupied cell is near each point.
-
-        Parameters
-        ----------
-        points : (n, dim) array of float
-            Map frame [m].
-        radius : float
-            Largest distance from the point to the cell's border, >= 0 [m].
-
-        Returns
-        -------
-        (n,) bool
-        """
+    def occupied_within(self, points: ArrayLike, radius: float) -> NDArray[np.bool_]: ...
     @overload
     def cast_rays(
         self,
@@ -1237,38 +1122,7 @@ class OccupancyMap:
         unknown: Literal["pass", "stop"] = "pass",
         at: Literal["surface", "cell"] = "surface",
         details: Literal[True],
-    ) -> RayEnds:
-        """Distance along rays: to the likely surface in the first occupied leaf, or to that leaf (Sec. II-D).
-
-        Parameters
-        ----------
-        origins : (dim,) or (n, dim) array of float
-            Where the rays start, one for all or one each [m].
-        directions : (n, dim) array of float
-            Of any length but zero.
-        max_range : float
-            Largest distance to look at, > 0 [m].
-        unknown : str
-            "pass": unknown space does not stop a ray, but right behind a cell that is free and known to hold
-            something, as along grazed walls: that cell counts as occupied. "stop": it does, also where the ray
-            leaves the map.
-        at : str
-            "surface": to where the surface is likely to be in that leaf, the end of half of the beams that come this way by the
-            hit rates of this leaf and of those behind it. "cell": to where the ray enters it, at most 3/4 of a smallest cell nearer.
-        details : bool
-            Whether to return what each ray ends at, too.
-
-        Returns
-        -------
-        (n,) float64, or RayEnds with details
-            Metres; nan where there is none. With at="cell" 0 for a ray that starts in an occupied leaf. RayEnds has .distance, .state,
-            and .lower and .size of the cell.
-
-        Raises
-        ------
-        ValueError
-            A shape is wrong, max_range not > 0, or a ray is not finite or has a zero direction; it is named.
-        """
+    ) -> RayEnds: ...
     def evaluate(
         self,
         points: ArrayLike,
@@ -1421,37 +1275,7 @@ class OccupancyMap:
     @overload
     def to_grid(
         self, box: ArrayLike, cell_size: float | None = None, *, values: Literal["probability", "log_odds"]
-    ) -> NDArray[np.float32]:
-        """A part of the map as a dense array.
-
-        Entry [i, j, ...] is what the map says of the cell from lower + (i, j, ...) * cell_size to
-        lower + (i + 1, j + 1, ...) * cell_size, half-open: the first axis is x, the second y, the third z. That is
-        what it says at the cell's centre; but a cell larger than the map's smallest is occupied if some occupied cell
-        overlaps it, else free if some free one does, else unknown, and has the largest log-odds of those known cells.
-
-        Parameters
-        ----------
-        box : (2, dim) array of float
-            Lower and upper corner [m]. Cells begin at the lower one, as many as cover the box.
-        cell_size : float, optional
-            [m]; left out, the map's smallest.
-        values : {"state", "probability", "log_odds"}
-            The stored values.
-        wall_depth : float, optional
-            Of states: how far behind free cells of the box occupied cells larger than the smallest are drawn [m];
-            beyond they are unknown. Left out, all of each; see save_map_server().
-
-        Returns
-        -------
-        array of int8, or of float32
-            One axis for each of space. States are -1 unknown, 0 free, 1 occupied; unknown space has the probability
-            0.5 and the log-odds 0.
-
-        Raises
-        ------
-        ValueError
-            A shape is wrong, the box not finite or not from low to high, or cell_size or wall_depth not > 0.
-        """
+    ) -> NDArray[np.float32]: ...
     def states_in(self, lower: ArrayLike, upper: ArrayLike) -> NDArray[np.bool_]:
         """Which states there are in boxes.
 
@@ -1486,20 +1310,7 @@ class OccupancyMap:
             beyond 1e154.
         """
     @overload
-    def distance_to_occupied(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Distance from points to the nearest occupied cell.
-
-        Parameters
-        ----------
-        points : (n, dim) array of float
-            Map frame [m].
-
-        Returns
-        -------
-        (n,) float64
-            To the cell's border, 0 inside [m]; nan where the map has no occupied cell, or the point is nan; inf of points
-            beyond 1e154.
-        """
+    def distance_to_occupied(self, points: ArrayLike) -> NDArray[np.float64]: ...
     def map_server_image(
         self,
         *,
@@ -1712,32 +1523,9 @@ class OccupancyMap:
             named.
         """
     @overload
-    def collides(self, shape: Shape, poses: ArrayLike, *, unknown: UnknownAs = "free") -> NDArray[np.bool_]:
-        """Whether a body meets an obstacle, in each of many poses.
-
-        An obstacle is an occupied cell, or a free one known to hold something thinner than it, as a rod of a fence.
-
-        Parameters
-        ----------
-        shape : Shape
-            Sphere, Capsule, Box, or several by ``a | b``.
-        poses : (n, dim + 1, dim + 1) array of float; or (n, 3) in 2-D, (n, 7) in 3-D
-            From the body's frame to the map's: homogeneous matrices; or x, y and yaw; or x, y, z and a quaternion qx, qy,
-            qz, qw [m, rad].
-        unknown : str
-            How to treat unknown space, outside the map too: "free" or "occupied".
-
-        Returns
-        -------
-        (n,) bool
-            Exact for cells of any size; touching counts.
-
-        Raises
-        ------
-        ValueError
-            A pose is not finite, its rotation mirrors or is none, or the last row of its matrix is not 0, ..., 0, 1; it is
-            named.
-        """
+    def collides(
+        self, shape: Shape, poses: ArrayLike, *, unknown: UnknownAs = "free"
+    ) -> NDArray[np.bool_]: ...
     def path_collides(self, shape: Shape, poses: ArrayLike, *, unknown: UnknownAs = "free") -> int:
         """The first pose of a path that a body cannot move to.
 
@@ -2444,19 +2232,7 @@ class AdaptiveMap(OccupancyMap):
             [m], unknown space included; nan outside the map.
         """
     @overload
-    def cell_size(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Edge of the leaf around each point.
-
-        Parameters
-        ----------
-        points : (n, dim) array of float
-            Map frame [m].
-
-        Returns
-        -------
-        (n,) float64
-            [m], unknown space included; nan outside the map.
-        """
+    def cell_size(self, points: ArrayLike) -> NDArray[np.float64]: ...
 
 class FixedMap(OccupancyMap):
     """The baseline: the same map with every cell of one size.
@@ -2502,19 +2278,7 @@ class FixedMap(OccupancyMap):
             [m], unknown space included; nan outside the map.
         """
     @overload
-    def cell_size(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Edge of the leaf around each point.
-
-        Parameters
-        ----------
-        points : (n, dim) array of float
-            Map frame [m].
-
-        Returns
-        -------
-        (n,) float64
-            [m], unknown space included; nan outside the map.
-        """
+    def cell_size(self, points: ArrayLike) -> NDArray[np.float64]: ...
 
 class OctoMap(OccupancyMap):
     """OctoMap itself (liboctomap), with the calls of the other maps.
@@ -2752,19 +2516,11 @@ def simulate(
     seed: int = 1,
     scans: int | None = None,
     **options: Unpack[SimulationOptions],
-) -> SimulatedLog3:
-    """A simulated log: 'office', 'apartment' or 'street'; noise_scale, outlier_rate, no_return_rate,
-    position_sigma, heading_sigma, yaw, people, doors and cars as in SimulationOptions.
-    """
-
+) -> SimulatedLog3: ...
 @overload
 def simulate(
     world: World, *, seed: int = 1, scans: int | None = None, **options: Unpack[SimulationOptions]
-) -> SimulatedLog2 | SimulatedLog3:
-    """A simulated log: 'office', 'apartment' or 'street'; noise_scale, outlier_rate, no_return_rate,
-    position_sigma, heading_sigma, yaw, people, doors and cars as in SimulationOptions.
-    """
-
+) -> SimulatedLog2 | SimulatedLog3: ...
 def load(path: str | os.PathLike[str]) -> AdaptiveMap | FixedMap:
     """Read a map that save() wrote, or an OctoMap file, .bt or .ot; the content says what it is.
 
@@ -2835,37 +2591,7 @@ def load_octomap(
 @overload
 def load_octomap(
     path: str | os.PathLike[str], *, refinement: Literal["fixed"], max_memory: float = 0.0
-) -> FixedMap:
-    """Read an OctoMap file, .bt or .ot, into a map.
-
-    Cells have the borders and states of the file's leaves. Log-odds are the file's with refinement "paper" and
-    "fixed". With "evidence" a cell gets the least evidence that gives its log-odds, which is met within 0.008 from
-    -4.6 to 5.9, and is the nearer bound outside. Leaves of a .bt file get the map's log_odds_min or log_odds_max.
-    Colours of a ColorOcTree's .ot become the layer 'color' of the rule 'mean3', red, green and blue from 0 to 255.
-
-    Parameters
-    ----------
-    path : str or os.PathLike
-    refinement : {"evidence", "paper", "fixed"}
-        Policy for scans inserted later. With "fixed" all cells are of the smallest size.
-    max_memory : float
-        As of AdaptiveMap: a file that needs more is refused [bytes].
-
-    Returns
-    -------
-    AdaptiveMap or FixedMap
-        With dim 3, branching 2, and the file's resolution as its smallest cell size.
-
-    Raises
-    ------
-    OSError
-        The file cannot be read.
-    ValueError
-        It is not an OctoMap file, or damaged: what was found, and where.
-    MemoryError
-        The map would hold more than max_memory.
-    """
-
+) -> FixedMap: ...
 @overload
 def from_grid(
     states: ArrayLike, lower: ArrayLike, cell_size: float, *, refinement: Refinement = "evidence"
@@ -2899,33 +2625,7 @@ def from_grid(
 @overload
 def from_grid(
     states: ArrayLike, lower: ArrayLike, cell_size: float, *, refinement: Literal["fixed"]
-) -> FixedMap:
-    """A map with the states of a dense array.
-
-    The inverse of OccupancyMap.to_grid(). Free cells get the map's log_odds_min, occupied ones its log_odds_max.
-
-    Parameters
-    ----------
-    states : 2-D or 3-D array of int
-        -1 unknown, 0 free, 1 occupied; the first axis is x, the second y, the third z.
-    lower : (dim,) array of float
-        Lower corner of the first cell [m]: within a millionth of a cell of whole numbers of cells from 0.
-    cell_size : float
-        [m].
-    refinement : {"evidence", "paper", "fixed"}
-        Policy for scans inserted later. With the first two, equal neighbours are joined.
-
-    Returns
-    -------
-    AdaptiveMap or FixedMap
-        With branching 2.
-
-    Raises
-    ------
-    ValueError
-        A shape or a number is wrong, or the corner is not on the lattice of cells.
-    """
-
+) -> FixedMap: ...
 def from_bytes(bytes: bytes) -> AdaptiveMap | FixedMap:
     """The map that to_bytes() wrote; ValueError as load()."""
 
