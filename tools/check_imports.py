@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -112,27 +113,17 @@ def graph(package: Path) -> dict[str, list[Import]]:
     }
 
 
-def circles(arrows: Mapping[str, list[Import]]) -> Iterator[list[str]]:
-    """One way around for each knot of modules that import each other."""
-    done: set[str] = set()
-    for start in arrows:
-        way: list[str] = []
-        iterators = [iter([start])]
-        while iterators:
-            here = next(iterators[-1], None)
-            if here is None:
-                iterators.pop()
-                if way:
-                    done.add(way.pop())
-            elif here in way:
-                yield [*way[way.index(here) :], here]
-            elif here not in done:
-                way.append(here)
-                iterators.append(iter([one.module for one in arrows.get(here, [])]))
+def circle(arrows: Mapping[str, list[Import]]) -> list[str]:
+    """A way around, where modules import each other; empty where none do."""
+    try:
+        TopologicalSorter({name: [one.module for one in found] for name, found in arrows.items()}).prepare()
+    except CycleError as error:
+        return list(reversed(error.args[1]))  # Each of its modules is imported by the next.
+    return []
 
 
 def violations(root: Path) -> Iterator[str]:
-    """Yield one line for each import against the direction, and for each circle."""
+    """Yield one line for each import against the direction, and for a circle."""
     package = root / "src" / "python" / "ndtree"
     if not package.is_dir():
         return
@@ -145,7 +136,7 @@ def violations(root: Path) -> Iterator[str]:
         for line, target in found:
             if reason := reason_against(name, target):
                 yield f"{path}:{line}: imports {target}: {reason}"
-    for way in circles(arrows):
+    if way := circle(arrows):
         yield f"{modules[way[0]].relative_to(root)}:1: imports itself: {' -> '.join(way)}"
 
 
