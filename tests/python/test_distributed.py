@@ -194,7 +194,7 @@ def test_workers_that_are_killed_begin_at_the_last_state(tmp_path):
     def kill() -> None:
         nonlocal kills
         while not over.wait(0.002) and kills < 10:
-            pids = engine.pids
+            pids = [child.process.pid for child in list(engine._running.values())]
             if pids and list(url.rglob("work/*.ndt")):
                 with contextlib.suppress(ProcessLookupError):  # It has just ended.
                     os.kill(int(random.choice(pids)), signal.SIGKILL)

@@ -153,6 +153,12 @@ def test_signatures_say_what_is_taken():
     assert list(bound.parameters) == ["points"]
 
 
+def without_later_overloads(body: list[ast.stmt]) -> list[ast.stmt]:
+    """From the bottom up, so that the lines above stay where they are; what overloads do stands once."""
+    first = {getattr(node, "name", i): node for i, node in reversed(list(enumerate(body)))}
+    return [node for i, node in reversed(list(enumerate(body))) if first[getattr(node, "name", i)] is node]
+
+
 def stub_with_docstrings() -> str:
     """The stub, with the compiled module's docstrings in it, which editors show."""
     lines = STUB_FILE.read_text().splitlines()
@@ -176,14 +182,14 @@ def stub_with_docstrings() -> str:
 
     def documented(node: ast.ClassDef | ast.FunctionDef, held: Any) -> None:
         if isinstance(node, ast.ClassDef):
-            for one in reversed(node.body):
+            for one in without_later_overloads(node.body):
                 if isinstance(one, ast.FunctionDef) and not one.name.startswith("_"):
                     documented(one, getattr(held, one.name))
         text = inspect.cleandoc(held.__doc__ or "")
         if text:
             put(node, text)
 
-    for node in reversed(STUB.body):  # From the bottom up, so that the lines above stay where they are.
+    for node in without_later_overloads(STUB.body):
         if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name not in OPTIONAL:
             documented(node, getattr(_core, node.name))
     return "\n".join(lines) + "\n"

@@ -15,6 +15,7 @@ import pytest
 import ndtree
 from ndtree.maps.open import open_map
 from ndtree.tiles import MANIFEST, TileGrid, TileMapper, in_order, open_tiles, storage_of
+from ndtree.tiles.grid import beams_of
 
 KINDS = {
     "evidence": lambda dim: ndtree.AdaptiveMap(
@@ -298,7 +299,7 @@ def test_tiles_that_a_scan_crosses_are_all_that_it_changes():
         ends = origin + random.normal(0.0, 4.0, (50, dim))
         ends[::5] = np.round(ends[::5] / 0.8) * 0.8
         scan = ndtree.Scan(ends, np.tile(origin, (50, 1)) if round_ % 4 == 0 else origin)
-        crossed = grid.crossed(scan, m.options, 5.0)
+        crossed = grid.crossed_by(*beams_of(scan, m.options, 5.0))
         scan.insert_into(m, max_range=5.0)
         leaves = m.leaves(states=["free", "occupied"])
         for tile in {tuple(tile) for tile in grid.tiles_at(leaves.center).tolist()}:

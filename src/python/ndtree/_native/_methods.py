@@ -23,24 +23,6 @@ _save_own = _core.OccupancyMap.save
 
 
 def save(self: _core.OccupancyMap, path: str | os.PathLike[str]) -> None:
-    """Write the map's file, of the kind that the ending says; it appears whole or not at all.
-
-    Parameters
-    ----------
-    path : str or os.PathLike
-        .ndt, or no ending at all: a map of ours, which `load` reads. .bt and .ot: OctoMap's; an OctoMap
-        writes its own .ot. .yaml, .pgm and .png: an image for map_server. .ply, .npz and others: see
-        `ndtree.convert`, which takes options, too.
-
-    Raises
-    ------
-    OSError
-        The file cannot be written; FileExistsError where one of another kind is there, which stays.
-    ValueError
-        No format has this ending, or it cannot hold the map.
-    ImportError
-        The format needs a library that is not installed; it names the extra.
-    """
     if not isinstance(path, (str, os.PathLike)):
         raise TypeError(f"save(): path = {shown(path)}: must be a path")
     target = Path(path)
@@ -50,6 +32,9 @@ def save(self: _core.OccupancyMap, path: str | os.PathLike[str]) -> None:
         _save_own(self, path)
         return
     _lazy.method("write")(self, target)
+
+
+save.__doc__ = _save_own.__doc__
 
 
 def certify(

@@ -61,11 +61,6 @@ class ProcessEngine(Engine):
         self._deaths: dict[int, int] = {}
         self._count = 0
 
-    @property
-    def pids(self) -> list[int]:
-        """Of the processes that run now."""
-        return [child.process.pid for child in list(self._running.values())]
-
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Any:
         self._count += 1
         self._waiting.append((self._count, function, arguments))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ndtree._native._arguments import refuse_masked
 from ndtree._native._checked import checked
 from ndtree._native._kinds import shown
-from ndtree.base.voxels import VoxelReport, voxelise
+from ndtree.base.voxels import voxelise
 
 if TYPE_CHECKING:
     from ndtree._native._core import HeldOutTruth, InsertReport, OccupancyMap
@@ -244,7 +244,7 @@ class Scan:
 
     def insert_into(
         self, target: OccupancyMap, *, max_range: float = math.inf, threads: int = 0, **more: Any
-    ) -> InsertReport | VoxelReport:
+    ) -> InsertReport:
         """Integrate the scan into a map; the same as the map's own ``insert``.
 
         Parameters

@@ -9,7 +9,6 @@ block.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from ndtree._errors import WrongValue, key
 from ndtree._native import _core
+from ndtree._native.results import InsertReport
 
 if TYPE_CHECKING:
     from ndtree._native._core import OccupancyMap
@@ -27,22 +27,7 @@ _OCCUPIED, _UNKNOWN = 1, -1
 _REFINEMENTS = ("evidence", "paper", "fixed")
 
 
-@dataclass(frozen=True)
-class VoxelReport:
-    """As `InsertReport`, of points that were put into cells."""
-
-    beams: int
-    returned: int
-    invalid: int
-    updates: int
-    seconds: float
-    not_returned: int = 0
-    beyond_max_range: int = 0
-    splits: int = 0
-    merges: int = 0
-
-
-def voxelise(points: NDArray[np.floating[Any]], target: OccupancyMap) -> VoxelReport:
+def voxelise(points: NDArray[np.floating[Any]], target: OccupancyMap) -> InsertReport:
     """Make the smallest cells of a map occupied that hold a point; the order of the points does not matter.
 
     `points` (ndarray of float, (n, dim)): In the map frame [m]. Points that are not finite are counted as
@@ -87,11 +72,15 @@ def voxelise(points: NDArray[np.floating[Any]], target: OccupancyMap) -> VoxelRe
             )
         target.merge(one)
     count = int(np.count_nonzero(finite))
-    return VoxelReport(
+    return InsertReport(
         beams=len(points),
         returned=count,
+        not_returned=0,
+        beyond_max_range=0,
         invalid=len(points) - count,
         updates=len(keys),
+        splits=0,
+        merges=0,
         seconds=time.perf_counter() - begin,
     )
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -106,10 +106,6 @@ class MovedPoints:
             answer[~scan.hits(self.max_range)] = 0.5
         return answer
 
-    def moved(self, scan: Scan) -> NDArray[np.bool_]:
-        """Whether that is more probable than not."""
-        return self.probability(scan) > THRESHOLD
-
     def without(self, scan: Scan) -> Scan:
         """The scan with beams to what moved cut where they surely were in free space, and without end point.
 
@@ -152,11 +148,6 @@ class MovedPoints:
         for point in lost:
             target.mark((point - _INSIDE * self._margin, point + _INSIDE * self._margin), "occupied")
         return len(lost)
-
-    def scans(self) -> Iterator[tuple[Scan, NDArray[np.float32]]]:
-        """Each scan of the log with the probabilities of its points."""
-        for scan in self.again:
-            yield scan, self.probability(scan)
 
 
 @dataclass(frozen=True)

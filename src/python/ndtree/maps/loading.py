@@ -13,25 +13,6 @@ if TYPE_CHECKING:
 
 
 def load(path: str | os.PathLike[str]) -> AdaptiveMap | FixedMap:
-    """Read a map that save() wrote, or an OctoMap file, .bt or .ot; the content says what it is.
-
-    Parameters
-    ----------
-    path : str or os.PathLike
-
-    Returns
-    -------
-    AdaptiveMap or FixedMap
-        Of an OctoMap file as load_octomap() gives it, which takes options, too.
-
-    Raises
-    ------
-    OSError
-        The file cannot be read.
-    ValueError
-        It is no such file, truncated, damaged, or of another version. What is no map is named by its kind,
-        with the call that helps.
-    """
     try:
         return _core.load(path)
     except (IsADirectoryError, ValueError):
@@ -65,4 +46,4 @@ def _better(name: str) -> ValueError | None:
     return no_map(name, "a map of ndtree's or OctoMap's (.bt, .ot)", in_python)
 
 
-load.__module__ = "ndtree"
+load.__doc__, load.__module__ = _core.load.__doc__, "ndtree"

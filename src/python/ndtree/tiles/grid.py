@@ -160,15 +160,6 @@ class TileGrid:
                 found.add(tile)
         return found
 
-    def crossed(self, scan: Scan, options: dict[str, float], max_range: float = math.inf) -> set[Tile]:
-        """Tiles in which a scan may change something, and perhaps some beside them.
-
-        `options`: The map's: they say how far behind its end point a beam reaches.
-        `max_range`: As for insert() [m].
-        """
-        starts, ends = beams_of(scan, options, max_range)
-        return self.crossed_by(starts, ends)
-
     def crossed_by(self, starts: Floats, ends: Floats) -> set[Tile]:
         """The tiles that segments cross: (n, dim) ends; starts alike, or (dim,) if all have the same."""
         return set(self.shares_by(starts, ends))
