@@ -36,6 +36,8 @@ class FleetReport:
         Of these, until the engine was there [s].
     prepare_seconds, task_seconds, insert_seconds : float
         Sums over all tasks: of reading logs, of blocks, and of these, insertion itself [s].
+    state_seconds, store_seconds : float
+        Of the time of blocks, what their states took, and the tiles in the end [s].
     engine_seconds : float
         Sum over all tasks, from when the engine got them to when it gave their results, without what they
         took themselves: its scheduling, its messages, and the start of its workers [s].
@@ -43,6 +45,8 @@ class FleetReport:
         Processor time of all tasks, and of the thread that called [s]; without the engine's own processes.
     peak_memory : int
         Of the worker that took most, as the system counts it, mapped files included [bytes].
+    longest_block_seconds : float
+        Of the block that took longest [s]: no number of workers is faster.
     records : list of BlockRecord
         Of each block.
     """
@@ -62,9 +66,12 @@ class FleetReport:
     prepare_seconds: float
     task_seconds: float
     insert_seconds: float
+    state_seconds: float
+    store_seconds: float
     engine_seconds: float
     cpu_seconds: float
     peak_memory: int
+    longest_block_seconds: float
     workers: int
     records: list[BlockRecord]
 
@@ -110,8 +117,8 @@ class Times:
 #: Of a report, what is a sum over blocks, and what of their records.
 _SUMS = {
     "block_beams": "beams", "bytes_read": "bytes_read", "written_bytes": "written_bytes",
-    "task_seconds": "seconds", "insert_seconds": "insert_seconds",
-    "cpu_seconds": "cpu_seconds",
+    "task_seconds": "seconds", "insert_seconds": "insert_seconds", "state_seconds": "state_seconds",
+    "store_seconds": "store_seconds", "cpu_seconds": "cpu_seconds",
 }  # fmt: skip
 
 
@@ -130,6 +137,7 @@ def report_of(
         scan_bytes=sum(index.stored_bytes for index in indexes),
         engine_seconds=max(0.0, at_engine - sums["task_seconds"]),
         peak_memory=max((record.peak_memory for record in records), default=0),
+        longest_block_seconds=max((record.seconds for record in records), default=0.0),
         workers=workers,
         records=records,
         **dict.fromkeys(("seconds", "start_seconds", "prepare_seconds"), 0.0),

@@ -128,7 +128,8 @@ class BlockRecord:
     `weight`: Beams' worth of work, as it was planned.
     `resumed`: Scans that a state had already, of a worker that was killed.
     `seconds`: From the last begin to the end [s].
-    `insert_seconds`: Of these, spent on insertion [s].
+    `insert_seconds`, `state_seconds`, `store_seconds`: Of these, spent on insertion, on states of the block,
+        and on its tiles [s].
     `cpu_seconds`: Processor time [s].
     `peak_memory`: Of the process, as the system counts it [bytes]; 0 where it does not.
     `bytes_read`, `written_bytes`: Beams that were looked at, and states and tiles.
@@ -143,6 +144,8 @@ class BlockRecord:
     resumed: int
     seconds: float
     insert_seconds: float
+    state_seconds: float
+    store_seconds: float
     cpu_seconds: float
     peak_memory: int
     bytes_read: int
@@ -253,7 +256,7 @@ def integrate(job: Job, task: BlockTask) -> BlockRecord:
         return resumed
     m, done = resumed
     held = "" if done == 0 else _state_name(job.run, task.number, done)
-    first = done
+    first, state_seconds = done, time.perf_counter() - begin
     stored = StoredScans(storage, job.run, dict(job.moves))
     window = task.block.window(job.grid)
     inserted = 0.0
@@ -266,6 +269,7 @@ def integrate(job: Job, task: BlockTask) -> BlockRecord:
         done += 1
         waiting += len(scan)
         if waiting >= job.how.checkpoint_beams and done < len(scans):
+            state_begin = time.perf_counter()
             before, held = held, _state_name(job.run, task.number, done)
             content = m.to_bytes()
             storage.write(held, content)
@@ -273,7 +277,9 @@ def integrate(job: Job, task: BlockTask) -> BlockRecord:
                 storage.remove(before)
             written += len(content)
             waiting = 0
+            state_seconds += time.perf_counter() - state_begin
     beams = sum(row[5] for row in scans)
+    store_begin = time.perf_counter()
     entries = []
     for tile in task.tiles:
         cells = job.kind.new()  # With a root that depends on the cells alone.
@@ -283,6 +289,7 @@ def integrate(job: Job, task: BlockTask) -> BlockRecord:
             entries.append((tile, asdict(entry)))
             written += entry.bytes
     stats = m.stats()
+    end = time.perf_counter()
     record = BlockRecord(
         task.block,
         entries,
@@ -291,8 +298,10 @@ def integrate(job: Job, task: BlockTask) -> BlockRecord:
         beams,
         task.weight,
         first,
-        time.perf_counter() - begin,
+        end - begin,
         inserted,
+        state_seconds,
+        end - store_begin,
         time.thread_time() - cpu_begin,
         peak_memory(),
         stored.bytes_read,

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -105,6 +106,13 @@ class Leaves(Answers):
     def center(self) -> NDArray[np.float64]:
         """(n, dim) float64 [m]."""
         return self.lower + 0.5 * np.asarray(self.size)[..., None]
+
+    @property
+    def disputed_fraction(self) -> float:
+        """float: disputed part of the observed volume; nan where nothing was observed."""
+        volume = np.atleast_1d(self.size).astype(np.float64) ** self.lower.shape[-1]
+        observed = float(volume[np.atleast_1d(self.observed)].sum())
+        return float(volume[np.atleast_1d(self.disputed)].sum()) / observed if observed else math.nan
 
     def _said(self) -> str:
         if not self.shape:
