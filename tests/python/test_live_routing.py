@@ -42,6 +42,16 @@ def test_a_goal_in_collision_is_moved_within_the_tolerance() -> None:
     assert way and 0.3 <= np.linalg.norm(way.points[-1] - GOAL) <= 0.45
 
 
+def test_a_goal_is_moved_to_where_the_robot_gets_to() -> None:
+    m = square()
+    m.mark([[0.5, -2.0], [0.9, 2.0]], "occupied")  # A wall; behind it no way leads.
+    goal = np.array([0.75, 0.0])
+    assert not m.collides(ndtree.Sphere(0.2), [[1.15, 0.0]], unknown="occupied")[0]
+    way = Router().way(m, START, goal, 0.2, tolerance=0.6)
+    assert way and way.points[-1, 0] < 0.3
+    assert "proved" in Router().way(m, START, goal, 0.2, tolerance=0.4).reason
+
+
 def test_unknown_space_is_what_was_asked_for() -> None:
     m = square()
     m.clear([[-0.1, -2.0], [0.1, 2.0]])

@@ -14,6 +14,8 @@ from ndtree._native.results import Path
 Array = NDArray[np.float64]
 #: Places are tried around a goal in which the robot collides, so far from each other, of the tolerance.
 _STEP = 0.1
+#: They are asked in parts, the nearest first: these many, up to these, and the others.
+_FIRST = (16, 256)
 #: A goal is moved to where the robot fits for certain, whatever is rounded [m].
 _MARGIN = 1e-4
 
@@ -30,7 +32,7 @@ class Router:
         self._planner: Planner | None = None
 
     def way(self, m: OccupancyMap, start: Array, goal: Array, radius: float, tolerance: float = 0.0) -> Path:
-        """A way to a goal, or to the place nearest to it where the robot fits.
+        """A way to a goal, or to the place nearest to it where the robot fits and gets to.
 
         `start`, `goal` (dim,), `radius`: Of the robot [m].
         `tolerance`: How far from the goal the way may end [m], if the robot collides there.
@@ -38,10 +40,15 @@ class Router:
         """
         planner, larger = self._follow(m, radius), Sphere(radius + _MARGIN)
         as_obstacle: Any = {"blocked": "occupied", "free": "free"}[self._unknown]
-        for place in np.concatenate([goal[None], _around(goal, tolerance)]):
-            if not m.collides(larger, place[None], unknown=as_obstacle)[0]:
-                return planner.plan(start, place)
-        return planner.plan(start, goal)  # Says what is in the way.
+        places = np.concatenate([goal[None], _around(goal, tolerance)])
+        places = places[~m.collides(larger, places, unknown=as_obstacle)]
+        if not len(places) or np.array_equal(places[0], goal):
+            return planner.plan(start, goal)  # Says what is in the way.
+        for some in np.split(places, _FIRST):
+            reached = np.isfinite(planner.ways(start, some))
+            if reached.any():
+                return planner.plan(start, some[reached.argmax()])
+        return planner.plan(start, places[0])  # Says why none is reached.
 
     def _follow(self, m: OccupancyMap, radius: float) -> Planner:
         if self._planner is not None and radius == self._radius:
