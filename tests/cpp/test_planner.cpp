@@ -855,6 +855,10 @@ TEST(Planning, SaysWhatIsWrong) {
   EXPECT_EQ(refusal_by([&] { (void)Planner<AdaptiveMap<2, 2>>(map, body, wrong); }),
             "body: with its clearance it reaches 1e+09 m: with cells of 0.25 m at most 4096.0 m can be "
             "planned for");
+  wrong = {};
+  wrong.unknown_cost = 1e17;  // Beside it, metres of free space would be lost in rounding.
+  EXPECT_EQ(refusal_by([&] { (void)Planner<AdaptiveMap<2, 2>>(map, body, wrong); }),
+            "unknown = 1e+17: a cost must be <= 1e6; to go nowhere through unknown space, block it");
 }
 
 }  // namespace

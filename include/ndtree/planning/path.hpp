@@ -28,6 +28,10 @@ struct PlannerOptions {
   double greed =
       1.03;  ///< Factor of the way that is left, >= 1: how much sooner the search heads for the goal.
 
+  /// Most that unknown space may cost: 2^30 smallest cells of it add up to an eighth of one, as doubles are
+  /// rounded, so that free space beside it still counts.
+  static constexpr double kMostCost = 1e6;
+
   /// @throws std::invalid_argument naming the value.
   void validate() const {
     const auto require = [](bool holds, const char* name, double value, const char* what) {
@@ -37,6 +41,8 @@ struct PlannerOptions {
     require(clearance >= 0.0 && std::isfinite(clearance), "clearance", clearance,
             "must be >= 0 m and finite");
     require(unknown_cost >= 1.0, "unknown", unknown_cost, "a cost must be >= 1");
+    require(unknown_cost <= kMostCost || !std::isfinite(unknown_cost), "unknown", unknown_cost,
+            "a cost must be <= 1e6; to go nowhere through unknown space, block it");
     require(greed >= 1.0 && std::isfinite(greed), "greed", greed, "must be >= 1 and finite");
   }
 };

@@ -47,7 +47,6 @@ double unknown_cost_from(const py::object& unknown) {
     throw py::type_error("unknown = " + py::repr(unknown).cast<std::string>() +
                          ": must be 'blocked', 'free' or a cost >= 1");
   }
-  if (!(cost >= 1.0)) throw py::value_error("unknown = " + number_text(cost) + ": a cost must be >= 1");
   return cost;
 }
 PlannerOptions options_from(double clearance, const py::object& unknown) {

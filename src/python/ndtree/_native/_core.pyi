@@ -1572,7 +1572,7 @@ class OccupancyMap:
         clearance : float
             Least distance of the body to obstacles [m], >= 0; a Box keeps more at its corners.
         unknown : {"blocked", "free"} or float
-            How to treat unknown space: as an obstacle, free, or passable at a cost >= 1: the factor of its length where the body may
+            How to treat unknown space: as an obstacle, free, or passable at a cost, 1 to 1e6: the factor of its length where the body may
             touch it.
         max_seconds : float, optional
             Longest time of the search [s]. Default: no limit.
