@@ -847,6 +847,10 @@ TEST(Planning, SaysWhatIsWrong) {
   EXPECT_LT(path.length, around(2.6));
   EXPECT_EQ(planner.plan({-2.0, 0.0}, {2.0, 0.0}, 0.0).status,
             PathStatus::found);  // Few cells: no clock is asked.
+  PlannerOptions over_unknown;
+  over_unknown.unknown_cost = 2.0;
+  EXPECT_NEAR((Planner<AdaptiveMap<2, 2>>(map, body, over_unknown).plan({2.0, 1.0}, {2.0, 1.0}).clearance),
+              1.7, 1e-9);
   PlannerOptions wrong;
   wrong.clearance = -1.0;
   EXPECT_THROW((Planner<AdaptiveMap<2, 2>>(map, body, wrong)), std::invalid_argument);

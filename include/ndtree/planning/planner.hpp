@@ -94,7 +94,7 @@ class Planner {
     require_free(start, "start", deadline);
     require_free(goal, "goal", deadline);
     Path<D> path;
-    if (is_free(start, goal) && !space_->has_costs()) {
+    if (is_free(start, goal) && (!space_->has_costs() || start == goal)) {
       finish(path, {start, goal});
       return path;
     }
