@@ -72,7 +72,7 @@ def test_each_pixel_has_the_state_of_the_map_there(kind: str, branching: int) ->
 
 def test_vast_maps_become_images_of_bounded_size() -> None:
     m = ndtree.AdaptiveMap(dim=2, refinement="paper", min_cell_size=0.01, max_cell_size=5.12)
-    m.insert(np.array([[3000.0, 2000.0]]), np.zeros(2))
+    m.insert(np.array([[3000.0, 2000.0]]), np.zeros(2), max_range=4000.0)
     image, _ = shown_image(plot.occupancy(m, region=(0, 3000, 0, 2000)))
     assert image.size <= 2 * MAX_IMAGE_CELLS
     assert (image > 0.5).any()
