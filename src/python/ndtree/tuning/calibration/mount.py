@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ndtree._errors import Text
-from ndtree.alignment.planar import Floats, yaw_of
+from ndtree.alignment.planar import Floats, wrapped, yaw_of
 from ndtree.alignment.surfaces import Cloud, turn_of, turned_by
 from ndtree.base.progress import Progress, no_progress
 from ndtree.evaluation.sampling import spread
@@ -101,16 +101,23 @@ class Mounting:
 def find_mount(log: RosbagLog, *, progress: Progress | None = None) -> Mounting:
     """Find x, y and yaw of a mount, and the offset of the clock, by motions of the sensor and of its base.
 
-    Yaw may be anything, and a planar sensor may hang upside down. The log is read up to three times, as the
-    mount says where beams were during a scan.
+    Yaw may be anything, and a planar sensor may hang upside down: without turns, only what looks along the
+    way sees the same either way. The log is read up to three times, as the mount says where beams were during
+    a scan.
 
     `log`: Opened with a ``mount``.
     `progress`: Called as ``progress(what, done, total)``.
     Raises ValueError if fewer than 12 pairs of scans fit each other.
     """
-    sigma = np.zeros(4)
+    sigma, unsure = np.zeros(4), 0.0
     for number in range(_ROUNDS):
-        change, sigma, is_flipped = _found(log, progress or no_progress, from_anywhere=number == 0)
+        drive = _drive(log, progress or no_progress)
+        by, flip = np.zeros(4), np.eye(4)
+        if number == 0:
+            by[:3], flip, unsure = _rough(drive)
+        change, sigma = _found(log.path, drive, by, flip)
+        sigma[2] = math.hypot(sigma[2], unsure)
+        is_flipped = not np.array_equal(flip, np.eye(4))
         change = np.where(sigma <= TOLD, change, 0.0)
         found = _moved(log, change, is_flipped, sigma)
         options = replace(log.plan.options, mount=found.mount, time_offset=found.time_offset)
@@ -134,22 +141,19 @@ def _moved(log: RosbagLog, by: Floats, is_flipped: bool, sigma: Floats) -> Mount
     return Mounting(x, y, yaw_of(rotation), others, offset, (of_x, of_y, of_yaw, of_time))
 
 
-def _found(log: RosbagLog, progress: Progress, *, from_anywhere: bool) -> tuple[Floats, Floats, bool]:
-    """What is to be added to x, y, yaw and time, how sure that is, and whether it hangs upside down.
-
-    `from_anywhere`: Yaw may be anything, and the sensor upside down.
-    """
+def _drive(log: RosbagLog, progress: Progress) -> Drive:
     scans = log.ruled(cut_off=None)
     runs, _, _ = spread(scans, lambda done: progress("looking at the log", done, len(log)), Cloud.of)
-    drive = Drive([[one for one in run if one is not None] for run in runs])
+    return Drive([[one for one in run if one is not None] for run in runs])
+
+
+def _found(path: str, drive: Drive, by: Floats, flip: Floats) -> tuple[Floats, Floats]:
+    """What is to be added to x, y, yaw and time, near some values, and how sure that is."""
     pairs, _ = drive.pairs()
-    by, flip = np.zeros(4), np.eye(4)
-    if from_anywhere:
-        by[:3], flip = _rough(drive)
     matched, seen, covariances = drive.matched(pairs, [flip @ _of_sensor(drive.motions(pairs), by) @ flip])
     if len(matched) < LEAST_PAIRS:
         raise ValueError(
-            f"{log.path}: {len(matched)} pairs of scans fit each other, expected at least {LEAST_PAIRS}: "
+            f"{path}: {len(matched)} pairs of scans fit each other, expected at least {LEAST_PAIRS}: "
             "a drive past walls, with poses"
         )
     pairs, seen = pairs[matched], flip @ seen @ flip
@@ -173,7 +177,7 @@ def _found(log: RosbagLog, progress: Progress, *, from_anywhere: bool) -> tuple[
         off, less = one - by, likely - each[best]
         weight = math.exp(-0.5 * float(less.sum()) ** 2 / max(float(less @ less), 1e-12))
         all_, others = all_ + weight, others + weight * off**2
-    return by, np.sqrt(variance + others / all_), not np.array_equal(flip, np.eye(4))
+    return by, np.sqrt(variance + others / all_)
 
 
 def _of_sensor(motions: Floats, by: Floats) -> Floats:
@@ -184,15 +188,19 @@ def _of_sensor(motions: Floats, by: Floats) -> Floats:
     return result
 
 
-def _rough(drive: Drive) -> tuple[Floats, Floats]:
-    """About x, y and yaw, by scans that are next to each other, and the flip of a sensor upside down."""
+def _rough(drive: Drive) -> tuple[Floats, Floats, float]:
+    """About x, y and yaw, by scans that are next to each other, and the flip of a sensor upside down.
+
+    Last comes by how much yaw is another one if it hangs the other way, where turns do not tell [rad].
+    """
     first = np.arange(len(drive.poses) - 1)[:: max(1, len(drive.poses) // _PAIRS)]
     pairs: Any = np.stack((first, first + 1), axis=1)
     told = drive.motions(pairs)
     matched, seen, _ = drive.matched(pairs, [told, *(read(told) for read in ASIDE.values())])
     told, flip = told[matched], np.eye(4)
     turns, others = (np.array([turn_of(one)[2] for one in some[:, :3, :3]]) for some in (told, seen))
-    if drive.is_planar and turns @ others < 0 and np.abs(turns).sum() > _TURNS:
+    unsure = drive.is_planar and abs(float(turns @ others)) < _TURNS**2 / max(len(turns), 1)
+    if drive.is_planar and not unsure and turns @ others < 0:
         flip = _FLIP
     moved = (flip @ seen @ flip)[:, :2, 3]
     rows = np.zeros((len(told), 2, 4))
@@ -204,7 +212,9 @@ def _rough(drive: Drive) -> tuple[Floats, Floats]:
         values = np.linalg.solve(normal, np.einsum("n,nik,ni->k", weights, rows, told[:, :2, 3]))
         left = ((told[:, :2, 3] - rows @ values) ** 2).sum(axis=1)
         weights = 1.0 / (1.0 + left / _ROUGH**2)
-    return np.array([*values[:2].clip(-1.0, 1.0), math.atan2(values[3], values[2])]), flip
+    seen_way = weights @ (moved * np.sign(told[:, :1, 3]))
+    aside = float(wrapped(2 * np.arctan2(*seen_way[::-1]))) if unsure else 0.0
+    return np.array([*values[:2].clip(-1.0, 1.0), math.atan2(values[3], values[2])]), flip, aside
 
 
 def _fitted(errors: Callable[[Floats], Floats], by: Floats, alike: float) -> tuple[Floats, Floats]:
