@@ -89,5 +89,32 @@ if TYPE_CHECKING:
 #: Modules that are attributes of the package without an import of their own; they load when they are used,
 #: and name the extra that they need where it is not there.
 _FOLDERS = ("distributed", "logs", "plot", "study", "tiles", "typing", "viewer")
-#: The other names load when one is asked for, too, so that ``import ndtree`` is quick.
-__all__, __getattr__, __dir__ = _lazy.names(__name__, folders=_FOLDERS)
+#: The public names, by the module that has them; it loads when one is asked for, so that ``import ndtree`` is
+#: quick.
+_NAMES = {
+    "_native": "OctoMap",
+    "_native._core": (
+        "AdaptiveMap Box Capsule Changes Claims CompressReport DistanceField FixedMap Frontier "
+        "FrontierSearch HeldOutTruth HistoryReport InformationGain InsertReport Leaves MapStats "
+        "Match Matcher MovedEvidence NearestOccupied OccupancyMap Path Planner RayEnds Reliability "
+        "ScanHistory SeenSpace Shape Sphere __version__ default_options from_bytes from_grid "
+        "has_octomap load_octomap"
+    ),
+    "alignment": "Alignment align",
+    "base.certificate": "Certificate",
+    "base.scan": "Scan",
+    "base.sensor": "RangeSensor",
+    "evaluation.comparison": "Comparison compare",
+    "evaluation.delayed": "DelayedMoved",
+    "evaluation.map_comparison": "MapComparison compare_maps",
+    "logs": "Log read simulate",
+    "maps.conversion": "convert",
+    "maps.loading": "load",
+    "tiles": "TileMapper TiledMap open_tiles",
+    "tuning.calibration": "Calibration calibrate",
+    "tuning.config": "Config",
+    "tuning.first_look": "FirstLook first_look",
+    "tuning.inspection": "inspect",
+    "viewer": "view",
+}
+__all__, __getattr__, __dir__ = _lazy.names(__name__, _NAMES, folders=_FOLDERS)

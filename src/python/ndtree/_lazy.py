@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import shlex
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
@@ -18,8 +18,6 @@ from typing import Any
 _LINE = re.compile(
     r"([\w.-]+(?:\[[^]]*\])?[^;]*?) *; (?:python_version (<|>=) \"3\.(\d+)\" and )?extra == \"([\w-]+)\""
 )
-#: A name that type checkers see, and its module.
-_IMPORT = re.compile(r"^    from (\S+) import (\w+) as \2$", re.MULTILINE)
 #: Functions of folders above ``_native`` that methods of its classes call. The classes work without those
 #: folders; the methods that need them load them.
 METHODS = {
@@ -37,24 +35,22 @@ def method(name: str) -> Any:
 
 
 def names(
-    package: str, *, folders: tuple[str, ...] = ()
+    package: str, modules: Mapping[str, str], *, folders: tuple[str, ...] = ()
 ) -> tuple[list[str], Callable[[str], Any], Callable[[], list[str]]]:
     """``__all__``, ``__getattr__`` and ``__dir__`` of a package whose names load when they are asked for.
 
-    They are those that its file imports below ``if TYPE_CHECKING:``, each of the module that has it.
-
+    `modules`: Of each module in the package, the names that it has, with blanks between.
     `folders`: Modules that are attributes of the package, too.
     """
     scope = vars(sys.modules[package])
-    imports = _IMPORT.findall(scope["__loader__"].get_source(package) or "")
-    module_of = {name: module for module, name in imports if name not in folders}
+    module_of = {name: module for module, held in modules.items() for name in held.split()}
 
     def get(name: str) -> Any:
         if name in folders:
             return import_module(f"{package}.{name}")
         if name not in module_of:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        scope[name] = getattr(import_module(module_of[name]), name)
+        scope[name] = getattr(import_module(f"{package}.{module_of[name]}"), name)
         return scope[name]
 
     def names_of() -> list[str]:

@@ -43,4 +43,27 @@ if TYPE_CHECKING:
     from ndtree.live.to_rerun import RerunSink as RerunSink
     from ndtree.live.way import Way as Way
 
-__all__, __getattr__, __dir__ = _lazy.names(__name__)
+#: The public names, by the module that has them; it loads when one is asked for.
+_NAMES = {
+    "canvas": "GridPart",
+    "corrections": "Correction Corrections",
+    "fading": "Fading Window",
+    "figures": "LiveFigures",
+    "frames": "FramesIntake Reading Transform",
+    "grid": "GridFollower",
+    "intake": "Intake ScansIntake Verdict",
+    "localizing": "Localization Localizer",
+    "mapper": "LiveMapper",
+    "messages": "MessagesIntake",
+    "obstacles": "ObstacleDistance ObstacleSink obstacle_distance",
+    "playing": "play",
+    "saver": "Saver",
+    "serving": "MapServer",
+    "session": "Session",
+    "settings": "LiveSettings Sink",
+    "slam": "Slam",
+    "to_foxglove": "FoxgloveSink",
+    "to_rerun": "RerunSink",
+    "way": "Way",
+}
+__all__, __getattr__, __dir__ = _lazy.names(__name__, _NAMES)
