@@ -7,13 +7,12 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <numeric>
 #include <stdexcept>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "ndtree/alignment/likelihood_pyramid.hpp"
@@ -22,6 +21,7 @@
 #include "ndtree/alignment/pose_likelihood.hpp"
 #include "ndtree/alignment/pose_search.hpp"
 #include "ndtree/alignment/rigid_motion.hpp"
+#include "ndtree/alignment/scan_pieces.hpp"
 #include "ndtree/alignment/surface_elements.hpp"
 #include "ndtree/core/body.hpp"
 #include "ndtree/core/cancel.hpp"
@@ -90,18 +90,15 @@ class Matcher {
     }
     grid.set_prior(information, LikelihoodPyramid<D>::kMaximum *
                                     std::max(1.0, static_cast<double>(points.cols())) /
-                                    std::max(1.0, static_cast<double>(pieces_of(points).count)));
+                                    std::max(1.0, static_cast<double>(pieces_of(points).count())));
     return grid;
   }
   /// Of one pose: what search() maximises.
   [[nodiscard]] std::int64_t score(const Points<D>& points, const Pose<D>& guess, const PoseGrid<D>& grid,
                                    const GridPose<D>& pose) const {
-    std::int64_t sum = -grid.penalty(pose);
-    for (Cell cell : cells_of(pyramid_, points, guess, grid, pose)) {
-      for (std::size_t a = 0; a < std::size_t{D}; ++a) cell[a] += pose.steps[a];
-      sum += pyramid_.bound(0, cell);
-    }
-    return std::max<std::int64_t>(0, sum);
+    const std::vector<std::int32_t> likelihoods = likelihoods_of(points, guess, grid, pose);
+    return std::max<std::int64_t>(
+        0, std::accumulate(likelihoods.begin(), likelihoods.end(), -grid.penalty(pose)));
   }
   /// The best poses of a grid, the best first, each `apart` from those before it: `most` of them, or as many
   /// as there are. @param near gets the poses that it wants, the best first, if it is given.
@@ -161,7 +158,8 @@ class Matcher {
     Match<D> match = refined(good, guess, grid, found.front(), information);
     if (found.size() > 1 && found[1].score > 0)
       match.second = score(good, moved(guess, grid.motion(found[1])));
-    match.covariance = with_others(match, good, guess, grid, near.poses);
+    match.covariance =
+        with_others(match, guess, grid, near.poses, likely_of(near.poses, match.grid, good, guess, grid));
     return match;
   }
   /// The best poses of a window, each `apart` from those before it, refined, and with the covariance of its
@@ -213,28 +211,8 @@ class Matcher {
   /// Of a MotionMatrix.
   using Decomposition = Eigen::PartialPivLU<SmallMatrix<kFreedoms<3>>>;
 
-  /// Pieces of surface that a scan sees: end points on one are wrong alike, and count once in the search.
-  struct Pieces {
-    std::vector<std::int32_t> of;  ///< Each point's.
-    std::int32_t count = 0;
-  };
-  [[nodiscard]] Pieces pieces_of(const Points<D>& points) const {
-    using Key = std::array<std::int64_t, std::size_t{D}>;
-    Pieces pieces;
-    pieces.of.resize(static_cast<std::size_t>(points.cols()));
-    std::vector<std::pair<Key, std::size_t>> keyed(pieces.of.size());
-    for (std::size_t i = 0; i < keyed.size(); ++i) {
-      keyed[i].second = i;
-      for (int a = 0; a < D; ++a)
-        keyed[i].first[static_cast<std::size_t>(a)] = static_cast<std::int64_t>(
-            std::floor(points(a, static_cast<Eigen::Index>(i)) / (kCellsOfPiece * options_.cell_size)));
-    }
-    std::sort(keyed.begin(), keyed.end());
-    for (std::size_t i = 0; i < keyed.size(); ++i) {
-      if (i == 0 || keyed[i].first != keyed[i - 1].first) ++pieces.count;
-      pieces.of[keyed[i].second] = pieces.count - 1;
-    }
-    return pieces;
+  [[nodiscard]] ScanPieces<D> pieces_of(const Points<D>& points) const {
+    return {points, kCellsOfPiece * options_.cell_size};
   }
   [[nodiscard]] static const MatchOptions& validated(const MatchOptions& options) {
     options.validate();
@@ -250,70 +228,60 @@ class Matcher {
     refine(points, pose, guess, information, match);
     return match;
   }
-  /// What the pieces of a scan score at a pose of a grid, without the prior.
-  [[nodiscard]] std::vector<double> scores_of(const Pieces& pieces, const Points<D>& points,
-                                              const Pose<D>& guess, const PoseGrid<D>& grid,
-                                              const GridPose<D>& pose) const {
-    std::vector<double> scores(static_cast<std::size_t>(pieces.count), 0.0);
-    auto piece = pieces.of.begin();
+  /// Of each end point at a pose of a grid, in 255ths.
+  [[nodiscard]] std::vector<std::int32_t> likelihoods_of(const Points<D>& points, const Pose<D>& guess,
+                                                         const PoseGrid<D>& grid,
+                                                         const GridPose<D>& pose) const {
+    std::vector<std::int32_t> likelihoods;
+    likelihoods.reserve(static_cast<std::size_t>(points.cols()));
     for (Cell cell : cells_of(pyramid_, points, guess, grid, pose)) {
       for (std::size_t a = 0; a < std::size_t{D}; ++a) cell[a] += pose.steps[a];
-      scores[static_cast<std::size_t>(*piece++)] += pyramid_.bound(0, cell);
+      likelihoods.push_back(pyramid_.bound(0, cell));
     }
-    return scores;
+    return likelihoods;
   }
-  /// What the scores of pieces at a pose tell for it against those at the best, as a log-likelihood.
-  ///
-  /// A sum over many pieces differs by chance, too. So it tells no more than that the changes have a mean
-  /// beside their own spread (Q. H. Vuong, "Likelihood ratio tests for model selection and non-nested
-  /// hypotheses", Econometrica 57, 1989). Where few pieces tell, as the edges of a recess in a long wall,
-  /// that is too little: in the plane, the sum counts.
-  [[nodiscard]] static double told(const std::vector<double>& best, const std::vector<double>& scores,
-                                   double worth) {
-    double changed = 0.0;
-    double sum = 0.0;
-    double squares = 0.0;
-    for (std::size_t i = 0; i < best.size(); ++i) {
-      const double change = scores[i] - best[i];
-      changed += change != 0.0 ? 1.0 : 0.0;
-      sum += change;
-      squares += change * change;
+  /// How likely poses are beside the best, as logarithms: in space, as the pieces of the scan tell. In the
+  /// plane, few pieces tell much, as the edges of a recess in a long wall: the sum of scores counts.
+  [[nodiscard]] std::vector<double> likely_of(const std::vector<GridPose<D>>& poses, const GridPose<D>& best,
+                                              const Points<D>& points, const Pose<D>& guess,
+                                              const PoseGrid<D>& grid) const {
+    std::vector<double> likely;
+    if (D == 2) {
+      for (const GridPose<D>& pose : poses)
+        likely.push_back(static_cast<double>(pose.score - best.score) / grid.worth);
+      return likely;
     }
-    if (squares == 0.0) return 0.0;
-    const double mean = -0.5 * changed * std::log1p(-sum * sum / (changed * squares));  // May be infinite.
-    return std::copysign(std::min(std::abs(sum) / worth, mean), sum);
+    const ScanPieces<D> pieces = pieces_of(points);
+    const std::vector<std::int32_t> of_best = likelihoods_of(points, guess, grid, best);
+    Pace pace;
+    for (const GridPose<D>& pose : poses) {
+      pace.spend(of_best.size());
+      const auto prior = static_cast<double>(grid.penalty(best) - grid.penalty(pose)) / grid.worth;
+      likely.push_back(prior + pieces.told(of_best, likelihoods_of(points, guess, grid, pose), grid.worth));
+    }
+    return likely;
   }
   /// The covariance of a match and of the posterior's other modes around it: poses that are farther than
   /// kMode standard deviations and half a step of the grid, and likelier than on the slope of the first mode.
-  [[nodiscard]] MotionMatrix<D> with_others(const Match<D>& match, const Points<D>& points,
-                                            const Pose<D>& guess, const PoseGrid<D>& grid,
-                                            const std::vector<GridPose<D>>& near) const {
+  /// @param likely of the poses near it, from likely_of().
+  [[nodiscard]] static MotionMatrix<D> with_others(const Match<D>& match, const Pose<D>& guess,
+                                                   const PoseGrid<D>& grid,
+                                                   const std::vector<GridPose<D>>& near,
+                                                   const std::vector<double>& likely) {
     constexpr double kMode = 3.0;
     constexpr double kValley = 1.0;  // Log-likelihood.
     MotionMatrix<D> width = match.covariance;
     width.diagonal() += 0.25 * grid.step.cwiseAbs2();
     const Decomposition inverse(width);
-    Pieces pieces;
-    std::vector<double> best;
-    if (D == 3) {
-      pieces = pieces_of(points);
-      best = scores_of(pieces, points, guess, grid, match.grid);
-    }
     MotionMatrix<D> others = MotionMatrix<D>::Zero();
     double all = 0.0;
-    Pace pace;
-    for (const GridPose<D>& pose : near) {
-      pace.spend(best.size());
-      const double likely =
-          D == 2 ? static_cast<double>(pose.score - match.grid.score) / grid.worth
-                 : static_cast<double>(grid.penalty(match.grid) - grid.penalty(pose)) / grid.worth +
-                       told(best, scores_of(pieces, points, guess, grid, pose), grid.worth);
-      if (likely < -kLeastLikely) continue;
-      const Motion<D> off = motion_between(match.pose, moved(guess, grid.motion(pose)));
+    for (std::size_t i = 0; i < near.size(); ++i) {
+      if (likely[i] < -kLeastLikely) continue;
+      const Motion<D> off = motion_between(match.pose, moved(guess, grid.motion(near[i])));
       const double square = off.dot(inverse.solve(off));
-      all += std::exp(likely);
-      if (square > kMode * kMode && likely > kValley - PriorTail::cost(square))
-        others += std::exp(likely) * off * off.transpose();
+      all += std::exp(likely[i]);
+      if (square > kMode * kMode && likely[i] > kValley - PriorTail::cost(square))
+        others += std::exp(likely[i]) * off * off.transpose();
     }
     return all > 0.0 ? MotionMatrix<D>(match.covariance + others / all) : match.covariance;
   }
