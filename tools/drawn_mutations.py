@@ -48,6 +48,7 @@ _SWAPPED = {ast.Add: "-", ast.Sub: "+"}
 #: By the name of a header below include/ndtree: the test that has to notice its mistakes.
 HEADERS = {
     "alignment/matcher.hpp": "test_matcher.cpp",
+    "alignment/scan_pieces.hpp": "test_matcher.cpp",
     "alignment/pose_graph.hpp": "test_pose_graph.cpp",
     "evaluation/calibration.hpp": "test_calibration.cpp",
     "evaluation/held_out_truth.hpp": "test_held_out_truth.cpp",

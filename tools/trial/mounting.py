@@ -27,11 +27,11 @@ def mount_trial(case: Case) -> tuple[Recording, Outcome]:
     seat = matrices(mount[None, :2], mount[2:], 0.0)[0]
     stamps = _EVERY * np.arange(_SCANS)
     if dim == 2:
-        sensor, true = laser(rng, beams=int(rng.choice([180, 360, 720]))), None
+        sensor = laser(rng, beams=int(rng.choice([180, 360, 720])))
         sensed = poses_along(case.world, rng, _SCANS, "drives")
     else:
-        sensor, true = rings(rng, int(rng.choice([16, 32]))), driven(case.world, rng)
-        sensed = true(stamps) @ seat
+        sensor = rings(rng, int(rng.choice([16, 32])))
+        sensed = driven(case.world, rng)(stamps) @ seat
     r = record(case.world.scene, sensor, sensed, rng)
     times = np.arange(-0.2, stamps[-1] + 0.2, _STEP)
     r.told = r.true @ np.linalg.inv(seat)
@@ -64,7 +64,7 @@ def mount_trial(case: Case) -> tuple[Recording, Outcome]:
     sigma = dict(zip(("x", "y", "yaw", "time"), found["sigma"]))
     sigma["yaw"] = float(np.degrees(sigma["yaw"]))
     outcome.may_doubt = np.ptp(base[:, 2]) <= 1.0 or not case.world.is_tellable
-    for name in set(off) - set(found["untold"]):
+    for name in (one for one in off if one not in found["untold"]):
         most = max(limit(f"mount {name}" if name in ("yaw", "time") else "mount place"), 3 * sigma[name])
         outcome.figures[name] = round(off[name], 4)
         if abs(off[name]) > most:

@@ -161,8 +161,7 @@ def setup_error(runs: Sequence[Sequence[Cloud]]) -> SetupError | None:
         pairs, is_far = pairs[use], is_far[use]
         readings = {kind: motions[use] for kind, motions in readings.items()}
     at, seen, covariances = log.matched(pairs, [readings[kind] for kind in kinds])
-    covariances = (covariances + pose_noise(readings[""][at]))[:, log.freedoms][:, :, log.freedoms]
-    whitening = np.linalg.inv(np.linalg.cholesky(covariances))
+    whitening = log.whitening(covariances, readings[""][at])
     if len(at) >= LEAST_PAIRS:
         left = {
             kind: np.einsum("nij,nj->ni", whitening, log.errors(seen, readings[kind][at]))
@@ -470,6 +469,12 @@ class Drive:
     def errors(self, seen: Floats, told: Floats) -> Floats:
         """(n, d) what is seen minus what is told."""
         return errors_of(seen, told)[:, self.freedoms]
+
+    def whitening(self, covariances: Floats, told: Floats) -> Floats:
+        """(n, d, d) that make errors standard normal, by those of matches (n, 6, 6) and what poses err."""
+        own = (covariances + pose_noise(told))[:, self.freedoms][:, :, self.freedoms]
+        result: Floats = np.linalg.inv(np.linalg.cholesky(own))
+        return result
 
 
 def _joined(runs: Sequence[Sequence[Cloud]]) -> list[list[Cloud]]:

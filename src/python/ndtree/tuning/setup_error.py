@@ -30,7 +30,7 @@ CLEAR = 3.0  # How much likelier than another one, so that a wrong cause is name
 APART, AWAY, NEARER, _MOST = 0.07, 5.0, 3.0, 0.98
 LEAST_PAIRS = 12
 FREEDOM = 2.0  # Of Student's t: some matches are wrong.
-MEDIAN = {1: 0.455, 3: 2.37, 6: 5.35}  # Of the squared length of 1, 3 or 6 standard normal numbers.
+_MEDIAN = {1: 0.455, 3: 2.37, 6: 5.35}  # Of the squared length of 1, 3 or 6 standard normal numbers.
 _ROUNDS = 30
 _SCALES, _LEAST_SCALE = ("scale", "turns"), 0.2  # Nearer to 0, nothing was seen to move.
 
@@ -245,13 +245,13 @@ def _fitted(errors: Floats, slopes: Floats) -> Floats:
 
 
 def weights_of(squared: Floats, freedoms: int) -> Floats:
-    weights: Floats = (FREEDOM + freedoms) / (FREEDOM + squared / _spread(squared, freedoms))
+    weights: Floats = (FREEDOM + freedoms) / (FREEDOM + squared / spread_of(squared, freedoms))
     return weights
 
 
-def _spread(squared: Floats, freedoms: int) -> float:
-    """How much larger squared errors are than covariances say; at least as large."""
-    return max(1.0, float(np.median(squared)) / MEDIAN[freedoms])
+def spread_of(squared: Floats, freedoms: int, least: float = 1.0) -> float:
+    """How much larger squared errors are than covariances say; by default, at least as large."""
+    return max(least, float(np.median(squared)) / _MEDIAN[freedoms])
 
 
 def likelihood(errors: Floats) -> float:
@@ -263,6 +263,6 @@ def likelihoods(errors: Floats) -> Floats:
     """(n,) of each pair."""
     freedoms = errors.shape[1]
     squared = (errors**2).sum(axis=1)
-    spread = _spread(squared, freedoms)
+    spread = spread_of(squared, freedoms)
     terms: Floats = (FREEDOM + freedoms) * np.log1p(squared / spread / FREEDOM)
     return -0.5 * (terms + freedoms * math.log(spread))

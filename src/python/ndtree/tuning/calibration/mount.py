@@ -25,9 +25,9 @@ from ndtree.alignment.surfaces import Cloud, turn_of, turned_by
 from ndtree.base.progress import Progress, no_progress
 from ndtree.evaluation.sampling import spread
 from ndtree.logs.ros.rosbag import RosbagLog
-from ndtree.tuning.motions import errors_of, pose_noise, rigid
+from ndtree.tuning.motions import rigid
 from ndtree.tuning.setup import ASIDE, Drive
-from ndtree.tuning.setup_error import FREEDOM, LEAST_PAIRS, MEDIAN, likelihoods, weights_of
+from ndtree.tuning.setup_error import FREEDOM, LEAST_PAIRS, likelihoods, spread_of, weights_of
 
 #: Of x and y [m], yaw [rad] and time [s]: what is known before, and how sure they must be to be told.
 PRIOR = np.array([1.0, 1.0, math.pi, 0.5])
@@ -158,13 +158,11 @@ def _found(path: str, drive: Drive, by: Floats, flip: Floats) -> tuple[Floats, F
         )
     pairs, seen = pairs[matched], flip @ seen @ flip
     flips = np.kron(np.eye(2), flip[:3, :3])
-    noise = flips @ covariances @ flips + pose_noise(drive.motions(pairs))
-    at = drive.freedoms
-    whitening = np.linalg.inv(np.linalg.cholesky(noise[:, at][:, :, at]))
+    whitening = drive.whitening(flips @ covariances @ flips, drive.motions(pairs))
 
     def errors(by: Floats) -> Floats:
         told = _of_sensor(drive.motions(pairs, "clock", by[3:]), by)
-        return np.einsum("nij,nj->ni", whitening, errors_of(seen, told)[:, at])
+        return np.einsum("nij,nj->ni", whitening, drive.errors(seen, told))
 
     stamps = np.array([one.stamp for one in drive.clouds])
     # Pairs share scans; and where poses drift, what one errs all do whose motions contain it.
@@ -229,7 +227,7 @@ def _fitted(errors: Callable[[Floats], Floats], by: Floats, alike: float) -> tup
         slope = np.einsum("n,nik,ni->k", weights, slopes, left) + (by - prior) * PRIOR**-2
         if step < _STEPS - 1:
             by = by - np.linalg.solve(normal, slope)
-    spread = max(_LEAST_SPREAD, float(np.median(squared)) / MEDIAN[left.shape[1]])
+    spread = spread_of(squared, left.shape[1], _LEAST_SPREAD)
     likely = weights * FREEDOM / (FREEDOM + left.shape[1]) / spread
     normal = np.einsum("n,nik,nil->kl", likely, slopes, slopes) + np.diag(PRIOR**-2)
     inverse = np.linalg.inv(normal)
