@@ -29,7 +29,14 @@ def repository(tmp_path: Path) -> Path:
     """The files that say a version, all of them 77.6.5, committed."""
     if not shutil.which("git"):
         pytest.skip("no git here")
-    for name in [*FILES, "tools/release", "tools/with_address", "README.md", "pyproject.toml"]:
+    for name in [
+        *FILES,
+        "tools/release",
+        "tools/with_address",
+        "README.md",
+        "docs/index.md",
+        "pyproject.toml",
+    ]:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, tmp_path / name)
     for name in FILES:
@@ -37,6 +44,8 @@ def repository(tmp_path: Path) -> Path:
         file.write_text(file.read_text().replace(VERSION, OTHER))
     changelog = tmp_path / "CHANGELOG.md"
     changelog.write_text(f"# Changelog\n\n## [{OTHER}] – 2030-01-02\n\n- New.\n\n## [{VERSION}]\n\n- Old.\n")
+    readme = tmp_path / "README.md"
+    readme.write_text(readme.read_text().replace("**Nothing is released yet** (0.1.0): start", "Start"))
     git(tmp_path, "init")
     git(tmp_path, "add", ".")
     git(tmp_path, "commit", "-m", "all")
@@ -98,6 +107,15 @@ def test_a_file_that_says_another_version_is_named(repository: Path) -> None:
         assert status == 1
         assert err == f"release: {name}: says 77.6.4, expected {OTHER} as the tag v{OTHER}\n"
         file.write_text(good)
+
+
+def test_pages_that_say_that_nothing_is_released_are_named(repository: Path) -> None:
+    shutil.copy(ROOT / "README.md", repository)
+    git(repository, "commit", "-am", "as before")
+    git(repository, "tag", f"v{OTHER}")
+    status, _, err = release(repository, f"v{OTHER}")
+    assert status == 1
+    assert re.fullmatch(rf"release: README.md:\d+: says that nothing is released, in v{OTHER}\n", err)
 
 
 def test_a_call_that_is_wrong_ends_in_one_line(repository: Path) -> None:
