@@ -110,7 +110,7 @@ def print_tiled(figures: dict[str, Any], config: Config, output: Path) -> None:
     examples=(
         "ndtree map drive.bag",
         "ndtree map office.npz -o office.ndt --picture office.png",
-        "ndtree map room.npz -o room.ndt --min-cell-size 0.025 --range-sigma-quadratic 0.0015",
+        "ndtree map room.npz --range-sigma 0.005 --range-sigma-quadratic 0.0015",
         "ndtree map drive.bag -o drive.ndt --topic /scan --fixed-frame map --from 10 --keep-going",
         "ndtree map monday.bag tuesday.bag -o maps/",
         "ndtree map monday.bag tuesday.bag --merge -o both.ndt",
