@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// A scan before its dimension is known.
+/// Scans and poses before their dimension is known.
 #pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
 #include <optional>
 
+#include "ndtree/core/body.hpp"
 #include "ndtree/core/scan.hpp"
+#include "ndtree/core/types.hpp"
 
 namespace ndtree::python {
 
@@ -34,5 +36,16 @@ struct BeamPointers {
     return scan;
   }
 };
+
+/// A pose of the numbers in which it crosses the interface: the rotation row by row, then the translation.
+/// @param numbers D * D + D.
+template <int D>
+[[nodiscard]] Pose<D> pose_of(const double* numbers) {
+  Pose<D> pose;
+  for (int row = 0; row < D; ++row)
+    for (int column = 0; column < D; ++column) pose.rotation(row, column) = numbers[row * D + column];
+  pose.translation = Eigen::Map<const Vector<D>>(numbers + D * D);
+  return pose;
+}
 
 }  // namespace ndtree::python

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "docstrings.hpp"
+#include "numpy.hpp"
 #include "python_map.hpp"
-#include "scan_arrays.hpp"
 #include "seen_space.hpp"
 #include "simulated_log.hpp"
 

@@ -8,10 +8,10 @@
 #include <utility>
 #include <vector>
 
+#include "beam_pointers.hpp"
 #include "history_interface.hpp"
 #include "history_map.hpp"
 #include "map_adapter.hpp"
-#include "pose_numbers.hpp"
 
 namespace ndtree::python {
 

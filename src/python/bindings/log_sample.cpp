@@ -8,8 +8,8 @@
 #include "docstrings.hpp"
 #include "ndtree/evaluation/no_returns.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
+#include "numpy.hpp"
 #include "python_map.hpp"
-#include "scan_arrays.hpp"
 
 namespace ndtree::python {
 

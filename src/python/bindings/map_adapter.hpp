@@ -17,6 +17,7 @@
 #include <utility>
 #include <variant>
 
+#include "beam_pointers.hpp"
 #include "map_interface.hpp"
 #include "map_layers.hpp"
 #include "map_shapes.hpp"
@@ -32,7 +33,6 @@
 #include "ndtree/query/ray.hpp"
 #include "ndtree/query/transform.hpp"
 #include "ndtree/tree/visit.hpp"
-#include "pose_numbers.hpp"
 #include "query_adapter.hpp"
 
 namespace ndtree::python {

@@ -18,9 +18,10 @@
 #include <vector>
 
 #include "any_field.hpp"
-#include "any_planner.hpp"
 #include "map_exports.hpp"
 #include "ndtree/core/body.hpp"
+#include "ndtree/planning/planner.hpp"
+#include "ndtree/planning/turning.hpp"
 #include "ndtree/query/cells.hpp"
 #include "ndtree/query/collision.hpp"
 #include "ndtree/query/distance_field.hpp"
@@ -29,7 +30,6 @@
 #include "ndtree/query/information_gain.hpp"
 #include "ndtree/query/nearest.hpp"
 #include "ndtree/query/ray.hpp"
-#include "pose_numbers.hpp"
 
 namespace ndtree::python {
 
@@ -46,6 +46,12 @@ struct AnyShapePart {
   std::vector<double> b;
   std::vector<double> axes;
   double radius = 0.0;
+};
+
+/// What is behind a Python shape.
+struct PythonShape {
+  std::vector<AnyShapePart> parts;
+  std::string text;
 };
 
 /// Corners, of the map's dimension.
@@ -109,6 +115,24 @@ struct AnyBeamPattern {
   double max_range;
   double mean_free_path;
 };
+
+/// A path of any dimension that planners have.
+struct AnyPath {
+  PathStatus status;
+  std::vector<double> points;  ///< One after the other.
+  double length;
+  double clearance;
+  std::size_t expanded;
+  std::string reason;
+};
+
+template <int D>
+[[nodiscard]] AnyPath any_path(const Path<D>& path) {
+  AnyPath any{path.status, {}, path.length, path.clearance, path.expanded, path.reason};
+  for (const Vector<D>& point : path.points)
+    any.points.insert(any.points.end(), point.data(), point.data() + D);
+  return any;
+}
 
 class MapQueries;
 

@@ -19,13 +19,13 @@
 #include <vector>
 
 #include "arguments.hpp"
+#include "beam_pointers.hpp"
 #include "binders.hpp"
 #include "docstrings.hpp"
 #include "matching.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "numpy.hpp"
-#include "pose_numbers.hpp"
 #include "python_map.hpp"
 #include "released.hpp"
 

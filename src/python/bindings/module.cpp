@@ -31,6 +31,7 @@ PYBIND11_MODULE(_core, module) {
   module.attr("__version__") = NDTREE_VERSION;
   module.attr("reach_sigmas") = ndtree::BeamSensorModel::kReachSigmas;
   module.attr("thinnest_surface") = ndtree::kThinnestSurface;
+  module.attr("most_cells") = ndtree::python::kMostCells;
 
   ndtree::python::bind_errors(module);
   ndtree::python::bind_files(module);

@@ -124,7 +124,6 @@ void BeamArrays::set_number(const std::optional<std::int64_t>& given) {
 }
 
 void BeamArrays::require_scale(double cell_size, double max_range) const {
-  constexpr double kMostCells = 20000.0;  // As MOST_CELLS of ndtree.tuning.first_look.
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   if (max_range < kInfinity) return;  // Who says so means it.
   const double limit = kMostCells * cell_size;

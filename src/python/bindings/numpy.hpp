@@ -22,6 +22,10 @@ namespace py = pybind11;
 using DoubleArray = py::array_t<double, py::array::c_style>;
 using BoolArray = py::array_t<bool, py::array::c_style>;
 
+/// More smallest cells on a beam, from one scan's origin to the next, or along an axis of points alone, than
+/// sensors, robots and files have: with cells of 0.05 m they are 1 km.
+inline constexpr double kMostCells = 20000.0;
+
 /// A number as Python writes it: no shorter than it needs to be.
 std::string number_text(double value);
 
@@ -69,6 +73,40 @@ struct BeamArrays {
   /// anything changes. O(beams). @throws ValueError where most are: their cells would fill any memory.
   void require_scale(double cell_size, double max_range) const;
   [[nodiscard]] BeamPointers pointers() const;
+};
+
+/// The arrays of scans of one dimension, kept alive.
+struct ScanArrays {
+  std::vector<BeamArrays> beams;
+  int dim = 0;  ///< 0 without scans.
+
+  /// @param scans of ndtree.Scan. @throws ValueError naming the scan whose dimension is not that of the
+  /// first, or not 2, 3 or 4.
+  explicit ScanArrays(const py::iterable& scans) {
+    for (const py::handle scan : scans) {
+      if (beams.empty()) dim = dim_of(scan, 0);
+      try {
+        beams.emplace_back(scan.attr("endpoints"), scan.attr("origin"), scan.attr("returned"), dim);
+      } catch (const py::value_error& error) {
+        throw py::value_error("scan " + std::to_string(beams.size()) + ": " + error.what());
+      }
+    }
+  }
+
+  [[nodiscard]] static int dim_of(const py::handle& scan, std::size_t number) {
+    const int dim = scan.attr("dim").cast<int>();
+    if (dim < 2 || dim > 4)
+      throw py::value_error("scan " + std::to_string(number) + ": dim = " + std::to_string(dim) +
+                            ": must be 2, 3 or 4");
+    return dim;
+  }
+
+  [[nodiscard]] std::vector<BeamPointers> pointers() const {
+    std::vector<BeamPointers> pointers;
+    pointers.reserve(beams.size());
+    for (const BeamArrays& scan : beams) pointers.push_back(scan.pointers());
+    return pointers;
+  }
 };
 
 /// A pose as a homogeneous (dim + 1, dim + 1) matrix. @param numbers see pose_of().

@@ -10,7 +10,6 @@
 #include "docstrings.hpp"
 #include "map_queries.hpp"
 #include "python_map.hpp"
-#include "python_shape.hpp"
 
 namespace ndtree::python {
 

@@ -5,9 +5,9 @@
 #include <optional>
 #include <string>
 
+#include "beam_pointers.hpp"
 #include "binders.hpp"
 #include "docstrings.hpp"
-#include "pose_numbers.hpp"
 #include "python_map.hpp"
 #include "sigma_with_covariance.hpp"
 

@@ -16,7 +16,6 @@
 #include "map_queries.hpp"
 #include "python_field.hpp"
 #include "python_map.hpp"
-#include "python_shape.hpp"
 
 namespace ndtree::python {
 

@@ -27,8 +27,8 @@ RESULTS: dict[type, type] = {
 #: What the package keeps to itself. All else are names of ``ndtree``, and pickles say so, wherever they lie.
 INTERNAL = frozenset(
     "CarmenParser NoReturns ReplacedFile SimulatedLog2 SimulatedLog3 XyzParser2 XyzParser3 commit_together "
-    "depth_points is_held_out judge_no_returns leaf_counts may_be_sampled moved_points option_table "
-    "points_within pose_matrix pose_range_sigma reach_sigmas sample_run sample_runs sample_step "
+    "depth_points is_held_out judge_no_returns leaf_counts may_be_sampled most_cells moved_points "
+    "option_table points_within pose_matrix pose_range_sigma reach_sigmas sample_run sample_runs sample_step "
     "sample_stride simulate solve_pose_graph thinnest_surface write_ply".split()
 )
 

@@ -37,6 +37,7 @@ from ndtree.base.typing import (
 
 __version__: Final[str]
 has_octomap: Final[bool]
+most_cells: Final[float]
 reach_sigmas: Final[float]
 sample_run: Final[int]
 sample_runs: Final[int]

@@ -304,9 +304,8 @@ def _rounded(value: float) -> float:
     return float(f"{value:.2g}")
 
 
-#: More smallest cells on a beam, from one scan's origin to the next, or along an axis of points alone, than
-#: sensors, robots and files have, of 0.05 m they are 1 km; and fewer than any room has along x and y.
-MOST_CELLS, FEWEST_CELLS = 20_000, 10
+#: Fewer smallest cells than any room has along x and y; of a beam, most are `_core.most_cells`.
+FEWEST_CELLS = 10
 #: Of points of one scan, more than this share behind others: of sensors' own scans at most 0.08 are, in
 #: cells [m] that are smaller than what blocks a view. Fewer points are too far apart to block any, and of
 #: more some tell as much.
@@ -322,7 +321,7 @@ class Scale:
 
     def __init__(self, cell_size: float, max_range: float = math.inf) -> None:
         self._cell, self._max_range = cell_size, max_range
-        self._limit = MOST_CELLS * cell_size
+        self._limit = _core.most_cells * cell_size
         self._number = 0
         self._far: tuple[int, float] | None = None
         self._jump: tuple[int, float] | None = None
