@@ -29,8 +29,9 @@ from conftest import room_log, room_scan, with_room
 
 import ndtree
 from ndtree import viewer as view
+from ndtree.cells.regions import MAX_TRACK, Track
 from ndtree.viewer import Look, snapshot
-from ndtree.viewer.frame import MAX_TRACK, Track, framed
+from ndtree.viewer.frame import framed
 from ndtree.viewer.look import KINDS, shown_kinds
 from ndtree.viewer.snapshot import Snapshot
 from ndtree.viewer.visitor import Visitor

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What of a map a picture shows: what was observed, or where something was found, below the ceiling."""
+"""What a picture shows: what was observed, or found below the ceiling; and where the sensor was."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ndtree.base.scan import Scan
 from ndtree.cells.lattice import Cells, Floats, Integers
 
 #: Around what is shown, of its longest side.
@@ -17,6 +20,33 @@ STRAYS, MOST_LONGER = 0.005, 1.5
 THIN = 0.05
 #: No frame is longer than this many times its width.
 MOST_LONG = 4.0
+
+#: Points of a trajectory.
+MAX_TRACK = 4096
+
+
+class Track:
+    """Where the sensor was, in a bounded number of points: where there are too many, every second goes."""
+
+    def __init__(self) -> None:
+        self.points: list[Floats] = []
+        self._step, self._seen = 1, 0
+
+    def add(self, scan: Scan) -> None:
+        """The mean origin of a scan's beams."""
+        if self._seen % self._step == 0:
+            origin = np.asarray(scan.origin, dtype=np.float64)
+            self.points.append(origin if origin.ndim == 1 else origin.mean(axis=0))
+            if len(self.points) > MAX_TRACK:
+                self.points = self.points[::2]
+                self._step *= 2
+        self._seen += 1
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Floats:
+        points = np.zeros((len(self.points), 3))
+        if self.points:
+            points[:, : len(self.points[0])] = self.points
+        return points
 
 
 def picture_region(every: Cells, track: ArrayLike | None = None) -> tuple[float, ...]:

@@ -18,7 +18,7 @@ from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import require_kind
 from ndtree.cells.lattice import Cells, Floats
-from ndtree.cells.regions import found_region, picture_region
+from ndtree.cells.regions import Track, found_region, picture_region
 
 if TYPE_CHECKING:
     from ndtree.base.scan import Scan
@@ -34,7 +34,6 @@ SIZE = (1280, 720)  # Pixels.
 FRAMES_A_SECOND = 15
 _DPI = 100
 _ROOM = 0.2  # By which what is shown grows beyond the map, so that it does not change at every frame.
-_MAX_TRACK = 2000
 
 
 class Recorder:
@@ -68,17 +67,12 @@ class Recorder:
         self._film: Any = _Gif(self._part) if ending == ".gif" else _Mp4(self._part, self._figure)
         self._scans, self._last_drawn = 0, -1
         self._region: Floats | None = None
-        self._track: list[Floats] = []
-        self._step = 1
+        self._track = Track()
         self.frames = 0
 
     def update(self, m: OccupancyMap, scan: Scan) -> None:
         """Take note of a scan that the map has just taken, and draw the map if it is time."""
-        if self._scans % self._step == 0:
-            origin = np.asarray(scan.origin, dtype=np.float64)
-            self._track.append(origin if origin.ndim == 1 else origin.mean(axis=0))
-            if len(self._track) > _MAX_TRACK:
-                self._track, self._step = self._track[::2], 2 * self._step
+        self._track.add(scan)
         self._scans += 1
         self._map = m
         if self._scans % (self._every * self._film.stride) == 0:
@@ -114,12 +108,12 @@ class Recorder:
         every = Cells.of(m)
         if not every.occupied.any():
             return
-        region = picture_region(every, self._track) if m.dim == 2 else found_region(every)
+        region = picture_region(every, self._track.points) if m.dim == 2 else found_region(every)
         self._grow(np.asarray(region).reshape(-1, 2))
         assert self._region is not None
         self._figure.clear()
         ax = self._figure.add_axes((0.0, 0.0, 1.0, 0.94))
-        track = np.array(self._track)
+        track = np.array(self._track.points)
         if m.dim == 2:
             plot.occupancy(m, ax, region=self._region.ravel(), borders=isinstance(m, _core.AdaptiveMap))
         else:

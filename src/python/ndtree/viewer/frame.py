@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import viser
@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 
 from ndtree.cells.lattice import Floats, Integers, Pyramid
 from ndtree.plot.colors import round_length
-
-if TYPE_CHECKING:
-    from ndtree.base.scan import Scan
 
 _GREY, _LINE, _FINE = (40, 40, 40), (150, 150, 150), (210, 210, 210)
 _SQUARES = 12  # Of the grid along the longer side, about.
@@ -75,33 +72,6 @@ def draw_frame(scene: viser.SceneApi, lower: Floats, upper: Floats) -> list[Any]
         position = tuple(float(value) for value in at)
         handles.append(scene.add_label(f"/frame/{text}", text, position=position, anchor="top-center"))
     return handles
-
-
-MAX_TRACK = 4096  # Points of a trajectory.
-
-
-class Track:
-    """Where the sensor was, in a bounded number of points: where there are too many, every second goes."""
-
-    def __init__(self) -> None:
-        self.points: list[Floats] = []
-        self._step, self._seen = 1, 0
-
-    def add(self, scan: Scan) -> None:
-        """The mean origin of a scan's beams."""
-        if self._seen % self._step == 0:
-            origin = np.asarray(scan.origin, dtype=np.float64)
-            self.points.append(origin if origin.ndim == 1 else origin.mean(axis=0))
-            if len(self.points) > MAX_TRACK:
-                self.points = self.points[::2]
-                self._step *= 2
-        self._seen += 1
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Floats:
-        points = np.zeros((len(self.points), 3))
-        if self.points:
-            points[:, : len(self.points[0])] = self.points
-        return points
 
 
 #: The page takes instances' colors as amounts of light, not as what a screen is told.

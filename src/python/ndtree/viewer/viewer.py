@@ -18,8 +18,9 @@ import viser
 
 from ndtree._native._core import OccupancyMap
 from ndtree.cells.lattice import Floats
+from ndtree.cells.regions import Track
 from ndtree.maps.open import open_map
-from ndtree.viewer.frame import Track, framed
+from ndtree.viewer.frame import framed
 from ndtree.viewer.look import Look
 from ndtree.viewer.page_guard import HOST, light_up, started
 from ndtree.viewer.snapshot import Snapshot

@@ -14,9 +14,10 @@ import viser
 from numpy.typing import NDArray
 
 from ndtree.cells.lattice import Floats
+from ndtree.cells.regions import Track
 from ndtree.plot.figures import kind_of
 from ndtree.viewer.controls import Controls
-from ndtree.viewer.frame import Track, draw_frame, drawn_boxes, edges_of
+from ndtree.viewer.frame import draw_frame, drawn_boxes, edges_of
 from ndtree.viewer.look import IN_PLANE, KINDS, Look, shown_kinds
 from ndtree.viewer.snapshot import Layer, Snapshot, numbers_of
 from ndtree.viewer.ways import Ways, place_on_plane
