@@ -10,6 +10,7 @@ import pytest
 from conftest import room_scan
 
 import ndtree
+from ndtree.base.voxels import distinct
 from ndtree.cells.lattice import CellIndex, Cells, Pyramid, coarsened, covered_faces, frontier, hidden
 
 SHAPES = [(2, 2), (3, 2), (2, 3)]  # branching, dim
@@ -164,3 +165,13 @@ def test_coarser_views_of_nothing_are_nothing() -> None:
     pyramid = Pyramid.of(none, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8))
     assert len(pyramid.chosen(None, 10)) == 0
     assert not hidden(none).size and not len(frontier(none))
+
+
+@pytest.mark.parametrize("span", [3, 1 << 19, 1 << 40], ids=["many alike", "one number", "no number"])
+def test_different_rows_are_those_of_numpy(span: int) -> None:
+    rows = np.random.default_rng(5).integers(-span, span, (200, 3))
+    rows = np.concatenate([rows, rows[::3]])
+    for also in ({}, {"return_counts": True}, {"return_inverse": True}):
+        for some in (rows, rows[:0]):
+            found, expected = distinct(some, **also), np.unique(some, axis=0, **also)
+            assert len(found) == len(expected) and all(map(np.array_equal, found, expected)), also

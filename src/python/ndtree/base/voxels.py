@@ -8,6 +8,7 @@ block.
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -52,11 +53,11 @@ def voxelise(points: NDArray[np.floating[Any]], target: OccupancyMap) -> InsertR
         raise ValueError(
             f"a point is {far * size:.4g} m from 0, expected less than 2**30 cells of {size:g} m"
         )
-    keys = _distinct(cells.astype(np.int64))
-    blocks = keys // _BLOCK[target.dim]
-    starts = (
-        np.flatnonzero(np.concatenate([[True], (blocks[1:] != blocks[:-1]).any(axis=1)])) if len(keys) else []
-    )
+    blocks, inside = np.divmod(cells.astype(np.int64), _BLOCK[target.dim])
+    blocks, inside = np.split(distinct(np.concatenate([blocks, inside], axis=1)), 2, axis=1)
+    keys = blocks * _BLOCK[target.dim] + inside
+    is_first = np.concatenate([[len(keys) > 0], (blocks[1:] != blocks[:-1]).any(axis=1)])
+    starts = np.flatnonzero(is_first)
     made: list[tuple[int, OccupancyMap]] = []  # Maps of equal numbers of blocks are added up in pairs.
     for first, last in zip(starts, [*starts[1:], len(keys)]):
         made.append((1, _occupied(keys[first:last], size, target)))
@@ -85,22 +86,21 @@ def voxelise(points: NDArray[np.floating[Any]], target: OccupancyMap) -> InsertR
     )
 
 
-def _distinct(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Each cell once, those of a block one after the other."""
-    if not len(cells):
-        return cells
-    dim = cells.shape[1]
-    block = _BLOCK[dim]
-    lower = (cells.min(axis=0) // block) * block
-    blocks = [int(n) // block + 1 for n in cells.max(axis=0) - lower]
-    if np.prod([float(n) * block for n in blocks]) >= 2.0**62:
-        keys = np.unique(np.concatenate([cells // block, cells % block], axis=1), axis=0)
-        return keys[:, :dim] * block + keys[:, dim:]
-    shape = (*blocks, *[block] * dim)
-    inside = cells - lower
-    numbers = np.unique(np.ravel_multi_index((*(inside // block).T, *(inside % block).T), shape))
-    parts = np.stack(np.unravel_index(numbers, shape), axis=1)
-    return parts[:, :dim] * block + parts[:, dim:] + lower
+def distinct(rows: NDArray[np.int64], **also: Any) -> Any:
+    """What `numpy.unique` says of rows with these keywords.
+
+    Where they fit into one number each, which is the rule, these are sorted instead.
+    """
+    if not len(rows):
+        return np.unique(rows, axis=0, **also)
+    lower = np.array([one.min() for one in rows.T])  # Much faster one by one, as rows are short.
+    shape = [int(one.max()) - int(least) + 1 for one, least in zip(rows.T, lower)]
+    if math.prod(shape) >= 1 << 62:
+        return np.unique(rows, axis=0, **also)
+    found = np.unique(np.ravel_multi_index(tuple((rows - lower).T), shape), **also)
+    numbers, *others = found if also else (found,)
+    different = np.stack(np.unravel_index(numbers, shape), axis=1) + lower
+    return (different, *others) if also else different
 
 
 def _occupied(keys: NDArray[np.int64], size: float, like: OccupancyMap) -> OccupancyMap:

@@ -20,6 +20,7 @@ from ndtree._errors import WrongValue
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
+from ndtree.base.voxels import distinct
 
 _PREAMBLE = struct.Struct("<8sIQ")  # Magic, version, length; see io/map_file.hpp.
 
@@ -194,7 +195,9 @@ class TileGrid:
                 (self.tiles_in(a, b), count) for (a, b), count in zip(boxes.swapaxes(0, 1), counts.tolist())
             )
         first, last = np.floor(corners / self.size).astype(np.int64)
-        rows, counts = counted(2 * first + (last > first))  # Two tiles on an axis, or one.
+        rows, counts = distinct(
+            2 * first + (last > first), return_counts=True
+        )  # Two tiles on an axis, or one.
         return _added(
             (set(itertools.product(*((at >> 1, (at >> 1) + (at & 1)) for at in row))), count)
             for row, count in zip(rows.tolist(), counts.tolist())
@@ -241,7 +244,7 @@ def nowhere(m: OccupancyMap) -> Floats:
 
 def _thinned(points: Floats, grain: float) -> Floats:
     """Centres of the cells of a grid that hold points."""
-    return (counted(np.floor(points / grain).astype(np.int64))[0] + 0.5) * grain
+    return (distinct(np.floor(points / grain).astype(np.int64)) + 0.5) * grain
 
 
 def _bounds(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -257,16 +260,3 @@ def _added(crossed: Iterable[tuple[set[Tile], int]]) -> dict[Tile, int]:
         for tile in tiles:
             found[tile] = found.get(tile, 0) + count
     return found
-
-
-def counted(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Different rows, and how many of each there are.
-
-    Where they fit into one number each, which is the rule, these are counted or sorted instead.
-    """
-    lower, upper = _bounds(rows)
-    shape = tuple((upper - lower + 1).tolist())
-    if math.prod(shape) >= 1 << 62:
-        return np.unique(rows, axis=0, return_counts=True)
-    keys, counts = np.unique(np.ravel_multi_index(tuple((rows - lower).T), shape), return_counts=True)
-    return np.stack(np.unravel_index(keys, shape), axis=1) + lower, counts

@@ -19,7 +19,8 @@ from ndtree._native._arguments import TAKEN, flattened, refuse_masked, shaped
 from ndtree._native._checked import checked
 from ndtree._native._core import DistanceField, OccupancyMap, Shape
 from ndtree._native.results import Frontier, Leaves, NearestOccupied, RayEnds
-from ndtree.tiles.grid import Floats, Tile, TileGrid, counted
+from ndtree.base.voxels import distinct
+from ndtree.tiles.grid import Floats, Tile, TileGrid
 from ndtree.tiles.manifest import Manifest, open_manifest, read_map
 from ndtree.tiles.resident import Resident
 from ndtree.tiles.storage import Storage, storage_of
@@ -336,7 +337,7 @@ class TiledMap:
         begin = np.ceil(lower / self.grid.size - 1e-6).astype(np.int64) - 1
         end = np.floor(upper / self.grid.size + 1e-6).astype(np.int64)
         one = (begin == end).all(axis=1)
-        kept = set(map(tuple, counted(begin[one])[0].tolist())) & near if one.any() else set()
+        kept = set(map(tuple, distinct(begin[one]).tolist())) & near if one.any() else set()
         lower, upper = lower[~one], upper[~one]
         for tile in near - kept:
             corners = self.grid.box(tile)

@@ -123,13 +123,3 @@ def as_float32(points: NDArray[np.float64], unit: float, what: str) -> NDArray[n
             f"by {moved:.2g} m; shift the map to its origin first"
         )
     return narrow
-
-
-def distinct(points: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Points (n, dim), each once in the order of their coordinates, and the number of each there."""
-    lower = points.min(axis=0, initial=0)
-    spans = points.max(axis=0, initial=0) - lower + 1
-    if np.prod(spans.astype(np.float64)) >= 2.0**62:
-        return np.unique(points, axis=0, return_inverse=True)
-    keys, number = np.unique(np.ravel_multi_index(tuple((points - lower).T), spans), return_inverse=True)
-    return np.stack(np.unravel_index(keys, spans), axis=1) + lower, number

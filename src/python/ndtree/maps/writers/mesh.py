@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from ndtree._lazy import needs
 from ndtree._native._core import OccupancyMap
 from ndtree.base.files import replaced
+from ndtree.base.voxels import distinct
 from ndtree.cells.lattice import Cells, covered_faces
-from ndtree.maps.writers.cells import as_float32, distinct, in_space, selected
+from ndtree.maps.writers.cells import as_float32, in_space, selected
 
 # Colors by height, from low to high: a few stops that are told apart in grey, too.
 _STOPS = np.array([[68, 58, 130], [45, 112, 142], [53, 183, 121], [253, 231, 37]], dtype=np.float64)
@@ -42,7 +43,7 @@ def quads(cells: Cells) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
                 parts.append(_face(seen, u, v, side * np.eye(3, dtype=np.int64)[axis]))
     else:
         raise ValueError(f"a map with dim = {dim}: must be 2 or 3")
-    corners, number = distinct(np.concatenate(parts).reshape(-1, dim))
+    corners, number = distinct(np.concatenate(parts).reshape(-1, dim), return_inverse=True)
     return corners, number.reshape(-1, 4)
 
 
@@ -123,7 +124,7 @@ def write_vtu(
     cells = selected(m, states, cell_size)
     along = _CORNERS[m.dim]
     corners = cells.lower[:, None, :] + cells.size[:, None, None] * along
-    points, number = distinct(corners.reshape(-1, m.dim))
+    points, number = distinct(corners.reshape(-1, m.dim), return_inverse=True)
     grid = meshio.Mesh(
         in_space(points * cells.unit),
         [("quad" if m.dim == 2 else "hexahedron", number.reshape(-1, len(along)))],
