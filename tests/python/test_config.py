@@ -218,6 +218,14 @@ def test_noise_is_measured_on_a_log_of_any_kind(tmp_path: Path, sigma: float) ->
     assert config.options["range_sigma"] == pytest.approx(sigma, rel=0.15)
 
 
+def test_noise_is_measured_where_its_growth_alone_was_given() -> None:
+    config = inspect(Hall(0.05), Config.of(range_sigma_quadratic=0.001))
+    assert config.values["range_sigma"].source == MEASURED
+    assert config.options["range_sigma"] == pytest.approx(0.05, rel=0.15)
+    assert config.options["range_sigma_quadratic"] == 0.001
+    assert "range_sigma" not in inspect(Hall(0.05), Config.of(range_sigma=0.01)).notes[0]
+
+
 def test_the_usual_noise_is_told_where_none_can_be_measured(tmp_path: Path) -> None:
     few = tmp_path / "few.npz"
     np.savez(few, origins=np.zeros((1, 2)), points=np.array([[3.0, 1.0]]), offsets=[0, 1])

@@ -67,9 +67,7 @@ def inspect(
         size = 2 * options["range_sigma"]
         values["min_cell_size"] = Decision(size, MEASURED, "twice the noise")
         notes.append(f"cells of {size:g} m, twice the noise; {key('min_cell_size')} sets another")
-    choose_sigma = (
-        with_sigma and log.has_sensor and not {"range_sigma", "range_sigma_quadratic"} & options.keys()
-    )
+    choose_sigma = with_sigma and log.has_sensor and "range_sigma" not in options
     may_end = log.has_sensor and log.rules.cut_off is UNSEARCHED
     choose_no_return = given.no_return == AUTO and (log.knows_no_returns or may_end)
     if given.no_return == AUTO:
@@ -94,7 +92,8 @@ def inspect(
     choose_sigma = choose_sigma and not look.has_own_noise
     if choose_sigma:
         how = (MEASURED, "on flat surfaces") if look.is_measured else (USUAL, "for such sensors")
-        values.update({name: Decision(value, *how) for name, value in look.options.items()})
+        for name, value in look.options.items():
+            values.setdefault(name, Decision(value, *how))
     if choose_no_return:
         values["no_return"] = Decision(look.no_returns.choice, MEASURED, str(look.no_returns))
         if with_sigma and math.isinf(given.max_range) and math.isfinite(look.max_range):
