@@ -77,6 +77,7 @@ def test_packages_get_the_address_and_links_that_work_anywhere(repository: Path)
     status, out, err = release(repository, "--address", "https://example.org/us/ndtree/", f"v{OTHER}")
     assert (status, err) == (0, "")
     assert "Without --address" not in out
+    assert f"tools/with_address . https://example.org/us/ndtree/ v{OTHER}" in out  # For the wheels.
     before = (repository / "README.md").read_text()
     command = [repository / "tools/with_address", repository, "https://example.org/us/ndtree/", f"v{OTHER}"]
     subprocess.run(command, check=True)
