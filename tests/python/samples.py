@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import laspy
 import numpy as np
 import rooms
 from bags import Messages, write_bag
@@ -169,17 +168,6 @@ def _graph(folder: Path) -> Path:
     return path
 
 
-def _layered_laz(path: Path, points: np.ndarray) -> Path:
-    """Version 1.4, whose points' parts are compressed one by one."""
-    path = path.with_name(path.name + ".laz")
-    header = laspy.LasHeader(point_format=6, version="1.4")
-    header.offsets, header.scales = np.zeros(3), np.full(3, 1e-6)
-    made = laspy.LasData(header)
-    made.x, made.y, made.z = points.astype(np.float64).T
-    made.write(path)
-    return path
-
-
 def _clouds(write: Callable[..., Path]) -> Callable[[Path], Path]:
     def make(folder: Path) -> Path:
         numbered(folder, 3, write)
@@ -318,7 +306,7 @@ SAMPLES: dict[str, Sample] = {
     "ply, binary": Sample(_clouds(ply_by_meshio(True, np.float64))),
     "las": Sample(_clouds(las(".las"))),
     "laz": Sample(_clouds(las(".laz"))),
-    "laz, layered": Sample(_clouds(_layered_laz)),
+    "laz, layered": Sample(_clouds(las(".laz", 6, "1.4"))),  # Points' parts are compressed one by one.
     "map, ndt": Sample(_map(".ndt")),
     "map, ndt of 2-D": Sample(_map(".ndt", 2, fixed=True)),
     "map, bt": Sample(_map(".bt")),

@@ -85,10 +85,10 @@ def ply_with_faces(path: Path, points: np.ndarray) -> Path:
     return path
 
 
-def las(ending: str) -> Callable[[Path, np.ndarray], Path]:
+def las(ending: str, point_format: int = 3, version: str = "1.2") -> Callable[[Path, np.ndarray], Path]:
     def write(path: Path, points: np.ndarray) -> Path:
         path = path.with_name(path.name + ending)
-        header = laspy.LasHeader(point_format=3, version="1.2")
+        header = laspy.LasHeader(point_format=point_format, version=version)
         header.offsets, header.scales = np.zeros(3), np.full(3, 1e-6)
         made = laspy.LasData(header)
         made.x, made.y, made.z = points.astype(np.float64).T
