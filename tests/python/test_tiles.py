@@ -285,6 +285,45 @@ def test_answers_about_boxes_and_bodies_are_those_of_the_whole_map(both):
         assert str(own.value) == str(other.value)
 
 
+@pytest.mark.filterwarnings("ignore::numpy.exceptions.ComplexWarning")
+@pytest.mark.parametrize("wrong", [
+    "x", math.nan, True, 2**80, {}, 1j, np.zeros((2, 3), complex),
+    np.zeros((2, 3), "M8[s]"), np.ma.zeros((2, 3)), np.zeros((2, 5)),
+], ids=repr)  # fmt: skip
+def test_wrong_arguments_are_refused_as_by_the_whole_map(both, wrong):
+    whole, folder = both
+    tiles, body = open_tiles(folder), ndtree.Sphere(0.2)
+    for ask in (
+        lambda m: m.state(wrong),
+        lambda m: m.nearest_occupied(wrong),
+        lambda m: m.distance_to_occupied(wrong),
+        lambda m: m.cast_rays(wrong, np.ones((2, 3))),
+        lambda m: m.cast_rays(np.zeros(3), wrong),
+        lambda m: m.collides(body, wrong),
+        lambda m: m.path_collides(body, wrong),
+        lambda m: m.leaves([wrong, wrong]),
+        lambda m: m.distance_field(wrong, 0.1),
+        lambda m: m.to_grid(wrong),
+        lambda m: m.region(wrong) if m is tiles else m.leaves(wrong, states=["occupied"]),
+    ):
+        said = []
+        for m in (whole, tiles):
+            with pytest.raises((TypeError, ValueError)) as error:
+                ask(m)
+            said.append((error.type, str(error.value).rpartition("(): ")[2]))
+        assert said[0] == said[1]
+
+
+def test_far_points_are_asked_where_anything_is(both):
+    _, folder = both
+    tiles = open_tiles(folder)
+    found = tiles.nearest_occupied([[-1e18, 0.0, 1e18], [1e12, 1e12, 0.0], [0.0, 0.0, 0.0]])
+    assert np.isfinite(found.point).all()
+    assert tiles.hits + tiles.loads < 12 * len(tiles.manifest.tiles), (
+        "few times, not once for each power of two"
+    )
+
+
 def test_tiles_that_a_scan_crosses_are_all_that_it_changes():
     """Whatever the scan does, cells outside of the tiles that it is said to cross stay as they are."""
     random = np.random.default_rng(7)

@@ -29,6 +29,21 @@ from ndtree.tiles.storage import Storage, storage_of
 CACHE_BYTES = 1 << 30
 
 
+def _asks(method: Callable[..., Any]) -> Callable[..., Any]:
+    """A query that says of wrong arguments what the whole map would."""
+
+    @functools.wraps(method)
+    def call(self: TiledMap, *arguments: Any, **keywords: Any) -> Any:
+        try:
+            return method(self, *arguments, **keywords)
+        except (TypeError, ValueError, LookupError, ArithmeticError):
+            with self._lock:
+                getattr(self._frame, method.__name__)(*arguments, **keywords)  # Which has no cells.
+            raise
+
+    return call
+
+
 def _bulk(method: Callable[..., Any]) -> Callable[..., Any]:
     """Takes arrays as the maps' own methods do, and answers in their shape."""
     axes = TAKEN[method.__name__]
@@ -47,7 +62,7 @@ def _bulk(method: Callable[..., Any]) -> Callable[..., Any]:
             result = method(self, **{**given, **changed})
         return result if leading is None else shaped(result, leading)
 
-    return call
+    return _asks(call)
 
 
 def _told(path: str, doc: str) -> Any:
@@ -144,13 +159,13 @@ class TiledMap:
         OccupancyMap
             A snapshot: what is done to it changes nothing here.
         """
+        self._frame.leaves(box, states=["occupied"])  # Which says what is wrong.
         corners = np.asarray(box, dtype=np.float64)
-        if corners.shape != (2, self.dim):
-            raise ValueError(f"box has shape {corners.shape}: must be (2, {self.dim})")
         with self._lock:
             self._resident.hold(self.grid.nearby(self.manifest.tiles, corners[0], corners[1]))
             return self._resident.map.snapshot()
 
+    @_asks
     def leaves(self, box: ArrayLike | None = None, *, states: Sequence[Any] | None = None) -> Leaves:
         """As of `OccupancyMap`, but for unknown space that is larger than `max_cell_size`.
 
@@ -163,6 +178,7 @@ class TiledMap:
             return self.region(np.array(bounds)).leaves(states=states)
         return self.region(box).leaves(box, states=states)
 
+    @_asks
     def frontiers(self, box: ArrayLike | None = None, *, min_cells: float = 8.0) -> list[Frontier]:
         """As of `OccupancyMap`."""
         bounds = self.bounds()
@@ -171,6 +187,7 @@ class TiledMap:
         around = np.array(bounds) if box is None else np.asarray(box, dtype=np.float64)
         return self.region(self._widened(around, self.grid.size)).frontiers(box, min_cells=min_cells)
 
+    @_asks
     def distance_field(
         self, box: ArrayLike, cell_size: float, *, max_distance: float = 2.0, unknown: Any = "free"
     ) -> DistanceField:
@@ -178,6 +195,7 @@ class TiledMap:
         around = self._widened(np.asarray(box, dtype=np.float64), max_distance + cell_size)
         return self.region(around).distance_field(box, cell_size, max_distance=max_distance, unknown=unknown)
 
+    @_asks
     def to_grid(
         self,
         box: ArrayLike,
@@ -228,9 +246,9 @@ class TiledMap:
     @_bulk
     def nearest_occupied(self, points: ArrayLike, *, max_distance: float = math.inf) -> NearestOccupied:
         """As of `OccupancyMap`; of points as near as each other, it may be another one."""
+        found = self._frame.nearest_occupied(points, max_distance=max_distance)  # Of the right shape, empty.
         points = np.asarray(points, dtype=np.float64)
         bounds = self.bounds()
-        found = self._frame.nearest_occupied(points, max_distance=max_distance)  # Of the right shape, empty.
         if bounds is None:
             return found
         distance, point = found.distance.copy(), found.point.copy()
@@ -240,17 +258,22 @@ class TiledMap:
         if is_far.any() and max_distance == math.inf:  # Then the distance is inf, as maps say.
             point[is_far] = self.nearest_occupied(near[is_far]).point
         left = np.flatnonzero(np.isfinite(points).all(axis=1) & ~is_far)
-        radius = min(0.25 * self.grid.size, max_distance)
+        gap = np.linalg.norm(points - near, axis=1)  # To where anything is: nothing is nearer.
+        radius = 0.25 * self.grid.size
         while left.size:
-            one = self._at(points[left], radius, functools.partial(_nearest, radius=radius))
-            distance[left], point[left] = one[:, 0], one[:, 1:]
+            radius = min(max(radius, gap[left].min()), max_distance)
+            asked = left[gap[left] <= radius]
+            one = self._at(points[asked], radius, functools.partial(_nearest, radius=radius))
+            distance[asked], point[asked] = one[:, 0], one[:, 1:]
             if radius >= max_distance:
                 break
-            farthest = np.maximum(np.abs(points[left] - bounds[0]), np.abs(points[left] - bounds[1]))
-            left = left[(one[:, 0] > radius) & (np.linalg.norm(farthest, axis=1) > radius)]
-            radius = min(2.0 * radius, max_distance)
+            farthest = np.maximum(np.abs(points[asked] - bounds[0]), np.abs(points[asked] - bounds[1]))
+            is_done = (one[:, 0] <= radius) | (np.linalg.norm(farthest, axis=1) <= radius)
+            left = np.setdiff1d(left, asked[is_done], assume_unique=True)
+            radius *= 2.0
         return NearestOccupied(distance, point)
 
+    @_asks
     def distance_to_occupied(self, points: ArrayLike) -> NDArray[np.float64]:
         """As of `OccupancyMap`."""
         found = self.nearest_occupied(points)
@@ -268,12 +291,10 @@ class TiledMap:
         details: bool = False,
     ) -> NDArray[np.float64] | RayEnds:
         """As of `OccupancyMap`; in its details, unknown space that ends a ray may be larger."""
+        keywords: dict[str, Any] = {"max_range": max_range, "unknown": unknown, "at": at, "details": details}
+        self._frame.cast_rays(origins, directions, **keywords)  # Which says what is wrong.
         way = np.asarray(directions, dtype=np.float64)
         start = np.asarray(origins, dtype=np.float64)
-        keywords: dict[str, Any] = {"max_range": max_range, "unknown": unknown, "at": at, "details": details}
-        if way.ndim != 2 or way.shape[1] != self.dim or start.shape not in ((self.dim,), way.shape):
-            return self._frame.cast_rays(start, way, **keywords)  # Which says what is wrong.
-        self._frame.cast_rays(start, way, **{**keywords, "details": False})  # So with what is not finite.
         bounds = self.bounds()
         limit = 0.0
         if bounds is not None and way.size:
@@ -294,10 +315,12 @@ class TiledMap:
 
         return self._asked(len(way), needed, ask, lambda: self._order_of_rays(start, ends))
 
+    @_asks
     def collides(self, shape: Shape, poses: ArrayLike, *, unknown: Any = "free") -> NDArray[np.bool_]:
         """As of `OccupancyMap`."""
         return self._about(poses, shape).collides(shape, poses, unknown=unknown)
 
+    @_asks
     def path_collides(self, shape: Shape, poses: ArrayLike, *, unknown: Any = "free") -> int:
         """As of `OccupancyMap`."""
         return self._about(poses, shape).path_collides(shape, poses, unknown=unknown)
