@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 import ndtree
 from ndtree.cli.commands import app
+from ndtree.evaluation.cleaned import writer_of
 from ndtree.logs import JoinedLog, read
 
 RUN = CliRunner()
@@ -141,8 +142,12 @@ def test_any_log_can_be_saved_or_says_why_not(tmp_path: Path) -> None:
         def _scans(self):  # type: ignore[no-untyped-def]
             yield ndtree.Scan(np.ones((2, 2)), np.zeros((2, 2)))
 
-    with pytest.raises(ValueError, match=r"log\.log: scan 0 has an origin for each beam"):
-        Each([read(text)]).save(tmp_path / "b.npz")
+    for save in (
+        lambda: Each([read(text)]).save(tmp_path / "b.npz"),
+        lambda: writer_of(Each([read(text)]), tmp_path / "b.npz", False).check(),
+    ):
+        with pytest.raises(ValueError, match=r"log\.log: scan 0 has an origin for each beam"):
+            save()
     assert sorted(tmp_path.iterdir()) == before
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import shutil
 from abc import ABC, abstractmethod
@@ -17,7 +18,7 @@ from ndtree.base.progress import Progress
 from ndtree.base.scan import Scan
 from ndtree.evaluation.moved import THRESHOLD, MovedPoints
 from ndtree.logs import Log
-from ndtree.logs.core.archive import is_archive, save_archive
+from ndtree.logs.core.archive import is_archive, require_of_archive, save_archive
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.folders.cloud_rows import write_cloud, write_rows
 from ndtree.logs.folders.point_clouds import PointCloudLog
@@ -37,6 +38,9 @@ class Writer(ABC):
         self.target = target
         self.mark = mark  # Nothing is left out, and the probabilities are written.
 
+    def check(self) -> None:  # noqa: B027
+        """Refuse a log whose scans the file cannot hold, by the first, before the others are looked at."""
+
     @abstractmethod
     def take(self, scan: Scan, moved: Floats, keep: Bools) -> None: ...
 
@@ -52,6 +56,11 @@ class _Archive(Writer):
         self._scans: list[Scan] = []
         self._moved: list[Floats] = []
         self._keep: list[Bools] = []
+
+    def check(self) -> None:
+        if not isinstance(self.log, NpzLog):
+            for scan in itertools.islice(self.log, 1):
+                require_of_archive(scan, 0, self.log.name)
 
     def take(self, scan: Scan, moved: Floats, keep: Bools) -> None:
         if not isinstance(self.log, NpzLog):

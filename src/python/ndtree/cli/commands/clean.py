@@ -41,6 +41,7 @@ def clean(log: GivenLog, call: Call, given: Config) -> None:
         check_picture(plot, call.picture)
     source, config = inspected(source, given)
     writer.log = source
+    writer.check()
     points = MovedPoints(source, config.options, config.max_range, config.no_return)
     cleaned = Cleaned(points, writer, keeps_points=call.picture is not None)
     with progress() as advance:

@@ -64,6 +64,7 @@ def check_outputs(command: str, arguments: dict[str, Any]) -> None:
             check_no_input(flag, Path(value), inputs)
             if Path(value).exists() and not Path(value).is_dir():
                 raise WrongCall(f"{flag} {value}: is a file, expected a folder")
+            _check_folder(Path(value))
         else:
             fits = _fitting(command, name, Path(value), arguments)
             by_ending = fits is fits_map and command != "convert"  # Which has a flag for the format.
@@ -185,6 +186,15 @@ def _kind_of(path: Path) -> str:
         return "a map"
     known = kind_of(path)
     return known[0] if known is not None else "there already, and something else"
+
+
+def _check_folder(folder: Path) -> None:
+    """Refuses a folder that could not be made, or not be written into, before the work is done."""
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    try:
+        ReplacedFile(there / folder.name).discard()
+    except OSError as error:
+        raise OSError(error.errno, f"cannot be written: {error.strerror}", str(folder)) from None
 
 
 def _check_target(target: Path) -> None:

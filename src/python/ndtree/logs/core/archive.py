@@ -24,6 +24,15 @@ def is_archive(path: str) -> bool:
         return False
 
 
+def require_of_archive(scan: Scan, i: int, name: str) -> None:
+    """Refuse a scan that an archive cannot hold. `i`, `name`: its number, and how errors call its log."""
+    scan.require_sensor(f"archives as of {name}")
+    if scan.origin.ndim != 1:
+        raise ValueError(f"{name}: scan {i} has an origin for each beam, expected one: .npz cannot hold more")
+    if scan.range_sigma is not None:
+        raise ValueError(f"{name}: scan {i} has a range_sigma for each beam, which .npz cannot hold")
+
+
 def save_archive(
     scans: Iterable[Scan],
     path: str | os.PathLike[str],
@@ -39,13 +48,7 @@ def save_archive(
     kept: list[Scan] = []
     more: dict[str, list[NDArray[Any]]] = {}
     for i, scan in enumerate(scans):
-        scan.require_sensor(f"archives as of {name}")
-        if scan.origin.ndim != 1:
-            raise ValueError(
-                f"{name}: scan {i} has an origin for each beam, expected one: .npz cannot hold more"
-            )
-        if scan.range_sigma is not None:
-            raise ValueError(f"{name}: scan {i} has a range_sigma for each beam, which .npz cannot hold")
+        require_of_archive(scan, i, name)
         kept.append(scan)
         for field, values in (fields(i) if fields else {}).items():
             more.setdefault(field, []).append(values)
