@@ -187,6 +187,8 @@ TEST(PoseCovariance, RefusesWhatIsNone) {
   PoseCovariance<3> covariance = PoseCovariance<3>::Identity();
   EXPECT_EQ(error_of(covariance), "");
   EXPECT_EQ(error_of(PoseCovariance<3>::Zero()), "");
+  std::mt19937_64 random(7);
+  for (int i = 0; i < 20; ++i) EXPECT_EQ(error_of(random_covariance<3>(random, 0.1, 0.05)), "");
   covariance(1, 2) = 0.5;
   EXPECT_EQ(error_of(covariance), "pose_covariance[2, 1] = 0.0 and [1, 2] = 0.5: must be symmetric");
   covariance(1, 2) = std::numeric_limits<double>::quiet_NaN();

@@ -164,17 +164,22 @@ TEST(TransformedAdaptiveMaps, KeepTheirEvidence) {
   Random random(16);
   // Beams through cells: the evidence of a square of cells is that of one cell, times its edge.
   const auto evidence = [](const Map& map) {
-    double sum = 0.0;
+    Eigen::Array4d sum = Eigen::Array4d::Zero();
     for_each_leaf(map.tree(), [&](const auto& leaf) {
-      sum += static_cast<double>(leaf.cell().occupied_evidence() + leaf.cell().free_evidence()) *
+      const auto& cell = leaf.cell();
+      sum += Eigen::Array4d(static_cast<double>(cell.occupied_evidence()),
+                            static_cast<double>(cell.free_evidence()), cell.hits(), cell.misses()) *
              map.tree().geometry().cell_size(leaf.index.level);
     });
     return sum;
   };
   for (int round = 0; round < 5; ++round) {
     const Map map = random_map<Map>(random);
-    const double before = evidence(map);
-    EXPECT_NEAR(evidence(transformed(map, random_pose<2>(random, 5.0))) / before, 1.0, 0.05);
+    const Eigen::Array4d before = evidence(map);
+    const Eigen::Array4d ratio = evidence(transformed(map, random_pose<2>(random, 5.0))) / before;
+    EXPECT_NEAR(ratio.head<2>().matrix().dot(before.head<2>().matrix()) / before.head<2>().sum(), 1.0, 0.05);
+    EXPECT_GT(ratio.minCoeff(), 0.8) << ratio.transpose();  // Occupied and free, hits and misses.
+    EXPECT_LT(ratio.maxCoeff(), 1.4) << ratio.transpose();  // Counts are rounded up.
   }
 }
 
