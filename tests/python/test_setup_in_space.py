@@ -22,7 +22,8 @@ from lidar_drives import beams, measured
 
 import ndtree
 from ndtree import Scan
-from ndtree.alignment.surfaces import Cloud, turn_of, turned_by
+from ndtree.alignment.patches import turn_of, turned_by
+from ndtree.alignment.surfaces import Cloud
 from ndtree.logs.poses.pose import matrices_of, mount_of, quaternions_of
 from ndtree.tuning.setup import setup_error
 from ndtree.tuning.setup_error import SetupError

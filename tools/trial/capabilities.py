@@ -111,6 +111,7 @@ CAPABILITIES = {
         (0, 1, 2, 3, 4, 5),
     ),
     "align": Capability(poses.align_trial, _PLANAR, _ODOMETRY, (0, 15, 32, 36, 38, 39, 53, 61, 64, 67)),
+    "align_in_space": Capability(poses.align_trial, _STANDING, _ODOMETRY, tuple(range(9))),
     "slam": Capability(poses.slam_trial, _PLANAR, _ODOMETRY, (1, 6, 9, 32, 43, 44, 57, 58, 60, 65)),
     "match": Capability(poses.match_trial, _PLANAR, ("near", "far"), (0, 4, 12, 29, 33, 34, 39, 44, 50, 54)),
     "match_in_space": Capability(poses.match_trial, _STANDING, ("near", "far"), (*range(9), 99)),

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 import ndtree
-from ndtree.alignment import Alignment
+from ndtree.alignment import Alignment, align_in_space
 from ndtree.alignment.aligning import moves
 from ndtree.alignment.online import OnlineAlignment
-from ndtree.alignment.surfaces import turned_by
+from ndtree.alignment.patches import turned_by
+from ndtree.alignment.result import FoundPoses
 from ndtree.live.localizing import Localizer
 from trial import faults
 from trial.maps import mapped
@@ -30,7 +31,7 @@ _UPRIGHT = 2 * [1e-4]  # Variances of roll and pitch [rad²].
 
 def align_trial(case: Case) -> tuple[Recording, Outcome]:
     """Poses of a log whose odometry has a fault."""
-    return _aligned(case, ndtree.align)
+    return _aligned(case, ndtree.align if case.dim == 2 else align_in_space)
 
 
 def slam_trial(case: Case) -> tuple[Recording, Outcome]:
@@ -45,10 +46,13 @@ def _one_by_one(log: Any) -> Alignment:
     return online.finish()
 
 
-def _aligned(case: Case, find: Callable[[Any], Alignment]) -> tuple[Recording, Outcome]:
+def _aligned(case: Case, find: Callable[[Any], FoundPoses]) -> tuple[Recording, Outcome]:
     world, fault, rng = case.world, case.fault, case.rng
-    sensor = laser(rng, beams=int(rng.choice([90, 180, 360])))
-    scans, motion = int(rng.integers(70, 110)), str(rng.choice(["drives", "drives", "pushed"]))
+    if case.dim == 2:
+        sensor = laser(rng, beams=int(rng.choice([90, 180, 360])))
+        scans, motion = int(rng.integers(70, 110)), str(rng.choice(["drives", "drives", "pushed"]))
+    else:
+        sensor, scans, motion = rings(rng, int(rng.choice([16, 32]))), int(rng.integers(60, 90)), "drives"
     true = poses_along(world, rng, scans, motion)
     r = getattr(faults, fault)(record(world.scene, sensor, true, rng), rng)
     outcome = Outcome()
@@ -59,14 +63,15 @@ def _aligned(case: Case, find: Callable[[Any], Alignment]) -> tuple[Recording, O
         except ValueError as error:
             outcome.refused = str(error)
             return r, outcome
-    truth = planar(r.true)
-    off = np.hypot(*(found.poses[:, :2] - truth[:, :2]).T)  # The first pose is told as it is.
-    way = np.hypot(*np.diff(truth[:, :2], axis=0).T).sum()
-    outcome.words, outcome.may_doubt = list(found.doubts), not world.is_tellable
+    truth = r.true[:, : case.dim, 3]
+    off = np.linalg.norm(found.places - truth, axis=1)  # The first pose is told as it is.
+    way = np.linalg.norm(np.diff(truth, axis=0), axis=1).sum()
+    # Of ground on which little else stands, few rings tell little.
+    outcome.words, outcome.may_doubt = list(found.doubts), not world.is_tellable or world.is_bare
     outcome.figures["way"] = round(float(way), 2)
     outcome.expect("poses", off.max(), "m off", max(limit("poses"), 0.01 * way))
     outcome.drawn["true"] = truth[:, :2]
-    outcome.drawn["found"] = found.poses[:, :2]
+    outcome.drawn["found"] = found.places[:, :2]
     outcome.drawn["told"] = planar(r.told)[:, :2]
     return r, outcome
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,6 +26,8 @@ class World:
         Of the sensor above z = 0, in space [m].
     is_tellable : bool
         Whether a scan says where it is on all axes: not in smooth corridors, nor beside equal rods.
+    is_bare : bool
+        Whether it is ground on which little else stands: few rings of a scan may not say that.
     """
 
     scene: Scene
@@ -33,6 +35,7 @@ class World:
     height: float = 1.2
     is_tellable: bool = True
     ramp: Callable[[Floats], Floats] | None = field(default=None, repr=False)
+    is_bare: bool = False
 
     def placed(self, rng: Random, cell: float) -> World:
         """Turned and shifted against a lattice of cells: exactly on it, a centimetre beside it, or anyhow."""
@@ -47,7 +50,7 @@ class World:
             def ramp(at: Floats) -> Floats:
                 return own((at - shift) @ back)
 
-        return World(self.scene.moved(turn, shift), route, self.height, self.is_tellable, ramp)
+        return replace(self, scene=self.scene.moved(turn, shift), route=route, ramp=ramp)
 
 
 def _posts(scene: Scene, rng: Random, count: int, low: Floats, high: Floats) -> None:
@@ -187,7 +190,7 @@ def flat(rng: Random) -> World:
     for x, y in rng.uniform([-6, 2.5], [14, 9], (6, 2)):
         y = y if rng.random() < 0.5 else -1 - y
         scene.block([x, y, 0], [x + 1, y + 1, rng.uniform(0.3, 2)], yaw=rng.uniform(0, 3))
-    return World(scene, np.array([[0.0, 0], [8, 0]]), rng.uniform(0.6, 1.8))
+    return World(scene, np.array([[0.0, 0], [8, 0]]), rng.uniform(0.6, 1.8), is_bare=True)
 
 
 def ramp(rng: Random) -> World:
@@ -206,7 +209,7 @@ def ramp(rng: Random) -> World:
         x = np.clip(at[:, 0] - 3, 0, length * np.cos(pitch))
         return np.c_[x * np.tan(pitch), np.where((x > 0) & (x < length * np.cos(pitch)), pitch, 0.0)]
 
-    return World(scene, np.array([[-2.0, 0], [8, 0]]), rng.uniform(0.6, 1.5), ramp=rise)
+    return World(scene, np.array([[-2.0, 0], [8, 0]]), rng.uniform(0.6, 1.5), ramp=rise, is_bare=True)
 
 
 def street(rng: Random) -> World:

@@ -3,7 +3,7 @@
 
 from ndtree.alignment.aligning import MAX_RANGE, align
 from ndtree.alignment.result import Alignment
-from ndtree.alignment.spatial import MAX_RANGE_IN_SPACE, SpatialAlignment, align_by_kiss_icp
+from ndtree.alignment.spatial import MAX_RANGE_IN_SPACE, SpatialAlignment, align_in_space
 
 __all__ = [
     "MAX_RANGE",
@@ -11,5 +11,5 @@ __all__ = [
     "Alignment",
     "SpatialAlignment",
     "align",
-    "align_by_kiss_icp",
+    "align_in_space",
 ]

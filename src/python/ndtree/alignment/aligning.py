@@ -64,7 +64,9 @@ def align(
     """
     require_log(log)
     if log.dim != 2:
-        raise ValueError(f"{log.name}: is {log.dim}-D, expected a 2-D log")
+        raise ValueError(
+            f"{log.name}: is {log.dim}-D, expected a 2-D log; of 3-D: ndtree.alignment.align_in_space"
+        )
     for name, value in (("max_range", max_range), ("cell_size", cell_size)):
         if not value > 0:
             raise ValueError(f"{name} = {value:g} m: must be > 0")
@@ -73,10 +75,10 @@ def align(
     has_odometry = moves(log) if odometry is None else odometry
     motion = Motion() if has_odometry else NO_ODOMETRY
     track, stamps, by_log = _tracked(log, Tracker(cell_size, motion, has_odometry), max_range, progress)
-    scale = told_scale(track, motion)
+    scale = told_scale(track.ratios, motion)
     if scale != 1.0:
         again, _, _ = _tracked(log, Tracker(cell_size, motion, has_odometry, scale), max_range, progress)
-        if is_confirmed(again, scale, motion):
+        if is_confirmed(again.ratios, scale, motion):
             track = again
     if not stamps:
         raise log.without_scans()
@@ -97,7 +99,7 @@ def align(
         against=track.against,
         unfixed=np.array(track.unfixed),
         through=np.array(track.through),
-        odometry_scale=scale_of(track),
+        odometry_scale=scale_of(track.ratios),
         seconds=time.perf_counter() - begin,
         _scans=track.scans,
     )
@@ -118,22 +120,22 @@ def _tracked(
     return tracker.track, stamps, by_log
 
 
-def scale_of(track: Track) -> float:
-    """What odometry's ways are to be multiplied by, as scans say."""
-    return float(np.median(track.ratios)) if track.ratios else 1.0
+def scale_of(ratios: list[float]) -> float:
+    """What odometry's ways are to be multiplied by, as a track's ratios say."""
+    return float(np.median(ratios)) if ratios else 1.0
 
 
-def told_scale(track: Track, motion: Motion) -> float:
+def told_scale(ratios: list[float], motion: Motion) -> float:
     """The same, to match scans once more with it; 1 where that is not worth it."""
-    scale = scale_of(track)
+    scale = scale_of(ratios)
     if abs(scale - 1.0) <= motion.rate:
         return 1.0
     return scale if scale > _BACKWARDS else -1.0
 
 
-def is_confirmed(track: Track, scale: float, motion: Motion) -> bool:
+def is_confirmed(ratios: list[float], scale: float, motion: Motion) -> bool:
     """Whether scans that were matched with a scale say the same."""
-    return abs(scale_of(track) - scale) < 2.0 * motion.rate
+    return abs(scale_of(ratios) - scale) < 2.0 * motion.rate
 
 
 def moves(log: Log) -> bool:

@@ -15,7 +15,8 @@ from ndtree.alignment.sensor_scans import SensorScan
 
 SIGMAS = 3.0  # Of odometry, that the window has to each side.
 LARGEST = np.array([1.0, 1.0, 0.5])  # Window of one step [m, m, rad].
-AS_BEFORE = math.log(0.01)  # How often a sensor moves about as before, against odometry.
+AS_BEFORE = math.log(0.01)  # How often a sensor moves about as before, against odometry,
+ANYHOW = math.log(0.001)  # and how often anyhow.
 _SOME_TURN = 0.2  # Where a log does not say how far the sensor turned [rad].
 _OF_MEDIAN = 1.4826  # Standard deviation over the median deviation, of a normal distribution.
 _LEARNED_FROM = 500  # The last motions that tell how far odometry is wrong.

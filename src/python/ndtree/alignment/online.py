@@ -140,14 +140,14 @@ class OnlineAlignment:
     def _match_again(self) -> None:
         """Match the first scans once more, if odometry's ways have another length."""
         motion, first = self._how[1], self._first
-        scale = told_scale(self.track, motion)
+        scale = told_scale(self.track.ratios, motion)
         self._first, self._is_told = [], True
         if scale == 1.0:
             return
         again = Tracker(*self._how, scale)
         for one in first:
             again.add(one)
-        if is_confirmed(again.track, scale, motion):
+        if is_confirmed(again.track.ratios, scale, motion):
             self._take()
             self._tracker, self.state = again, None
             self._begin_graph([])
@@ -200,7 +200,7 @@ class OnlineAlignment:
             against=[step for step in track.against if step.scan < scans],
             unfixed=np.array(track.unfixed[:scans]),
             through=np.array(track.through[:keys]),
-            odometry_scale=scale_of(track),
+            odometry_scale=scale_of(track.ratios),
             seconds=0.0,
             _scans=track.scans[:keys],
         )

@@ -18,11 +18,10 @@ import numpy as np
 
 from ndtree._lazy import needs
 from ndtree._native import _core
+from ndtree.alignment.patches import Patches, covariance_of
 from ndtree.alignment.planar import Floats
 from ndtree.base.progress import Progress, no_progress
 
-#: Points of a scan that local maps take.
-POINTS = 4000
 _FAR = 0.9  # This fraction of the points is nearer than the reach of a sensor.
 _EVERY = (3.0, 15.0)  # Between key scans: half of the reach, in these bounds [m].
 _CELL = (0.1, 0.5)  # Of maps from above: a hundredth of the reach, in these bounds [m].
@@ -47,18 +46,22 @@ class SpatialLoop:
     newer: int
     relation: Floats
     root: Floats  # Of its information (6, 6): of the translation [1/m], then of the rotation [1/rad].
+    is_told: bool  # Whether flat surfaces tell it, in all directions.
 
 
 @dataclass
 class SpatialGraph:
     """Key scans of a drive and relations between their poses.
 
-    `poses` (n, 4, 4) float64: Of all scans by odometry.
+    `poses` (n, 4, 4) float64: Of all scans, each as it was matched with those before.
     `points`: End points of each scan, as its sensor sees them [m].
+    `untold` (n, 3, 3) float64: Covariance of each scan's place in what was seen shortly before, where that
+        does not tell it; else 0 [m²].
     """
 
     poses: Floats
     points: Sequence[Any]
+    untold: Floats
     loops: list[SpatialLoop] = field(default_factory=list)
     tested: int = 0  # Pairs of local maps that look alike.
 
@@ -116,7 +119,10 @@ class SpatialGraph:
         told = variance * np.linalg.pinv(np.asarray(found.H))[np.ix_(order, order)]
         least = np.diag(np.repeat([_LEAST, _LEAST_ANGLE], 3) ** 2)
         root = np.linalg.cholesky(np.linalg.inv(told + least)).T
-        self.loops.append(SpatialLoop(older, newer, relation, root))
+        patches = (Patches.of([maps[number]], False) for number in (older, newer))
+        told = covariance_of(next(patches).matched(next(patches), relation)[1])[:3, :3]
+        is_told = bool(np.linalg.eigvalsh(told).max() < self._cell**2)
+        self.loops.append(SpatialLoop(older, newer, relation, root, is_told))
 
     def _agree(self, older: int, newer: int, relation: Floats) -> bool:
         """Whether hardly an end point of each local map lies where the other saw through."""
@@ -167,15 +173,22 @@ class SpatialGraph:
         numbers = np.arange(len(steps))
         pairs = [np.column_stack((numbers, numbers + 1))] + [[(one.older, one.newer)] for one in self.loops]
         relations = [np.linalg.inv(at[:-1]) @ at[1:]] + [one.relation[None] for one in self.loops]
-        roots = [np.eye(6) / deviations[:, None, :]] + [one.root[None] for one in self.loops]
+        variances = deviations[:, :, None] ** 2 * np.eye(6)
+        summed = np.cumsum(self.untold, axis=0)[self.keys]
+        turn = at[:-1, :3, :3].transpose(0, 2, 1)
+        variances[:, :3, :3] += turn @ np.diff(summed, axis=0) @ turn.transpose(0, 2, 1)
+        steps_of = np.linalg.cholesky(np.linalg.inv(variances)).transpose(0, 2, 1)
+        roots = [steps_of] + [one.root[None] for one in self.loops]
         return np.concatenate(pairs), np.concatenate(relations), np.concatenate(roots)
 
 
-def require_libraries() -> None:
-    """Raises ImportError where what finds loops is not installed: what to install."""
-    with needs("loops in 3-D need map-closures and small-gicp", "kiss-icp"):
-        import map_closures.map_closures  # noqa: F401
+def require_libraries(*, loops: bool) -> None:
+    """Raises ImportError where what finds poses, or loops, is not installed: what to install."""
+    with needs("finding poses in space needs small-gicp", "lidar"):
         import small_gicp  # noqa: F401
+    if loops:
+        with needs("loops in space need map-closures", "lidar"):
+            import map_closures.map_closures  # noqa: F401
 
 
 def _may_drift(by_odometry: Floats, found: Floats, way: float) -> bool:

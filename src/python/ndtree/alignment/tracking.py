@@ -18,6 +18,7 @@ from collections import deque
 import numpy as np
 
 from ndtree.alignment.motion import (
+    ANYHOW,
     AS_BEFORE,
     LARGEST,
     NO_ODOMETRY,
@@ -38,7 +39,6 @@ _LONGER = 2.0  # Time since the last scan, times that before: it does not go on 
 _WIDE = np.array([1.0, 1.0, 0.6])  # Where it moved anyhow,
 _ANY_TURN = np.array([1.0, 1.0, 2.0])  # times this if the log does not say how it turned;
 _APART = np.array([0.5, 0.5, 0.35])  # and which poses there are different ones.
-_ANYHOW = math.log(0.001)  # How often it moves so, against odometry.
 _POOR = 0.75  # Of the score of scans before: below it, the wide window is looked at, too.
 _UNIQUE = 0.9  # Of the score of a pose that was found there, which no other may have.
 _CERTAIN = 7.0  # Log-likelihood by which another pose is less likely: one in a thousand is wrong.
@@ -257,7 +257,7 @@ class Tracker:
         match, pose = matches[best], poses[best]
         rivals = [one.second for one in matches]
         rivals += [one.score for one, at in zip(matches, poses) if _is_outside(at, pose, _APART)]
-        prior = _ANYHOW - float(np.log(2.0 * wide).sum()) + 1.5 * math.log(2.0 * math.pi)
+        prior = ANYHOW - float(np.log(2.0 * wide).sum()) + 1.5 * math.log(2.0 * math.pi)
         posterior, rival = pieces * match.score + prior, pieces * max(rivals) + prior
         one = Hypothesis(pose, match.covariance, match.score, match.inliers, posterior)
         return one, max(rivals) <= _UNIQUE * match.score, rival

@@ -170,7 +170,7 @@ QUESTIONS: dict[str, tuple[Option, ...]] = {
                but={"compare demo calibrate": "none"}, of_node="Longer beams are free up to here [m]; 0: no "
                "limit."),
         Option("max_range", float, "Do not match end points farther away [m].", "M",
-               "40 m, by kiss-icp 100 m", "far points are noise; missing returns are free up to here",
+               "40 m, in space 100 m", "far points are noise; missing returns are free up to here",
                "align", unit="m", limits=_POSITIVE, above=True),
         Option("no_return", ("auto", "free", "ignore"), "A beam without return is free up to its end point, "
                "or ignored.", "", "", "free space is missing, or goes through glass", _MAPPING_LIVE, "auto",

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ndtree.alignment.patches import turn_of, turned_by
 from ndtree.alignment.planar import Floats
-from ndtree.alignment.surfaces import turn_of, turned_by
 
 #: What poses err, each by itself: place [m] and turn [rad].
 _POSES = np.array([0.02, 0.02, 0.03, 0.0123, 0.0123, 0.0123])

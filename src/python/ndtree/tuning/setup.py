@@ -28,8 +28,9 @@ from functools import partial
 
 import numpy as np
 
+from ndtree.alignment.patches import turn_of, turned_by
 from ndtree.alignment.planar import Floats, yaw_of
-from ndtree.alignment.surfaces import FITS, Cloud, turn_of, turned_by, unit_of
+from ndtree.alignment.surfaces import FITS, Cloud, unit_of
 from ndtree.logs.poses.pose import about_axes, matrices_of, quaternions_of
 from ndtree.tuning.motions import (
     errors_of,

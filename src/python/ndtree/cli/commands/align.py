@@ -11,9 +11,8 @@ from ndtree.alignment import (
     Alignment,
     SpatialAlignment,
     align,
-    align_by_kiss_icp,
+    align_in_space,
 )
-from ndtree.base.exit_status import WrongCall
 from ndtree.base.words import listed, number_of
 from ndtree.cli.commands.flags import Call, GivenLog, check_ranges, command, opened
 from ndtree.cli.commands.logs import inspected, warn_of_skipped
@@ -25,8 +24,6 @@ from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log
 from ndtree.logs.core.failures import NowhereKnown
 from ndtree.tuning.config import Config
-
-KISS_ICP = "kiss-icp"
 
 
 @command(
@@ -42,21 +39,16 @@ KISS_ICP = "kiss-icp"
 def align_(log: GivenLog, call: Call, given: Config) -> None:
     """Find the poses of a log that has none, or whose poses drift.
 
-    Each scan is matched with earlier ones, and loops are closed. Libraries of the extra kiss-icp do this for
-    3-D lidars.
+    Each scan is matched with earlier ones, and loops are closed. For 3-D lidars this takes the libraries of
+    the extra lidar.
     """
     if call.max_range is not None:
         check_ranges(given, call.max_range)
-    by_kiss_icp = given.get("odometry") == KISS_ICP
-    if by_kiss_icp:
-        given = Config({name: one for name, one in given.values.items() if name != "odometry"})
     source = opened_at_rest(given, log)
     if call.map_file is not None:
         check_dim("--map", call.map_file, source.dim)
     if call.picture is not None:
         check_picture(plotting(), call.picture)
-    if by_kiss_icp and source.dim != 3:
-        raise WrongCall(f"{source.name}: is {source.dim}-D, and --odometry {KISS_ICP} expects a 3-D log")
     found = aligned(source, call.max_range, call.loops)
     found.save(call.output)
     if call.picture is not None:
@@ -91,7 +83,7 @@ def aligned(
     with progress() as advance:
         if log.dim == 3:
             farthest = max_range or MAX_RANGE_IN_SPACE
-            return align_by_kiss_icp(log, max_range=farthest, close_loops=loops, progress=advance)
+            return align_in_space(log, max_range=farthest, close_loops=loops, progress=advance)
         return align(log, max_range=max_range or MAX_RANGE, close_loops=loops, progress=advance)
 
 

@@ -20,8 +20,9 @@ from typing import Any
 import numpy as np
 
 from ndtree._errors import Text
+from ndtree.alignment.patches import turn_of, turned_by
 from ndtree.alignment.planar import Floats, wrapped, yaw_of
-from ndtree.alignment.surfaces import Cloud, turn_of, turned_by
+from ndtree.alignment.surfaces import Cloud
 from ndtree.base.progress import Progress, no_progress
 from ndtree.evaluation.sampling import spread
 from ndtree.logs.ros.rosbag import RosbagLog

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Poses of 3-D logs by kiss-icp and loops: of logs that have none, and of logs with poor ones."""
+"""Poses of 3-D logs and loops: of logs that have none, and of logs with poor ones."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from calling import cli
 from conftest import turned
 
 import ndtree
-from ndtree.alignment import align_by_kiss_icp
+from ndtree.alignment import align_in_space
 from ndtree.alignment.spatial_loops import SpatialGraph
 from ndtree.logs.poses.pose import quaternions_of
 
@@ -22,10 +22,12 @@ FIRST, SCANS = 60, 30
 FAR = 50.0  # What is looked at [m].
 
 
-def needs_kiss_icp() -> None:
-    pytest.importorskip(
-        "kiss_icp", reason="kiss-icp is not installed: pip install 'ndtree-mapping[kiss-icp]'"
-    )
+@pytest.fixture
+def libraries() -> None:
+    for library in ("small_gicp", "map_closures"):
+        pytest.importorskip(
+            library, reason=f"{library} is not installed: pip install 'ndtree-mapping[lidar]'"
+        )
 
 
 def street(folder: Path, errors: Any = None) -> tuple[Path, np.ndarray]:
@@ -97,13 +99,12 @@ def drifted(truth: np.ndarray) -> np.ndarray:
     return np.array(poses)
 
 
+@pytest.mark.usefixtures("libraries")
 @pytest.mark.parametrize("is_changed", [False, True])
 def test_places_that_are_seen_again_close_loops(is_changed: bool) -> None:
-    for library in ("map_closures", "small_gicp"):
-        pytest.importorskip(library)
     truth, rng, changed = round_trip(), np.random.default_rng(2), 75
     scans = [seen(blocks(1 + (is_changed and i > changed)), pose, rng) for i, pose in enumerate(truth)]
-    graph = SpatialGraph(drifted(truth), scans)
+    graph = SpatialGraph(drifted(truth), scans, np.zeros((len(truth), 3, 3)))
     before = off(graph.poses, (np.linalg.inv(truth[0]) @ truth)[:, :3, 3])
     graph.close()
     after = off(graph.poses, (np.linalg.inv(truth[0]) @ truth)[:, :3, 3])
@@ -120,7 +121,7 @@ def test_places_that_are_seen_again_close_loops(is_changed: bool) -> None:
         assert graph._agree(loop.older, loop.newer, loop.relation)
         assert not graph._agree(loop.older, loop.newer, beside), "end points where the other saw through"
     assert before[-1] > 0.5 and after[-1] < 0.1 and after.max() < 0.5 * before.max()
-    again = SpatialGraph(drifted(truth), scans)
+    again = SpatialGraph(drifted(truth), scans, np.zeros((len(truth), 3, 3)))
     again.close()
     np.testing.assert_array_equal(again.poses, graph.poses)
 
@@ -130,32 +131,32 @@ def off(poses: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return np.linalg.norm((poses[:, :3, 3] - poses[0, :3, 3]) - (truth - truth[0]), axis=1)
 
 
+@pytest.mark.usefixtures("libraries")
 def test_a_log_without_poses_is_aligned(tmp_path: Path) -> None:
-    needs_kiss_icp()
     path, truth = street(tmp_path)
-    found = align_by_kiss_icp(ndtree.read(path), max_range=FAR)
+    found = align_in_space(ndtree.read(path), max_range=FAR)
     assert off(found.poses, truth).max() < 0.25 < np.linalg.norm(truth[-1] - truth[0])
     assert not found.doubts and found.cells[1] < 0.8 * found.cells[0]
-    again = align_by_kiss_icp(ndtree.read(path), max_range=FAR)
+    again = align_in_space(ndtree.read(path), max_range=FAR)
     np.testing.assert_array_equal(found.poses, again.poses)
     for scan, before, pose in zip(found.log, ndtree.read(path), found.poses):
         np.testing.assert_allclose(scan.origin, pose[:3, 3], atol=1e-9)
         np.testing.assert_allclose((scan.endpoints - pose[:3, 3]) @ pose[:3, :3], before.endpoints, atol=1e-6)
 
 
+@pytest.mark.usefixtures("libraries")
 def test_poor_poses_are_found_anew(tmp_path: Path) -> None:
-    needs_kiss_icp()
     rng = np.random.default_rng(3)
     errors = np.cumsum(rng.normal(size=(SCANS, 3)) * 0.15, axis=0)
     path, truth = street(tmp_path, errors)
-    found = align_by_kiss_icp(ndtree.read(path), max_range=FAR)
+    found = align_in_space(ndtree.read(path), max_range=FAR)
     assert off(found.poses, truth).max() < 0.25 < np.linalg.norm(errors - errors[0], axis=1).max()
     np.testing.assert_allclose(found.poses[0, :3, 3], truth[0] + errors[0], atol=0.05)
     assert found.cells[1] < found.cells[0]
 
 
+@pytest.mark.usefixtures("libraries")
 def test_jumps_and_scans_that_match_nothing_are_told(tmp_path: Path) -> None:
-    needs_kiss_icp()
     path, _ = street(tmp_path)
     held = dict(np.load(path))
     rng = np.random.default_rng(4)
@@ -163,12 +164,12 @@ def test_jumps_and_scans_that_match_nothing_are_told(tmp_path: Path) -> None:
         part = slice(*held["offsets"][i : i + 2])
         held["points"][part] = rng.uniform(-40, 40, held["points"][part].shape)
     np.savez(path, **held)
-    found = align_by_kiss_icp(ndtree.read(path), max_range=FAR)
+    found = align_in_space(ndtree.read(path), max_range=FAR)
     assert found.doubts and "doubtful" in str(found)
 
 
+@pytest.mark.usefixtures("libraries")
 def test_the_command_writes_trajectory_map_and_picture(tmp_path: Path) -> None:
-    needs_kiss_icp()
     pytest.importorskip("matplotlib")
     path, _ = street(tmp_path)
     out = {name: tmp_path / name for name in ("poses.txt", "map.ndt", "both.png", "figures.json")}
@@ -178,7 +179,7 @@ def test_the_command_writes_trajectory_map_and_picture(tmp_path: Path) -> None:
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     assert f"{SCANS} scans aligned" in done.output and "no loops found" in done.output
-    found = align_by_kiss_icp(ndtree.read(path), max_range=FAR)
+    found = align_in_space(ndtree.read(path), max_range=FAR)
     rows = np.loadtxt(out["poses.txt"])
     np.testing.assert_allclose(rows[:, 1:4], found.poses[:, :3, 3], atol=1e-6)
     same = np.abs((rows[:, 4:] * quaternions_of(found.poses[:, :3, :3])).sum(axis=1))
@@ -187,15 +188,57 @@ def test_the_command_writes_trajectory_map_and_picture(tmp_path: Path) -> None:
     assert json.loads(out["figures.json"].read_text())["scans"] == SCANS
 
 
+def corridor(folder: Path, told: Any) -> tuple[ndtree.Log, np.ndarray]:
+    """A smooth corridor without ends in sight, whose log has other steps than the truth; and its places."""
+    walls = np.array(
+        [[[-60, y, -1], [60, y + 0.2, 3]] for y in (-1.4, 1.2)]
+        + [[[-60, -2, 2.6], [60, 2, 2.8]], [[-60, -2, -0.2], [60, 2, 0]]]
+    )
+    truth = np.column_stack((0.1 * np.arange(40), np.zeros(40), np.full(40, 1.0)))
+    origins, rng = told(truth), np.random.default_rng(5)
+    points = [seen(walls, turned(3, 0.0, tuple(at)), rng) + origin for at, origin in zip(truth, origins)]
+    offsets = np.cumsum([0, *map(len, points)])
+    path = folder / "corridor.npz"
+    np.savez(
+        path, points=np.concatenate(points), origins=origins, offsets=offsets, stamps=0.1 * np.arange(40)
+    )
+    return ndtree.read(path), truth
+
+
+@pytest.mark.usefixtures("libraries")
+def test_in_a_corridor_odometry_alone_says_the_way_and_that_is_told(tmp_path: Path) -> None:
+    """The same beams on smooth walls fit best where the sensor stood still."""
+    log, truth = corridor(tmp_path, lambda truth: truth + [0, 0.3, 0] * np.arange(40)[:, None] / 40)
+    found = align_in_space(log)
+    assert np.abs(found.poses[:, :3, 3] - truth).max() < 0.05, "across, walls tell that odometry drifts"
+    assert any("only odometry says how far" in doubt for doubt in found.doubts)
+    alone = align_in_space(corridor(tmp_path, lambda truth: np.tile(truth[:1], (40, 1)))[0])
+    assert not alone.has_odometry and alone.doubts
+
+
+@pytest.mark.usefixtures("libraries")
+@pytest.mark.parametrize("kind", ["backwards", "stalls", "jumps"])
+def test_odometry_that_is_wrong_is_found_out(tmp_path: Path, kind: str) -> None:
+    _, truth = street(tmp_path)
+    told = truth.copy()
+    if kind == "backwards":
+        told = 2 * truth[0] - truth
+    elif kind == "stalls":
+        told[10:14] = told[10]
+    else:
+        told[15:] += [0.0, 8.0, 0.0]
+    found = align_in_space(ndtree.read(street(tmp_path, told - truth)[0]), max_range=FAR, close_loops=False)
+    assert off(found.poses, truth).max() < 0.15 and not found.doubts
+    assert (found.odometry_scale < -0.9) == (kind == "backwards")
+
+
 def test_what_is_missing_or_wrong_is_said_in_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, _ = street(tmp_path)
-    monkeypatch.setitem(sys.modules, "kiss_icp", None)
-    monkeypatch.setitem(sys.modules, "kiss_icp.config", None)
-    for options in ([], ["--odometry", "kiss-icp"]):
-        done = cli("align", path, *options, "-o", tmp_path / "poses.txt")
-        assert done.exit_code != 0 and "pip install 'kiss-icp>=" in done.output
+    monkeypatch.setitem(sys.modules, "small_gicp", None)
+    done = cli("align", path, "-o", tmp_path / "poses.txt")
+    assert done.exit_code != 0 and "small-gicp" in done.output and "pip install" in done.output
     assert not (tmp_path / "poses.txt").exists()
     with pytest.raises(ValueError, match="expected a 3-D log"):
-        align_by_kiss_icp(ndtree.simulate("office", scans=2))
+        align_in_space(ndtree.simulate("office", scans=2))
     with pytest.raises(ValueError, match="max_range = 0 m"):
-        align_by_kiss_icp(ndtree.read(path), max_range=0)
+        align_in_space(ndtree.read(path), max_range=0)
