@@ -24,10 +24,7 @@ FAR = 50.0  # What is looked at [m].
 
 @pytest.fixture
 def libraries() -> None:
-    for library in ("small_gicp", "map_closures"):
-        pytest.importorskip(
-            library, reason=f"{library} is not installed: pip install 'ndtree-mapping[lidar]'"
-        )
+    pytest.importorskip("small_gicp", reason="small-gicp is missing: pip install 'ndtree-mapping[lidar]'")
 
 
 def street(folder: Path, errors: Any = None) -> tuple[Path, np.ndarray]:

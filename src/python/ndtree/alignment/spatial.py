@@ -153,7 +153,7 @@ def align_in_space(
         raise ValueError(f"{log.name}: is {log.dim}-D, expected a 3-D log")
     if not 0 < max_range < np.inf:
         raise WrongValue.of("max_range", f"{max_range:g} m", "> 0 and finite")
-    require_libraries(loops=close_loops)
+    require_libraries()
     begin = time.perf_counter()
     log = log.ruled(poses_are_found=True)
     scans: list[CloudScan] = []

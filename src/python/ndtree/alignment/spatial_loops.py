@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Places that a 3-D lidar sees again, and poses that fit all of them.
 
-Strategy: around key scans, at equal distances on the path, scans make local maps. MapClosures (Gupta et al.,
-"Effectively Detecting Loop Closures using Point Cloud Density Maps", ICRA 2024) finds local maps that look
-alike from above, and GICP (small_gicp) refines their relation. It counts if odometry's drift allows it, and
-if the end points of neither lie where the other saw through. The pose graph has a robust kernel, as in the
-plane.
+Strategy: around key scans, at equal distances on the path, scans make local maps. Each is looked for in older
+ones that may be near: by its flat patches, from where the poses have it and from around there as far as they
+may have drifted, and then by GICP (small_gicp). It counts if the drift allows it, and if the end points of
+neither lie where the other saw through. The pose graph has a robust kernel, as in the plane, and is solved
+whenever a place is found, so that the next are nearer.
 """
 
 from __future__ import annotations
@@ -27,6 +27,9 @@ _EVERY = (3.0, 15.0)  # Between key scans: half of the reach, in these bounds [m
 _CELL = (0.1, 0.5)  # Of maps from above: a hundredth of the reach, in these bounds [m].
 _SCANS = 40  # Of a local map, at most, evenly spread.
 _APART = 3  # Key scans nearer on the path than this see the same anyway.
+_MOST = 3  # Of the older local maps that may be near, the nearest are looked at.
+_BASIN = 2.0  # Patches find their places from so near [m];
+_LARGEST = 6.0  # no farther than this from where the poses have it, a local map is looked for [m].
 _DRIFT, _DRIFT_ANGLE = (0.5, 0.02), (0.1, 0.003)  # What odometry may be wrong by: at once, and for a way.
 _FEWEST, _AGREE = 200, 0.9  # Points that were compared, and the fraction that must not be seen through,
 _THROUGH = 0.2  # as those are in cells that are occupied with less than this probability.
@@ -74,53 +77,63 @@ class SpatialGraph:
         numbers = np.floor(self._way / self._every)
         self.keys = np.flatnonzero(np.diff(numbers, prepend=-1.0) > 0)
         self._weights = np.zeros(0)
+        self._matched = self.poses
 
     def close(self, progress: Progress = no_progress) -> None:
         """Look for all local maps in older ones, and move the poses to where all relations fit best."""
-        from map_closures.config import MapClosuresConfig
-        from map_closures.map_closures import MapClosures
         from small_gicp import voxelgrid_sampling
 
-        finder = MapClosures(MapClosuresConfig(density_map_resolution=self._cell))
         maps: list[Any] = []
         for newer in range(len(self.keys)):
             maps.append(voxelgrid_sampling(self._around(newer), self._cell / 2).points()[:, :3])
-            for one in finder.get_closures(newer, maps[-1]):
-                older = int(one.source_id)
-                if newer - older >= _APART:
-                    self._test(maps, older, newer, np.linalg.inv(np.asarray(one.pose)))
+            before = len(self.loops)
+            for older in self._candidates(newer):
+                self._test(maps, older, newer)
+            if len(self.loops) > before:
+                self._solve()
             progress("closing loops", newer + 1, len(self.keys))
-        if self.loops:
-            self._solve()
+
+    def _candidates(self, newer: int) -> list[int]:
+        """Older key scans that may be near, the nearest first."""
+        places = self.poses[self.keys, :3, 3]
+        older = np.arange(max(0, newer - _APART + 1))
+        away = np.linalg.norm(places[older] - places[newer], axis=1)
+        ways = self._way[self.keys[newer]] - self._way[self.keys[older]]
+        near = away < self._every + np.minimum(_DRIFT[0] + _DRIFT[1] * ways, _LARGEST)
+        order = np.argsort(away[near], kind="stable")[:_MOST]
+        return [int(one) for one in older[near][order]]
 
     @property
     def contradicted(self) -> int:
         """Loops that others contradict, and that hardly count."""
         return int(np.count_nonzero(self._weights < _CONTRADICTED))
 
-    def _test(self, maps: Sequence[Any], older: int, newer: int, guess: Floats) -> None:
+    def _test(self, maps: Sequence[Any], older: int, newer: int) -> None:
         """Add a loop if it is surely one."""
         from small_gicp import align
 
         self.tested += 1
         a, b = self.keys[older], self.keys[newer]
+        by_poses = np.linalg.inv(self.poses[a]) @ self.poses[b]
         way = self._way[b] - self._way[a]
-        if not _may_drift(np.linalg.inv(self.poses[a]) @ self.poses[b], guess, way):
-            return
+        one, other = (Patches.of([maps[number]], False) for number in (older, newer))
+        guesses = [one.matched(other, guess)[0] for guess in _around_guess(by_poses, way)]
+        guess = max(guesses, key=lambda at: one.agreement(other, at))
         found = align(
             maps[older], maps[newer], guess, downsampling_resolution=self._cell,
             max_correspondence_distance=4 * self._cell, num_threads=1,
         )  # fmt: skip
         relation = np.array(found.T_target_source)
-        if found.num_inliers < _FEWEST or not self._agree(older, newer, relation):
+        if found.num_inliers < _FEWEST or not _may_drift(by_poses, relation, way):
+            return
+        if not self._agree(older, newer, relation):
             return
         order = [3, 4, 5, 0, 1, 2]  # GICP has rotations first.
         variance = found.error / found.num_inliers * max(1.0, found.num_inliers / _INDEPENDENT)
         told = variance * np.linalg.pinv(np.asarray(found.H))[np.ix_(order, order)]
         least = np.diag(np.repeat([_LEAST, _LEAST_ANGLE], 3) ** 2)
         root = np.linalg.cholesky(np.linalg.inv(told + least)).T
-        patches = (Patches.of([maps[number]], False) for number in (older, newer))
-        told = covariance_of(next(patches).matched(next(patches), relation)[1])[:3, :3]
+        told = covariance_of(one.matched(other, relation)[1])[:3, :3]
         is_told = bool(np.linalg.eigvalsh(told).max() < self._cell**2)
         self.loops.append(SpatialLoop(older, newer, relation, root, is_told))
 
@@ -152,17 +165,17 @@ class SpatialGraph:
 
     def _solve(self) -> None:
         """Poses of the key scans that fit all relations best; those between follow them."""
-        before = self.poses[self.keys]
+        before = self._matched[self.keys]
         pairs, relations, roots = self._edges(before)
         count = len(self.keys) - 1
-        self._weights, after = np.ones(len(self.loops)), before
+        self._weights, after = np.ones(len(self.loops)), self.poses[self.keys]
         for _ in range(_ROUNDS):
             scaled = roots.copy()
             scaled[count:] *= np.sqrt(self._weights)[:, None, None]
             after = _fitted(after, pairs, relations, scaled)
             errors = np.einsum("nij,nj->ni", roots[count:], _errors(after, pairs[count:], relations[count:]))
             self._weights = 1.0 / (1.0 + (errors**2).sum(axis=1) / _KERNEL**2)
-        self.poses = _carried(self.poses, self._way, self.keys, after @ np.linalg.inv(before))
+        self.poses = _carried(self._matched, self._way, self.keys, after @ np.linalg.inv(before))
 
     def _edges(self, at: Floats) -> tuple[Any, Floats, Floats]:
         """Pairs of key scans, their relations and roots of information: odometry's, then the loops'."""
@@ -182,13 +195,21 @@ class SpatialGraph:
         return np.concatenate(pairs), np.concatenate(relations), np.concatenate(roots)
 
 
-def require_libraries(*, loops: bool) -> None:
-    """Raises ImportError where what finds poses, or loops, is not installed: what to install."""
-    with needs("finding poses in space needs small-gicp", "lidar"):
+def require_libraries() -> None:
+    """Raises ImportError where what finds poses is not installed: what to install."""
+    with needs("finding poses in space needs small-gicp and SciPy", "lidar"):
+        import scipy  # noqa: F401
         import small_gicp  # noqa: F401
-    if loops:
-        with needs("loops in space need map-closures", "lidar"):
-            import map_closures.map_closures  # noqa: F401
+
+
+def _around_guess(guess: Floats, way: float) -> list[Floats]:
+    """Poses around a guess, as far as it may have drifted after a way [m]."""
+    far = min(_DRIFT[0] + _DRIFT[1] * way, _LARGEST)
+    steps = _BASIN * np.arange(-int(far / _BASIN), int(far / _BASIN) + 1)
+    poses = [guess.copy() for _ in range(len(steps) ** 2)]
+    for pose, x, y in zip(poses, np.repeat(steps, len(steps)), np.tile(steps, len(steps))):
+        pose[:2, 3] += x, y
+    return poses
 
 
 def _may_drift(by_odometry: Floats, found: Floats, way: float) -> bool:
