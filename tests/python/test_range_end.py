@@ -17,7 +17,7 @@ import ndtree
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import Log
 from ndtree.logs.core.silence import CutOff
-from ndtree.tuning.range_end import RangeEnd
+from ndtree.tuning.range_end import RangeEnd, range_end
 
 LIMIT = 5.0
 Floats = np.ndarray[Any, Any]
@@ -229,6 +229,7 @@ def test_the_farthest_ring_on_the_ground_is_ground(
     rng = np.random.default_rng(21)
     high_up = np.array([0.0, 0.0, 500.0])
     origins, points = (one + high_up for one in rings(np.linspace(lowest, highest, 8), poses, rng, end=30.0))
+    points[:, 0] = np.nan  # No beam at all.
     np.savez(tmp_path / "a.npz", origins=origins, points=points.reshape(-1, 3),
              offsets=points.shape[1] * np.arange(len(points) + 1))  # fmt: skip
     log, config = looked(tmp_path / "a.npz")
@@ -285,3 +286,38 @@ def test_beams_far_apart_tell_of_larger_cells(tmp_path: Path) -> None:
 )
 def test_what_is_to_be_typed_leaves_these_readings_out(at: float, tolerance: float, said: str) -> None:
     assert re.search(said, str(RangeEnd(CutOff(at, tolerance), is_empty=False)))
+
+
+@pytest.mark.parametrize("is_wall", [False, True])
+def test_depths_end_in_a_plane_before_the_camera(is_wall: bool) -> None:
+    """Not on a sphere around it, and not if a wall stands there."""
+    u, v = (one.ravel() for one in np.meshgrid(np.linspace(-0.6, 0.6, 40), np.linspace(-0.45, 0.45, 30)))
+    scans, silent = [], []
+    for i in range(12):
+        yaw = 0.0 if is_wall else 0.08 * i - 0.43
+        c, s = math.cos(yaw), math.sin(yaw)
+        turn = np.array([[s, 0, c], [-c, 0, s], [0, -1, 0]])  # Of x to the right, y down, z forward.
+        ways = np.stack([u, v, np.ones(len(u))], axis=1) @ turn.T
+        with np.errstate(divide="ignore"):
+            far = np.minimum(np.where(v > 0, 1 / v, np.inf), np.where(ways[:, 1] > 0, 3 / ways[:, 1], np.inf))
+        silent.append(far > LIMIT)
+        origin = np.array([0.0, -0.1 * i, 0.0]) if is_wall else np.array([0.15 * i, 0.0, 0.0])
+        ends = origin + np.minimum(far, LIMIT)[:, None] * ways
+        scans.append(Scan(ends, origin, rotation=turn, by_depth=True))
+    assert 1000 < np.sum(silent) < 12 * len(u) - 1000
+    end = range_end(scans)
+    if is_wall:
+        assert end is None or not end.is_empty
+    else:
+        assert end is not None and end.is_empty
+        assert all((~end.limit.applied(scan).did_return == one).all() for scan, one in zip(scans, silent))
+
+
+def test_equal_readings_are_no_surface_where_noise_has_larger_ones() -> None:
+    rng, scans = np.random.default_rng(23), []
+    angles = np.linspace(-3, 3, 360)
+    for i in range(20):
+        ranges = np.where(np.arange(360) % 3 == 0, LIMIT, 0.4 * LIMIT + rng.normal(0, 0.01, 360))
+        ranges[3] += 0.003 * (i % 4 == 0) * rng.random()
+        scans.append(Scan((ranges[:, None] * rays(angles)).astype(np.float32), np.zeros(2)))
+    assert range_end(scans) is not None

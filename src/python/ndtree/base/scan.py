@@ -51,6 +51,8 @@ class Scan:
         What beams measured beside their range, one entry each, as colours: for the map's layer of that name.
     rotation : array_like, (3, 3), optional
         Of the sensor in space, from its own axes to the map's, where a 3-D log says it; maps do not need it.
+    by_depth : bool
+        The sensor measures how far points are along its z axis, as depth cameras do; maps do not need it.
 
     Raises
     ------
@@ -69,6 +71,7 @@ class Scan:
     pose_covariance: NDArray[np.float64] | None = None
     layers: Mapping[str, NDArray[Any]] | None = None
     rotation: NDArray[np.float64] | None = None
+    by_depth: bool = False
 
     def __post_init__(self) -> None:
         refuse_masked("Scan", vars(self))
@@ -191,6 +194,7 @@ class Scan:
             self.pose_covariance,
             None if self.layers is None else {name: values[which] for name, values in self.layers.items()},
             self.rotation,
+            self.by_depth,
         )
 
     def with_sigma(self, options: Mapping[str, float]) -> Scan:

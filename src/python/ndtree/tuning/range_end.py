@@ -23,6 +23,7 @@ from ndtree.logs.core.silence import (
     CutOff,
     CutOffSearch,
     Points,
+    float32_rounding,
     noise_around,
     ranges_of,
 )
@@ -90,7 +91,10 @@ def range_end(sample: list[Scan]) -> RangeEnd | None:
 
 
 def _peak(sample: list[Scan]) -> tuple[CutOff | None, float, bool]:
-    """The end of the ranges, the standard deviation of its noise [m], and whether it has a noise's shape."""
+    """The end of the ranges, the standard deviation of its noise [m], and whether it has a noise's shape.
+
+    So has a peak of which most are equal: nothing is measured so often to the last bit.
+    """
     search = CutOffSearch(says_itself=False, least_scans=2)
     for scan in sample:
         search.add(scan)
@@ -103,6 +107,9 @@ def _peak(sample: list[Scan]) -> tuple[CutOff | None, float, bool]:
         return None, 0.0, False
     farthest = NOISE_REACH * largest
     reach, sigma, is_bell = noise_around(largest - ranges[ranges >= largest - farthest], farthest)
+    peak = ranges[ranges >= largest - reach]
+    spread = float(np.median(np.abs(peak - np.median(peak))))
+    is_bell = is_bell or spread <= max(map(float32_rounding, sample))
     return (CutOff(largest, reach) if 0 < reach <= farthest else None), sigma, is_bell
 
 
@@ -119,6 +126,7 @@ def _in_their_plane(scans: list[Scan]) -> list[Scan]:
     heights = np.concatenate(
         [part.reshape(-1, part.shape[-1]) for s in scans for part in (s.endpoints, s.origin)]
     )
+    heights = heights[np.isfinite(heights).all(axis=1)]
     if heights.shape[1] == 2 or np.ptp(heights[:, 2]) > _LEAST_CELL:
         return scans
     return [replace(s, endpoints=s.endpoints[:, :2], origin=s.origin[..., :2]) for s in scans]

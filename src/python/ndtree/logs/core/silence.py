@@ -127,7 +127,7 @@ class CutOff:
 
     def applied(self, scan: Scan) -> Scan:
         """The scan, in which readings there did not return if there are several."""
-        there = ranges_of(scan) >= self.at - max(self.tolerance, _exact(scan))
+        there = ranges_of(scan) >= self.at - max(self.tolerance, float32_rounding(scan))
         if np.count_nonzero(there) < LEAST_CUT_OFF:
             return scan
         return replace(scan, returned=scan.did_return & ~there)
@@ -189,15 +189,18 @@ class CutOffSearch:
 
 
 def ranges_of(scan: Scan) -> Floats:
-    """Of the beams that returned [m]; -1 for the others."""
+    """Measured by the beams that returned: ranges, or a depth camera's depths [m]; -1 for the others."""
     way = scan.endpoints - scan.origin
-    ranges = np.sqrt(np.einsum("ij,ij->i", way, way, dtype=np.float64))
+    if scan.by_depth and scan.rotation is not None:
+        ranges = way @ scan.rotation[:, 2]
+    else:
+        ranges = np.sqrt(np.einsum("ij,ij->i", way, way, dtype=np.float64))
     return np.where(scan.did_return & np.isfinite(ranges), ranges, -1.0)
 
 
 def _rounding(scan: Scan) -> float:
     """By how much two equal ranges may differ, once they are end points [m]."""
-    exact = _exact(scan)
+    exact = float32_rounding(scan)
     known = scan.endpoints[np.isfinite(scan.endpoints).all(axis=1)][:_MOST_POINTS]
     for decimals in range(2, _MOST_DECIMALS + 1):
         if np.allclose(known, np.round(known, decimals), rtol=0, atol=exact):
@@ -205,7 +208,7 @@ def _rounding(scan: Scan) -> float:
     return exact
 
 
-def _exact(scan: Scan) -> float:
+def float32_rounding(scan: Scan) -> float:
     """By how much, if they were float32 once, as in most files [m]."""
     ends = scan.endpoints[scan.did_return]  # Others may be marked by any number.
     known = np.abs(ends[np.isfinite(ends)])

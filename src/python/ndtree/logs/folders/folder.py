@@ -106,7 +106,13 @@ class FolderLog(SizedLog):
 
     def _scan(self, i: int, points: Points, T_map_sensor: Pose) -> Scan:
         ends, stamp = self._in_map(points, T_map_sensor), self._stamp(i)
-        return Scan(ends, T_map_sensor.position, stamp=stamp, rotation=T_map_sensor.rotation)
+        return Scan(
+            ends,
+            T_map_sensor.position,
+            stamp=stamp,
+            rotation=T_map_sensor.rotation,
+            by_depth=self.is_depth_camera,
+        )
 
     def _in_map(self, points: Points, T_map_sensor: Pose) -> Points:
         return T_map_sensor.apply(points)

@@ -17,7 +17,7 @@ from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.rules import NO_ECHO, Rules
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files.bag import Bag
-from ndtree.logs.ros.messages.beams import SENSELESS, SENSOR_NAMES, SENSORS, Beams, Floats, stamp_of
+from ndtree.logs.ros.messages.beams import IMAGES, SENSELESS, SENSOR_NAMES, SENSORS, Beams, Floats, stamp_of
 from ndtree.logs.ros.messages.laser import NoiseAtLimit
 from ndtree.logs.ros.placement.placement import Placement
 from ndtree.logs.ros.placement.standing import Standing
@@ -159,6 +159,7 @@ class MessageReader:
             pose_covariance=self._covariance(place, one, origins),
             layers=None if beams.colors is None else {COLOR: beams.colors},
             rotation=rotation_of(*turned) if turned and dim == 3 else None,
+            by_depth=self._sensors[one.topic].topic.type in IMAGES,
         )
 
     def _covariance(self, place: Placement, one: Measured, origins: Floats) -> Floats | None:
