@@ -303,6 +303,8 @@ _ANSWERS = {
     "slam": "the poses of a drive, scan by scan",
     "match": "one scan's pose in a map, and its covariance",
     "match_in_space": "a lidar's scan in a 3-D map, and its covariance",
+    "no_return_in_space": "whether missing echoes of lidars and depth cameras are free",
+    "live_in_space": "the map of `ndtree live` of a lidar or a depth camera",
     "localize_in_space": "a lidar in a saved 3-D map",
     "localize": "the robot in a saved map",
     "plan": "paths through that map, for a ball",

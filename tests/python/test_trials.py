@@ -233,7 +233,7 @@ def test_the_command_refuses_what_it_cannot_do(words: list[str], monkeypatch, ca
 OF_CPP = ("map", "match", "match_in_space", "moved", "plan")
 #: Rows whose faults have tests of their own on a drive or two, one trial in five: test_setup_error,
 #: test_mismatch, test_setup_in_space, test_align_in_space, test_rosbag_sweeps, test_live_localizing_in_space,
-#: test_live and test_live_decisions.
+#: test_live, test_live_decisions and test_range_end.
 OF_OWN_TESTS = (
     "setup",
     "setup_in_space",
@@ -242,6 +242,8 @@ OF_OWN_TESTS = (
     "align_in_space",
     "localize_in_space",
     "live",
+    "live_in_space",
+    "no_return_in_space",
 )
 
 

@@ -53,6 +53,12 @@ CAPABILITIES = {
         ("none", "largest", "largest_noisy", "zero", "beyond", "dark"),
         (1, 3, 26, 28, 30, 35),
     ),
+    "no_return_in_space": Capability(
+        sensing.no_return_trial,
+        ("street", "chamber", "flat", "bend", "passage", "shelves"),
+        ("none", "nan", "zero", "largest", "largest_noisy", "beyond", "left_out", "dark_largest"),
+        tuple(range(8)),
+    ),
     "noise": Capability(
         sensing.noise_trial,
         ("room", "corridor", "hall", "loop", "flat", "ramp", "chamber"),
@@ -150,6 +156,12 @@ CAPABILITIES = {
         ("room", "corridor", "yard", "loop", "twins"),
         ("none", "late", "begins_late", "missing", "stamps_back", "largest"),
         (11, 22, 37, 38, 51, 54),
+    ),
+    "live_in_space": Capability(
+        living.live_trial,
+        ("street", "chamber", "flat", "ramp", "passage"),
+        ("none", "late", "begins_late", "missing", "stamps_back", "largest"),
+        tuple(range(6)),
     ),
     "plan": Capability(
         planning.plan_trial,

@@ -13,35 +13,37 @@ from trial import bag, faults
 from trial.command import run
 from trial.maps import Truth, count_in, distance_to, judge_lost, judge_map, mapped
 from trial.outcome import Case, Outcome, limit
-from trial.robots import Recording, laser, planar, poses_along, record, rings
+from trial.robots import Recording, poses_along, record, rings, small_sensor_of, tilted
 from trial.scene import Floats
+from trial.sensing import readings_of
 
 
 def live_trial(case: Case) -> tuple[Recording, Outcome]:
     """``ndtree live`` of a bag, with its defaults."""
     rng, fault, outcome = case.rng, case.fault, Outcome()
-    sensor = laser(rng, beams=int(rng.choice([180, 360])))
-    true = poses_along(case.world, rng, 60, "drives")
+    sensor, cell = small_sensor_of(rng, case.dim), 0.05 if case.dim == 2 else 0.1
+    true = poses_along(case.world, rng, 60 if case.dim == 2 else 45, "drives")
     if fault == "begins_late":
         true[:20] = true[20]
     r = record(case.world.scene, sensor, true, rng)
-    truth = Truth(case.world, r, 0.05, rng)
+    readings = readings_of(r, fault, rng)
+    truth = Truth(case.world, r, cell, rng)
+    if case.dim == 3 and fault != "largest":  # Clouds and images do not say where such beams went.
+        truth.endless = 0.0
     transforms = _transforms(r, fault)
     if fault == "stamps_back":
         r.stamps[35:] -= 1.0
-    readings = r.ranges.copy()
-    if fault == "largest":
-        readings[~np.isfinite(readings)] = sensor.max_range
     with tempfile.TemporaryDirectory() as folder:
         log = bag.write(r, Path(folder) / "log.bag", readings, transforms)
         paths = [Path(folder) / name for name in ("live.ndt", "map.ndt", "live.json", "map.json")]
-        done = run("live", log, "--rate", "0", "-o", paths[0], "--json", paths[2])
+        size = "--min-cell-size", cell
+        done = run("live", log, "--rate", "0", "-o", paths[0], "--json", paths[2], *size)
         outcome.words = done.doubts
         if done.status:
             outcome.refused = done.error
             return r, outcome
         m = ndtree.load(paths[0])
-        again = run("map", log, "-o", paths[1], "--json", paths[3])
+        again = run("map", log, "-o", paths[1], "--json", paths[3], *size)
         is_same = not again.status and paths[0].read_bytes() == paths[1].read_bytes()
     outcome.figures["same as map"] = is_same
     outcome.may_doubt = fault in ("begins_late", "missing", "stamps_back")
@@ -58,9 +60,9 @@ def live_trial(case: Case) -> tuple[Recording, Outcome]:
 
 
 def _transforms(r: Recording, fault: str) -> list[tuple[float, float, Floats]]:
-    """Stamp, time of arrival and pose: 20 a second, as odometry comes."""
+    """Stamp, time of arrival and pose as x, y, yaw, z and pitch: 20 a second, as odometry comes."""
     late = 0.3 if fault == "late" else 0.01
-    poses, result = planar(r.told), []
+    poses, result = tilted(r.told), []
     poses[:, 2] = np.unwrap(poses[:, 2])
     for stamp in np.arange(-0.05, r.stamps[-1] + 0.1, 0.05):
         at = np.clip(stamp, r.stamps[0], r.stamps[-1])

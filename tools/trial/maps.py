@@ -25,13 +25,14 @@ _STEEPEST = {2: np.radians(80), 3: np.radians(70)}  # Angle of incidence of rays
 class Truth:
     """What a recording can tell of a world, and what the world is.
 
-    `margin` is the distance from surfaces within which a map may say anything [m].
+    `margin` is the distance from surfaces within which a map may say anything [m]; `endless`, how far beams
+    without echo are said to pass [m].
     """
 
     def __init__(self, world: World, recording: Recording, cell: float, rng: Random) -> None:
         self.world, self.recording, self.cell, self.rng = world, recording, cell, rng
         self.margin = limit("beside a surface") * cell + 3 * recording.sensor.sigma
-        self.dim = recording.dim
+        self.dim, self.endless = recording.dim, recording.sensor.max_range
         self._opaque = wide(world.scene, 0.0)
         self.origins = recording.true[:, : self.dim, 3]
         hit = np.isfinite(recording.exact)
@@ -55,7 +56,8 @@ class Truth:
         nearest = cosine.argmax(1)
         along = cosine[np.arange(len(points)), nearest].astype(float)
         aside = np.sqrt(np.maximum((to**2).sum(1) - along**2, 0.0))
-        reach = np.minimum(self.recording.exact[scan], self.recording.sensor.max_range)
+        exact = self.recording.exact[scan]
+        reach = np.where(np.isfinite(exact), exact, self.endless)
         return aside, reach[nearest] - along
 
     def passing(self, points: Floats, scans: Iterable[int]) -> Floats:

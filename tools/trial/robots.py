@@ -66,11 +66,22 @@ def rings(rng: Random, count: int | None = None) -> Sensor:
     return Sensor(f"rings {count}", directions, 40.0, float(rng.choice([0, 0.01, 0.03])))
 
 
-def depth_camera(rng: Random) -> Sensor:
+def depth_camera(rng: Random, columns: int = 80) -> Sensor:
     """A small depth image, looking ahead."""
-    u, v = (one.ravel() for one in np.meshgrid(np.linspace(-0.6, 0.6, 80), np.linspace(-0.45, 0.45, 60)))
+    across, down = np.linspace(-0.6, 0.6, columns), np.linspace(-0.45, 0.45, 3 * columns // 4)
+    u, v = (one.ravel() for one in np.meshgrid(across, down))
     directions = np.c_[np.ones_like(u), -u, -v]
     return Sensor("depth", directions / np.linalg.norm(directions, axis=1, keepdims=True), 6.0, 0.01)
+
+
+def small_sensor_of(rng: Random, dim: int) -> Sensor:
+    """One of few beams: a laser, a lidar that may not see far, or a depth camera."""
+    if dim == 2:
+        return laser(rng, beams=int(rng.choice([180, 360])))
+    if rng.random() < 0.5:
+        return depth_camera(rng, 40)
+    lidar = rings(rng, int(rng.choice([16, 32])))  # Of each ring every third beam.
+    return replace(lidar, directions=lidar.directions[::3], max_range=float(rng.choice([10, 20, 40])))
 
 
 def sensor_of(rng: Random, dim: int) -> Sensor:
@@ -128,6 +139,11 @@ def matrices(xy: Floats, yaw: Floats, z: Floats | float = 0.0, pitch: Floats | f
 def planar(poses: Floats) -> Floats:
     """(n, 3) x, y, yaw of (n, 4, 4)."""
     return np.c_[poses[:, :2, 3], np.arctan2(poses[:, 1, 0], poses[:, 0, 0])]
+
+
+def tilted(poses: Floats) -> Floats:
+    """(n, 5) x, y, yaw, z, pitch of (n, 4, 4), none of which rolls."""
+    return np.c_[planar(poses), poses[:, 2, 3], -np.arcsin(poses[:, 2, 0])]
 
 
 @dataclass

@@ -12,7 +12,7 @@ import ndtree
 from trial import bag
 from trial.maps import Truth, count_in, judge_lost, judge_map, mover_of
 from trial.outcome import Case, Outcome, limit
-from trial.robots import Recording, laser, poses_along, record, sensor_of
+from trial.robots import Recording, poses_along, record, sensor_of, small_sensor_of
 from trial.scene import Floats
 
 
@@ -40,34 +40,47 @@ def noise_trial(case: Case) -> tuple[Recording, Outcome]:
 
 
 def readings_of(r: Recording, fault: str, rng: np.random.Generator) -> Floats:
-    """Ranges as a sensor says them, with one way to say that there is no echo."""
-    none, far = ~np.isfinite(r.ranges), r.sensor.max_range
+    """Ranges as a sensor says them, with one way to say that there is no echo.
+
+    Those of a depth camera end with a depth: what lies deeper has no echo in `r` from then on.
+    """
+    far, depths = r.sensor.max_range, 1.0
+    if r.sensor.name == "depth":
+        depths = r.sensor.directions[:, 0]
+        far *= depths.min()
+        r.ranges[r.exact * depths > far] = np.inf
+        r.exact[~np.isfinite(r.ranges)] = np.inf
+    none = ~np.isfinite(r.ranges)
     readings = r.ranges.copy()
-    if fault == "largest":
+    if fault in ("largest", "dark_largest"):
         readings[none] = far
     elif fault == "largest_noisy":
         readings[none] = far + np.minimum(rng.normal(0, 0.02, none.sum()), 0.0)
-    elif fault == "zero":
-        readings[none] = 0.0
     elif fault == "beyond":
         readings[none] = far + 1.0
-    return readings
+    elif fault in _SAYS:
+        readings[none] = _SAYS[fault]
+    return np.where(none, readings / depths, readings)
+
+
+_SAYS = {"zero": 0.0, "nan": np.nan, "left_out": bag.LEFT_OUT}
 
 
 def no_return_trial(case: Case) -> tuple[Recording, Outcome]:
     """The map of a bag whose sensor says "no echo" in one of many ways, or of dark walls, too."""
-    rng, outcome = case.rng, Outcome()
-    sensor = laser(rng, beams=int(rng.choice([180, 360])))
-    r = record(case.world.scene, sensor, poses_along(case.world, rng, 60, "drives"), rng)
-    if case.fault == "dark":  # Of half of the walls, by place, most beams do not return.
+    rng, outcome, d = case.rng, Outcome(), case.dim
+    sensor, cell = small_sensor_of(rng, d), 0.05 if d == 2 else 0.1
+    r = record(case.world.scene, sensor, poses_along(case.world, rng, 60 if d == 2 else 24, "drives"), rng)
+    if case.fault.startswith("dark"):  # Of half of the walls, by place, most beams do not return.
         length = np.where(np.isfinite(r.exact), r.exact, 0.0)[..., None]
         ends = (
-            r.true[:, None, :2, 3] + np.einsum("sij,bj->sbi", r.true[:, :2, :2], sensor.directions) * length
+            r.true[:, None, :d, 3] + np.einsum("sij,bj->sbi", r.true[:, :d, :d], sensor.directions) * length
         )
         is_dark = np.sin(2 * ends[..., 0] + rng.uniform(0, 6)) > 0.2
         r.ranges[is_dark & (rng.random(r.ranges.shape) < rng.uniform(0.5, 0.9))] = np.inf
-    truth = Truth(case.world, r, 0.05, rng)
-    m, chosen = bag.mapped(r, readings_of(r, case.fault, rng), outcome)
+    readings = readings_of(r, case.fault, rng)
+    truth = Truth(case.world, r, cell, rng)
+    m, chosen = bag.mapped(r, readings, outcome, cell=cell)
     if m is None:
         return r, outcome
     outcome.figures["no_return"] = chosen.get("no_return")
