@@ -118,9 +118,6 @@ def test_places_that_are_seen_again_close_loops(is_changed: bool) -> None:
         assert graph._agree(loop.older, loop.newer, loop.relation)
         assert not graph._agree(loop.older, loop.newer, beside), "end points where the other saw through"
     assert before[-1] > 0.5 and after[-1] < 0.1 and after.max() < 0.5 * before.max()
-    again = SpatialGraph(drifted(truth), scans, np.zeros((len(truth), 3, 3)))
-    again.close()
-    np.testing.assert_array_equal(again.poses, graph.poses)
 
 
 def off(poses: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -227,6 +224,19 @@ def test_odometry_that_is_wrong_is_found_out(tmp_path: Path, kind: str) -> None:
     found = align_in_space(ndtree.read(street(tmp_path, told - truth)[0]), max_range=FAR, close_loops=False)
     assert off(found.poses, truth).max() < 0.15 and not found.doubts
     assert (found.odometry_scale < -0.9) == (kind == "backwards")
+
+
+@pytest.mark.usefixtures("libraries")
+def test_a_scan_without_points_says_nothing(tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    places = np.column_stack((0.2 * np.arange(12), np.full(12, -12.0), np.full(12, 1.5)))
+    points = [seen(blocks(1), turned(3, 0.0, tuple(at)), rng) + at for at in places]
+    for empty in (0, 6, 11):
+        kept = [one[: 0 if i == empty else None] for i, one in enumerate(points)]
+        ends, path = np.cumsum([0, *map(len, kept)]), tmp_path / f"{empty}.npz"
+        np.savez(path, points=np.concatenate(kept), origins=places, offsets=ends, stamps=0.1 * np.arange(12))
+        found = align_in_space(ndtree.read(path))
+        assert off(found.poses, places).max() < 0.02 and not found.doubts and found.lost == (empty > 0)
 
 
 def test_what_is_missing_or_wrong_is_said_in_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

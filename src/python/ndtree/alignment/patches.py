@@ -29,6 +29,7 @@ _SLANT = math.sqrt(_FLAT)  # What is flat enough may be turned by that [rad].
 FREEDOM = 2.0  # Of Student's t.
 START = np.array([1.0, 1.0, 1.0, 0.35, 0.35, 0.35])  # How far patches are from their places [m, rad].
 _BESIDE = 0.1  # Of its plane, a patch is on it [m].
+_CROWD = 1.0  # Edge of cubes in which points are among others [m].
 _CUBES = 2048  # On each side of the sensor.
 NONE = 1e-4  # Information that is none [1/m², 1/rad²].
 
@@ -93,8 +94,8 @@ class Patches:
         off = self.met(other, motion)[1]
         return float(np.exp(-0.5 * (off / _BESIDE) ** 2).sum()) / max(len(other.keys), 1)
 
-    def holds(self, points: Floats) -> float:
-        """Which part of points (n, 3), as seen from here, lies on planes."""
+    def holds(self, points: Floats) -> NDArray[np.bool_]:
+        """Which of points (n, 3), as seen from here, lie on planes."""
         is_on = np.zeros(len(points), bool)
         for level in range(len(_SIZES) - self.levels, len(_SIZES)):
             keys = _cubes(points, _SIZES[level]) + _key(level, 0)
@@ -102,7 +103,7 @@ class Patches:
             met = np.flatnonzero(self.keys[at] == keys) if len(self.keys) else []
             off = np.einsum("ni,ni->n", self.normal[at[met]], points[met] - self.mean[at[met]])
             is_on[met] |= np.abs(off) < _BESIDE
-        return float(is_on.mean()) if len(points) else 0.0
+        return is_on
 
     def met(
         self, other: Patches, motion: Floats, level: int = 0
@@ -128,6 +129,12 @@ class Patches:
         off = np.einsum("ni,ni->n", normal, arm + motion[:3, 3] - one.mean[at])
         variance = _ERROR**2 + 0.25 * (one.variance[at] + two.variance[which])
         return normal, off, arm, variance, one.slant[at] + _SLANT**2, which
+
+
+def among(points: Floats, others: Floats) -> NDArray[np.bool_]:
+    """Which of points (n, 3) lie among enough others to tell whether they are on a plane."""
+    cubes, count = np.unique(_cubes(others, _CROWD), return_counts=True)
+    return np.isin(_cubes(points, _CROWD), cubes[count >= _LEAST_POINTS])
 
 
 def _flat(points: Floats, has_walls: bool) -> Iterator[tuple[Any, ...]]:

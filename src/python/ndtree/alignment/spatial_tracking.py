@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ndtree.alignment.motion import ANYHOW, AS_BEFORE, SIGMAS, Motion
-from ndtree.alignment.patches import START, Patches, off_by, turn_of, turned_by
+from ndtree.alignment.patches import START, Patches, among, off_by, turn_of, turned_by
 from ndtree.alignment.planar import Floats
 from ndtree.alignment.sensor_scans import Step
 
@@ -27,8 +27,10 @@ _MAP_SCANS = 12  # Key scans that scans are matched with.
 #: Of the usual agreement: below the first, a scan sees what is new, or odometry is wrong anyhow; below the
 #: second, it does not match.
 _POOR, _LOST = 0.75, 0.5
+_FEWEST = 50  # Points of a scan that says something.
 _REMEMBERED = 30  # Scans whose agreements are usual.
-_FLAT = 2 / 3  # More points on flat surfaces say little of what these leave open.
+#: Points say little of what flat surfaces leave open if more lie on these, and fewer are rough among others.
+_FLAT, _ROUGH = 2 / 3, 1 / 6
 _OPEN = 0.5  # Of the variance of a usual odometry: what leaves more of it does not tell.
 _ODD = 0.06  # Part of the patches of few rings that are of no surface.
 _MOVES = 0.01  # Shorter steps do not tell odometry's scale [m].
@@ -148,7 +150,7 @@ class SpatialTracker:
         relation = np.linalg.inv(key) @ best.pose
         is_far = np.linalg.norm(relation[:3, 3]) > self._key_way or _angle(relation) > _KEY_ANGLE
         if is_far or best.agreement < _POOR:
-            if best.agreement == 0.0:
+            if best.agreement == 0.0 and self._map is not None:
                 track.broken.append(len(track.poses) - 1)
             self._keep(scan, best.pose)
 
@@ -166,17 +168,21 @@ class SpatialTracker:
         from_here = np.linalg.inv(pose)
         seen = [from_here @ at for at, _ in self._near]
         self._points = np.concatenate([p @ at[:3, :3].T + at[:3, 3] for at, (_, p) in zip(seen, self._near)])
-        self._map = Patches.of([self._points], False)
+        self._map = Patches.of([self._points], False) if len(self._points) >= _FEWEST else None
         self._target: Any = None
         self._by_odometry = np.eye(4)
         self.track.keys.append(len(self.track.poses) - 1)
 
     def _matched(self, scan: CloudScan, before: Floats, step: Floats) -> _Match:
         """Pose and covariance of a scan."""
-        track, patches = self.track, Patches.of([scan.points.astype(np.float64)], False)
-        guess, sigmas = before @ step, _sigmas(self._motion, step)
-        window = SIGMAS * sigmas
+        guess, sigmas, track = before @ step, _sigmas(self._motion, step), self.track
         by_odometry = _Match(guess, np.diag(sigmas**2), 0.0, -np.inf)
+        if len(scan.points) < _FEWEST:  # It says nothing, nor that something is wrong.
+            track.lost += 1
+            return replace(by_odometry, agreement=1.0)
+        if self._map is None:
+            return by_odometry
+        patches, window = Patches.of([scan.points.astype(np.float64)], False), SIGMAS * sigmas
         best = self._by_patches(patches, guess, sigmas, 0.0)
         as_before = before @ self._step
         if self._has_odometry and _is_outside(as_before, guess, window):
@@ -221,6 +227,13 @@ class SpatialTracker:
         turn = np.kron(np.eye(2), key[:3, :3])
         return _Match(key @ pose, turn @ covariance @ turn.T, fits, posterior)
 
+    def _is_smooth(self, points: Floats) -> bool:
+        """Whether points, as seen from the last key scan, say little of what flat surfaces leave open."""
+        is_on = self._map.holds(points)
+        if is_on.mean() <= _FLAT:
+            return False
+        return float(np.mean(~is_on & among(points, self._points))) < _ROUGH
+
     def _by_points(self, scan: CloudScan, best: _Match, usual: Floats) -> _Match:
         """The same, moved as all points say in directions that are open, if they say more than to stand."""
         from small_gicp import align, preprocess_points
@@ -239,9 +252,9 @@ class SpatialTracker:
             )  # fmt: skip
             pose = np.array(found.T_target_source)
         fits = self._by_kind[1].share(found.num_inliers / max(source.size(), 1))
+        is_smooth = self._is_smooth(scan.points @ pose[:3, :3].T + pose[:3, 3])
         off = off_by(best.pose, key @ pose)
-        on_planes = self._map.holds(source.points()[:, :3] @ pose[:3, :3].T + pose[:3, 3])
-        if fits < _LOST or on_planes > _FLAT or np.linalg.norm(off[:3]) > _NEAR[0] * self._cell:
+        if fits < _LOST or is_smooth or np.linalg.norm(off[:3]) > _NEAR[0] * self._cell:
             return best
         axes = best.open_axes(_OPEN * usual[0] ** 2)
         in_map = axes.T @ key[:3, :3]
