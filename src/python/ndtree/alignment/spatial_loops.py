@@ -86,9 +86,11 @@ class SpatialGraph:
         maps: list[Any] = []
         for newer in range(len(self.keys)):
             maps.append(voxelgrid_sampling(self._around(newer), self._cell / 2).points()[:, :3])
-            before = len(self.loops)
-            for older in self._candidates(newer):
-                self._test(maps, older, newer)
+            candidates, before = self._candidates(newer), len(self.loops)
+            for older in candidates:
+                self._test(maps, older, newer, is_wide=False)
+            if len(self.loops) == before and candidates:
+                self._test(maps, candidates[0], newer, is_wide=True)
             if len(self.loops) > before:
                 self._solve()
             progress("closing loops", newer + 1, len(self.keys))
@@ -108,16 +110,17 @@ class SpatialGraph:
         """Loops that others contradict, and that hardly count."""
         return int(np.count_nonzero(self._weights < _CONTRADICTED))
 
-    def _test(self, maps: Sequence[Any], older: int, newer: int) -> None:
-        """Add a loop if it is surely one."""
+    def _test(self, maps: Sequence[Any], older: int, newer: int, *, is_wide: bool) -> None:
+        """Add a loop if it is surely one: where the poses have it, or as far as they may have drifted."""
         from small_gicp import align
 
-        self.tested += 1
+        self.tested += not is_wide
         a, b = self.keys[older], self.keys[newer]
         by_poses = np.linalg.inv(self.poses[a]) @ self.poses[b]
         way = self._way[b] - self._way[a]
         one, other = (Patches.of([maps[number]], False) for number in (older, newer))
-        guesses = [one.matched(other, guess)[0] for guess in _around_guess(by_poses, way)]
+        begins = _around_guess(by_poses, way) if is_wide else [by_poses]
+        guesses = [one.matched(other, begin)[0] for begin in begins]
         guess = max(guesses, key=lambda at: one.agreement(other, at))
         found = align(
             maps[older], maps[newer], guess, downsampling_resolution=self._cell,
