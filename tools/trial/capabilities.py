@@ -161,7 +161,7 @@ CAPABILITIES = {
         living.live_trial,
         ("street", "chamber", "flat", "ramp", "passage"),
         ("none", "late", "begins_late", "missing", "stamps_back", "largest"),
-        tuple(range(6)),
+        (1, 0, 2, 3, 5, 4),
     ),
     "plan": Capability(
         planning.plan_trial,
