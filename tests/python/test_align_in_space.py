@@ -16,7 +16,9 @@ from conftest import turned
 
 import ndtree
 from ndtree.alignment import align_in_space
+from ndtree.alignment.motion import Motion
 from ndtree.alignment.spatial_loops import SpatialGraph
+from ndtree.alignment.spatial_tracking import CloudScan, SpatialTracker
 from ndtree.logs.poses.pose import quaternions_of
 
 FIRST, SCANS = 60, 30
@@ -215,6 +217,40 @@ def test_in_a_corridor_odometry_alone_says_the_way_and_that_is_told(tmp_path: Pa
     assert any("only odometry says how far" in doubt for doubt in found.doubts)
     alone = align_in_space(corridor(tmp_path, lambda truth: np.tile(truth[:1], (40, 1)))[0])
     assert not alone.has_odometry and alone.doubts
+
+
+@pytest.mark.usefixtures("libraries")
+@pytest.mark.parametrize("stands", [False, True])
+def test_where_nothing_is_flat_points_tell_the_way_but_not_that_a_moving_sensor_stands(stands: bool) -> None:
+    """Bushes all around; where the sensor stands, all scans are the same, as of smooth walls."""
+    rng = np.random.default_rng(6)
+    bushes = rng.uniform([-8, -8, -1], [10, 8, 4], (250, 1, 3))
+    leaves = (bushes + rng.normal(0, 0.15, (250, 60, 3))).reshape(-1, 3)
+    tracker = SpatialTracker(Motion(), has_odometry=True)
+    for i in range(40):
+        told = turned(3, 0.0, (0.05 * i, 0.0, 0.0))
+        at = told[:3, 3] * (not stands) + [0.0, 0.002 * i * (not stands), 0.0]
+        near = leaves[np.linalg.norm(leaves - at, axis=1) < 8.0][:: 1 if stands else 2 + i % 3]
+        tracker.add(CloudScan((near - at + rng.normal(0, 0.01, near.shape)).astype(np.float32), told))
+    track = tracker.track
+    if stands:
+        np.testing.assert_allclose(track.poses[-1][:3, 3], told[:3, 3], atol=0.3)
+        assert sum(track.unfixed) > 1.0, "odometry alone says that it moved"
+    else:
+        np.testing.assert_allclose(track.poses[-1][:3, 3], at, atol=0.03)
+        assert sum(track.unfixed) < 0.3, "it is where it is in the map, whatever was before"
+
+
+def test_points_on_flat_surfaces_or_alone_say_little() -> None:
+    rng = np.random.default_rng(8)
+    tracker = SpatialTracker(Motion(), has_odometry=True)
+    floor = rng.uniform([-5, -5, -1], [5, 5, -1], (4000, 3)).astype(np.float32)
+    leaves = rng.uniform([-5, -5, 0], [5, 5, 2], (8000, 3)).astype(np.float32)
+    tracker.add(CloudScan(np.concatenate([floor, leaves]), np.eye(4)))
+    assert tracker._is_smooth(floor) and not tracker._is_smooth(leaves)
+    assert not tracker._is_smooth(np.concatenate([floor[:700], leaves[:300]]))
+    alone = rng.uniform(50, 90, (300, 3)).astype(np.float32)
+    assert tracker._is_smooth(np.concatenate([floor[:700], alone]))
 
 
 @pytest.mark.usefixtures("libraries")

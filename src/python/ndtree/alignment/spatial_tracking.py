@@ -28,6 +28,7 @@ _MAP_SCANS = 12  # Key scans that scans are matched with.
 #: second, it does not match.
 _POOR, _LOST = 0.75, 0.5
 _FEWEST = 50  # Points of a scan that says something.
+_HARDLY = 0.1  # Where so little agrees, as among leaves, less tells nothing.
 _REMEMBERED = 30  # Scans whose agreements are usual.
 #: Points say little of what flat surfaces leave open if more lie on these, and fewer are rough among others.
 _FLAT, _ROUGH = 2 / 3, 1 / 6
@@ -101,8 +102,8 @@ class _Usual:
         return float(np.median(self._last)) if self._last else 1.0
 
     def share(self, agreement: float) -> float:
-        """What part of the usual one an agreement is; it is remembered."""
-        share = min(1.0, agreement / max(self.value, 1e-9))
+        """What part of the usual one an agreement is, all where hardly any is usual; it is remembered."""
+        share = min(1.0, agreement / self.value) if self.value > _HARDLY else 1.0
         self._last.append(agreement)
         return share
 
