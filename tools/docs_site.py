@@ -299,7 +299,7 @@ _ANSWERS = {
     "poses_in_space": "a map of a 3-D lidar from wrong poses",
     "mount": "where a sensor sits on its robot, by `calibrate --find-mount`",
     "align": "the poses of a drive",
-    "align_in_space": "the same of a lidar",
+    "align_in_space": "the poses of a lidar's drive",
     "slam": "the poses of a drive, scan by scan",
     "match": "one scan's pose in a map, and its covariance",
     "match_in_space": "a lidar's scan in a 3-D map, and its covariance",

@@ -142,7 +142,7 @@ def planar(poses: Floats) -> Floats:
 
 
 def tilted(poses: Floats) -> Floats:
-    """(n, 5) x, y, yaw, z, pitch of (n, 4, 4), none of which rolls."""
+    """(n, 5) x, y, yaw, z, pitch of poses (n, 4, 4) without roll."""
     return np.c_[planar(poses), poses[:, 2, 3], -np.arcsin(poses[:, 2, 0])]
 
 

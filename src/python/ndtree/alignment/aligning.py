@@ -20,7 +20,7 @@ from ndtree.logs.core.log import Log, SizedLog, require_log
 #: Farther end points say little of poses in buildings [m].
 MAX_RANGE = 40.0
 _BACKWARDS = 0.5  # Lower scales are of odometry that counts backwards, and misled the scans.
-_STILL = 1e-3  # Poses of a log that stay within this do not say how the sensor moved [m].
+STILL = 1e-3  # Poses of a log that stay within this do not say how the sensor moved [m].
 
 
 @checked
@@ -142,4 +142,4 @@ def moves(log: Log) -> bool:
     """Whether a log's poses are not all the same: reads up to the first that is another."""
     poses = (pose_in_log(scan) for scan in log)
     first = next(poses, None)
-    return first is not None and any(np.abs(pose - first).max() > _STILL for pose in poses)
+    return first is not None and any(np.abs(pose - first).max() > STILL for pose in poses)

@@ -48,7 +48,7 @@ class Patches:
     levels: int  # Patches that each surface has: one of each size.
 
     @classmethod
-    def of(cls, parts: list[Floats], has_walls: bool) -> Patches:
+    def of(cls, parts: list[Floats], *, has_walls: bool = False) -> Patches:
         """Of the points on each side.
 
         `has_walls`: All points are at one height, of walls that stand.
@@ -98,12 +98,16 @@ class Patches:
         """Which of points (n, 3), as seen from here, lie on planes."""
         is_on = np.zeros(len(points), bool)
         for level in range(len(_SIZES) - self.levels, len(_SIZES)):
-            keys = _cubes(points, _SIZES[level]) + _key(level, 0)
-            at = np.searchsorted(self.keys, keys).clip(max=max(len(self.keys) - 1, 0))
-            met = np.flatnonzero(self.keys[at] == keys) if len(self.keys) else []
-            off = np.einsum("ni,ni->n", self.normal[at[met]], points[met] - self.mean[at[met]])
-            is_on[met] |= np.abs(off) < _BESIDE
+            at, which = self._at(_cubes(points, _SIZES[level]) + _key(level, 0))
+            off = np.einsum("ni,ni->n", self.normal[at], points[which] - self.mean[at])
+            is_on[which] |= np.abs(off) < _BESIDE
         return is_on
+
+    def _at(self, keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Numbers of the patches that have keys, and which of the keys these are."""
+        at = np.searchsorted(self.keys, keys)
+        which = np.flatnonzero(np.append(self.keys, -1)[at] == keys)
+        return at[which], which
 
     def met(
         self, other: Patches, motion: Floats, level: int = 0
@@ -118,10 +122,8 @@ class Patches:
         arm = two.mean @ motion[:3, :3].T
         cubes = _cubes((arm + motion[:3, 3])[which], np.array(_SIZES)[two.level[which], None])
         keys = np.concatenate([cubes + _key(two.level[which], side) for side in range(one.sides)])
-        which = np.tile(which, one.sides)
-        at = np.searchsorted(one.keys, keys).clip(max=max(len(one.keys) - 1, 0))
-        met = one.keys[at] == keys if len(one.keys) else np.zeros(len(keys), bool)
-        at, which = at[met], which[met]
+        at, met = one._at(keys)
+        which = np.tile(which, one.sides)[met]
         cosine = np.einsum("ni,ni->n", one.normal[at], two.normal[which] @ motion[:3, :3].T)
         use = np.abs(cosine) > _PARALLEL
         at, which = at[use], which[use]
@@ -175,9 +177,9 @@ def _key(level: int | NDArray[np.int64], side: int) -> int | NDArray[np.int64]:
 
 
 def told(information: Floats, seem: Floats, levels: int) -> Floats:
-    """What patches tell (6, 6), of which a part only seems so, by normals that err.
+    """Information of patches (6, 6), less that which normals that err would give.
 
-    Directions are told by how many times as much as that, whatever their units.
+    Directions have as many times as much as that, whatever their units.
     `levels`: Of patches that each surface has.
     """
     root, axes, times = times_of(information, seem)

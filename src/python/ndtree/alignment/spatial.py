@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ndtree._errors import WrongValue
-from ndtree.alignment.aligning import is_confirmed, scale_of, told_scale
+from ndtree.alignment.aligning import STILL, is_confirmed, scale_of, told_scale
 from ndtree.alignment.motion import NO_ODOMETRY, Motion
 from ndtree.alignment.planar import Floats
 from ndtree.alignment.result import FoundPoses
@@ -33,7 +33,6 @@ _LEAST_RANGE = 0.5  # Nearer end points are the robot's own [m].
 _POINTS = 6000  # Of a scan, evenly spread, that are matched.
 _CELL = 0.2  # Of the grid on which surfaces are counted [m].
 _DRAWN = 3  # Of the points that are matched, each n-th is drawn and counted.
-_STILL = 1e-3  # Places of a log that stay within this do not say how the sensor moved [m].
 
 
 @dataclass(frozen=True, repr=False)
@@ -166,7 +165,7 @@ def align_in_space(
     if not scans:
         raise log.without_scans()
     told = np.array([scan.pose for scan in scans])
-    has_odometry = bool(np.ptp(told, axis=0).max() > _STILL) if odometry is None else odometry
+    has_odometry = bool(np.ptp(told, axis=0).max() > STILL) if odometry is None else odometry
     track = _tracked(scans, has_odometry, progress)
     graph = SpatialGraph(np.array(track.poses), [scan.points for scan in scans], track.untold)
     if close_loops:

@@ -66,7 +66,7 @@ class SpatialGraph:
     points: Sequence[Any]
     untold: Floats
     loops: list[SpatialLoop] = field(default_factory=list)
-    tested: int = 0  # Pairs of local maps that look alike.
+    tested: int = 0  # Pairs of local maps that were looked at.
 
     def __post_init__(self) -> None:
         steps = np.linalg.norm(np.diff(self.poses[:, :3, 3], axis=0), axis=1)
@@ -83,9 +83,10 @@ class SpatialGraph:
         """Look for all local maps in older ones, and move the poses to where all relations fit best."""
         from small_gicp import voxelgrid_sampling
 
-        maps: list[Any] = []
+        maps: list[tuple[Any, Patches]] = []  # Points of local maps, and their flat patches.
         for newer in range(len(self.keys)):
-            maps.append(voxelgrid_sampling(self._around(newer), self._cell / 2).points()[:, :3])
+            points = voxelgrid_sampling(self._around(newer), self._cell / 2).points()[:, :3]
+            maps.append((points, Patches.of([points])))
             candidates, before = self._candidates(newer), len(self.loops)
             for older in candidates:
                 self._test(maps, older, newer, is_wide=False)
@@ -110,7 +111,7 @@ class SpatialGraph:
         """Loops that others contradict, and that hardly count."""
         return int(np.count_nonzero(self._weights < _CONTRADICTED))
 
-    def _test(self, maps: Sequence[Any], older: int, newer: int, *, is_wide: bool) -> None:
+    def _test(self, maps: Sequence[tuple[Any, Patches]], older: int, newer: int, *, is_wide: bool) -> None:
         """Add a loop if it is surely one: where the poses have it, or as far as they may have drifted."""
         from small_gicp import align
 
@@ -118,12 +119,12 @@ class SpatialGraph:
         a, b = self.keys[older], self.keys[newer]
         by_poses = np.linalg.inv(self.poses[a]) @ self.poses[b]
         way = self._way[b] - self._way[a]
-        one, other = (Patches.of([maps[number]], False) for number in (older, newer))
+        (points, one), (others, other) = maps[older], maps[newer]
         begins = _around_guess(by_poses, way) if is_wide else [by_poses]
         guesses = [one.matched(other, begin)[0] for begin in begins]
         guess = max(guesses, key=lambda at: one.agreement(other, at))
         found = align(
-            maps[older], maps[newer], guess, downsampling_resolution=self._cell,
+            points, others, guess, downsampling_resolution=self._cell,
             max_correspondence_distance=4 * self._cell, num_threads=1,
         )  # fmt: skip
         relation = np.array(found.T_target_source)
@@ -136,8 +137,8 @@ class SpatialGraph:
         told = variance * np.linalg.pinv(np.asarray(found.H))[np.ix_(order, order)]
         least = np.diag(np.repeat([_LEAST, _LEAST_ANGLE], 3) ** 2)
         root = np.linalg.cholesky(np.linalg.inv(told + least)).T
-        told = covariance_of(one.matched(other, relation)[1])[:3, :3]
-        is_told = bool(np.linalg.eigvalsh(told).max() < self._cell**2)
+        by_patches = covariance_of(one.matched(other, relation)[1])[:3, :3]
+        is_told = bool(np.linalg.eigvalsh(by_patches).max() < self._cell**2)
         self.loops.append(SpatialLoop(older, newer, relation, root, is_told))
 
     def _agree(self, older: int, newer: int, relation: Floats) -> bool:

@@ -35,7 +35,6 @@ _FLAT, _ROUGH = 2 / 3, 1 / 6
 _OPEN = 0.5  # Of the variance of a usual odometry: what leaves more of it does not tell.
 _ODD = 0.06  # Part of the patches of few rings that are of no surface.
 _MOVES = 0.01  # Shorter steps do not tell odometry's scale [m].
-_LEVELS = 3.0  # Patches that a piece of surface has.
 _CELL = (0.1, 0.5)  # Between points for GICP: a fiftieth of the reach, in these bounds [m];
 _NEAR = (8.0, 3.0)  # and how many cells apart points may be that belong together, at first and then.
 _OF_CELL, _OF_ANGLE = 0.05, 0.005  # What GICP may be wrong by: of a cell, and [rad].
@@ -169,7 +168,7 @@ class SpatialTracker:
         from_here = np.linalg.inv(pose)
         seen = [from_here @ at for at, _ in self._near]
         self._points = np.concatenate([p @ at[:3, :3].T + at[:3, 3] for at, (_, p) in zip(seen, self._near)])
-        self._map = Patches.of([self._points], False) if len(self._points) >= _FEWEST else None
+        self._map = Patches.of([self._points]) if len(self._points) >= _FEWEST else None
         self._target: Any = None
         self._by_odometry = np.eye(4)
         self.track.keys.append(len(self.track.poses) - 1)
@@ -183,7 +182,7 @@ class SpatialTracker:
             return replace(by_odometry, agreement=1.0)
         if self._map is None:
             return by_odometry
-        patches, window = Patches.of([scan.points.astype(np.float64)], False), SIGMAS * sigmas
+        patches, window = Patches.of([scan.points.astype(np.float64)]), SIGMAS * sigmas
         best = self._by_patches(patches, guess, sigmas, 0.0)
         as_before = before @ self._step
         if self._has_odometry and _is_outside(as_before, guess, window):
@@ -224,7 +223,7 @@ class SpatialTracker:
         fits = self._map.agreement(patches, pose)
         off = change / sigmas
         prior = weight - float(np.log(sigmas).sum()) - 0.5 * float(off @ off)
-        posterior = len(patches.keys) / _LEVELS * fits + prior
+        posterior = len(patches.keys) / patches.levels * fits + prior
         turn = np.kron(np.eye(2), key[:3, :3])
         return _Match(key @ pose, turn @ covariance @ turn.T, fits, posterior)
 

@@ -103,7 +103,7 @@ class Cloud:
     def patches(self) -> Patches:
         """In the sensor's frame."""
         is_planar = self.scan.dim == 2
-        return Patches.of(_sides(self.points) if is_planar else [self.points], is_planar)
+        return Patches.of(_sides(self.points) if is_planar else [self.points], has_walls=is_planar)
 
     def hidden_less(self) -> float:
         """How much less of the points is far behind others if the eye is at the pose's place in their own

@@ -93,7 +93,7 @@ def range_end(sample: list[Scan]) -> RangeEnd | None:
 def _peak(sample: list[Scan]) -> tuple[CutOff | None, float, bool]:
     """The end of the ranges, the standard deviation of its noise [m], and whether it has a noise's shape.
 
-    So has a peak of which most are equal: nothing is measured so often to the last bit.
+    Readings most of which are equal have it, too: none that is measured comes so often to the last bit.
     """
     search = CutOffSearch(says_itself=False, least_scans=2)
     for scan in sample:
