@@ -188,7 +188,8 @@ def test_the_command_writes_trajectory_map_and_picture(tmp_path: Path) -> None:
     same = np.abs((rows[:, 4:] * quaternions_of(found.poses[:, :3, :3])).sum(axis=1))
     np.testing.assert_allclose(same, 1.0, atol=1e-9)
     assert ndtree.load(out["map.ndt"]).dim == 3 and out["both.png"].stat().st_size > 1000
-    assert json.loads(out["figures.json"].read_text())["scans"] == SCANS
+    figures = json.loads(out["figures.json"].read_text())
+    assert figures["scans"] == SCANS and figures["max_range"] == FAR and figures["broken"] == []
 
 
 def corridor(folder: Path, told: Any) -> tuple[ndtree.Log, np.ndarray]:

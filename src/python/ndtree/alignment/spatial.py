@@ -85,6 +85,10 @@ class SpatialAlignment(FoundPoses):
             f"the first at {self.stamps[alone[0]]:.1f} s"
         ]
 
+    def figures(self) -> dict[str, Any]:
+        """For a script."""
+        return {**super().figures(), "max_range": self.max_range, "broken": self.broken}
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the trajectory as TUM's: a time, a place and a quaternion a line.
 
